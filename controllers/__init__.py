@@ -1,0 +1,9 @@
+"""The controllers that are exported by name. Adding one is a file and a line here."""
+
+CONTROLLERS = {
+    "iol": "ballscrew.controllers.linearization:input_output_linearization",
+    "iol_true_acceleration": "ballscrew.controllers.linearization:with_true_acceleration",
+    "nctf": "ballscrew.controllers.nctf:nctf",
+    "pid": "ballscrew.controllers.pid:pid",
+    "pid_sampled": "ballscrew.controllers.pid_sampled:pid_sampled",
+}

@@ -1,0 +1,96 @@
+"""Input-output linearization of the ball-screw axis (Eqs. 3.17-3.22 of the thesis).
+
+The law is derived from the plant's own equations by differentiation. With estimates in place of
+the friction parameters it cancels what it believes the plant does, and puts the poles at
+``-5, -6, -7`` 1/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import sympy as sp
+
+from ..plant.ball_screw import ball_screw
+from ..solver.component import Component, Input, Output, Parameter, symbol
+
+POLES = (-5.0, -6.0, -7.0)
+
+
+def gains_from_poles(poles: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Coefficients (k0, k1, k2) of ``s^3 + k2 s^2 + k1 s + k0`` with these real poles [1/s]."""
+    s = sp.Symbol("s")
+    _, k2, k1, k0 = sp.Poly(sp.prod([s - sp.Float(p) for p in poles]), s).all_coeffs()
+    return float(k0), float(k1), float(k2)
+
+
+def input_output_linearization(acceleration: str = "estimated") -> Component:
+    """The linearizing controller.
+
+    Parameters
+    ----------
+    acceleration : {"estimated", "true"}
+        Where the feedback takes the block's acceleration from: computed with the estimated friction
+        parameters, as a real controller must, or with the true ones, which are then parameters of
+        the controller, too, under the plant's names. The thesis does not say which it used.
+
+    Returns
+    -------
+    Component
+        `u` [V] from x, v, z, i and the set-point x_d; no states.
+    """
+    if acceleration not in ("estimated", "true"):
+        raise ValueError(f"acceleration is {acceleration!r}, expected 'estimated' or 'true'")
+    plant = ball_screw()
+    friction = next(t for t in plant.terms if t.name == "friction")
+    estimated = [p for p in friction.parameters if p.name != "Kv"]
+    hats = {symbol(p.name): symbol(p.name + "_hat") for p in estimated}
+    x, u = symbol("x"), symbol("u")
+
+    acceleration_true = plant.derivative("v")
+    states = [symbol(s.name) for s in plant.all_states]
+    jerk = sum(sp.diff(acceleration_true, s) * plant.derivative(s.name) for s in states)
+    drift, gain = jerk.subs(u, 0), sp.diff(jerk, u)
+    measured = acceleration_true if acceleration == "true" else acceleration_true.xreplace(hats)
+    demand = (
+        -symbol("k2") * measured - symbol("k1") * symbol("v") - symbol("k0") * (x - symbol("x_d"))
+    )
+    law = (demand - drift.xreplace(hats)) / gain
+
+    k0, k1, k2 = gains_from_poles(POLES)
+    source = "Eq. 3.21: poles at -5, -6, -7 1/s"
+    parameters = (
+        Parameter("k0", k0, "1/s^3", "gain on the position error", source, minimum=0.0),
+        Parameter("k1", k1, "1/s^2", "gain on the velocity", source, minimum=0.0),
+        Parameter("k2", k2, "1/s", "gain on the acceleration", source, minimum=0.0),
+        *(
+            replace(p, name=p.name + "_hat", meaning="estimate of the " + p.meaning)
+            for p in estimated
+        ),
+        *plant.parameters,
+        *(friction.parameters if acceleration == "true" else friction.parameters[-1:]),
+    )
+    return Component(
+        name="iol" if acceleration == "estimated" else "iol_true_acceleration",
+        description="Input-output linearization with estimated friction parameters",
+        parameters=parameters,
+        inputs=measurements_of(plant, ("x", "v", "z", "i")),
+        outputs=(Output("u", "V", "motor terminal voltage", law, nominal=10.0),),
+    )
+
+
+def measurements_of(plant: Component, names: tuple[str, ...]) -> tuple[Input, ...]:
+    """Controller inputs for outputs of a plant, and the set-point `x_d`."""
+    outputs = [plant.output(name) for name in names]
+    return (
+        *(
+            Input(o.name, o.unit, "measured " + o.meaning, nominal=o.nominal, role="measurement")
+            for o in outputs
+        ),
+        Input("x_d", "m", "desired position", nominal=0.1, role="reference"),
+    )
+
+
+def with_true_acceleration() -> Component:
+    """The variant whose feedback knows the block's true acceleration."""
+    return input_output_linearization("true")

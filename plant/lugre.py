@@ -1,0 +1,48 @@
+"""LuGre friction as first published, with |v|: Eqs. 1.5-1.7 and 3.8 of the thesis."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from ..solver.component import ForceTerm, Output, Parameter, State, symbol
+
+PARAMETERS = (
+    Parameter(
+        "sigma0", 66967.231, "N/m", "stiffness of the bristles", "Tables 2.9 and 3.1", minimum=1e-3
+    ),
+    Parameter(
+        "sigma1",
+        344.56,
+        "N*s/m",
+        "damping of the bristles",
+        "Table 3.1; 2 sqrt(sigma0 m) - sigma2 by Eq. 2.17",
+        minimum=0.0,
+    ),
+    Parameter(
+        "sigma2", 173.0, "N*s/m", "viscous friction coefficient", "Tables 2.3 and 3.1", minimum=0.0
+    ),
+    Parameter("Fc", 1.284, "N", "Coulomb friction", "Tables 2.3 and 3.1", minimum=1e-9),
+    Parameter("Fs", 2.35, "N", "break-away force", "Tables 2.3 and 3.1", minimum=1e-9),
+    Parameter("Vs", 0.00113975, "m/s", "Stribeck velocity", "Tables 2.3 and 3.1", minimum=1e-9),
+)
+
+
+def stribeck(velocity: sp.Expr) -> sp.Expr:
+    """g(v) = Fc + (Fs - Fc) exp(-(v/Vs)^2), Eq. 3.16 [N]."""
+    fc, fs, vs = map(symbol, ("Fc", "Fs", "Vs"))
+    return fc + (fs - fc) * sp.exp(-((velocity / vs) ** 2))
+
+
+def lugre(velocity: sp.Expr) -> ForceTerm:
+    """The friction term of a body that moves with `velocity` [m/s]."""
+    sigma0, sigma1, sigma2, z = map(symbol, ("sigma0", "sigma1", "sigma2", "z"))
+    deflection_rate = velocity - sigma0 * sp.Abs(velocity) / stribeck(velocity) * z
+    force = sigma0 * z + sigma1 * deflection_rate + sigma2 * velocity
+    return ForceTerm(
+        name="friction",
+        force=-force,
+        meaning="LuGre friction, opposing motion",
+        states=(State("z", "m", "mean bristle deflection", deflection_rate, nominal=1e-5),),
+        parameters=PARAMETERS,
+        outputs=(Output("friction", "N", "friction force, opposing motion", force, nominal=1.0),),
+    )

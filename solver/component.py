@@ -1,0 +1,402 @@
+"""The component contract: what a plant, a controller or an instrument is made of.
+
+A component is equations and the meaning of their symbols, nothing else. It does not know how it
+will be solved, exported or coupled. `docs/contract.md` shows six components written with it.
+
+Expressions are SymPy expressions whose free symbols are found by *name*: a parameter, an input, a
+state, a delayed signal or the time ``t``. Make symbols with `symbol`, so that assumptions agree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import sympy as sp
+
+Number = float | int
+
+
+class ContractError(ValueError):
+    """A component contradicts itself; the message names it and the offending part."""
+
+
+def symbol(name: str) -> sp.Symbol:
+    """The real symbol of this name, as every component uses it."""
+    return sp.Symbol(name, real=True)
+
+
+TIME = symbol("t")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A constant of the model.
+
+    Parameters
+    ----------
+    name : str
+    default : float
+        In `unit`.
+    unit : str
+        SI, with ``*``, ``/`` and ``^``, such as ``N*s/m``; ``1`` for none.
+    meaning : str
+    source : str
+        Where the default comes from.
+    minimum, maximum : float, optional
+        Inclusive bounds of the values that make sense.
+    """
+
+    name: str
+    default: float
+    unit: str
+    meaning: str
+    source: str
+    minimum: float = -math.inf
+    maximum: float = math.inf
+
+
+@dataclass(frozen=True)
+class Input:
+    """A signal that comes from outside and is held between communication points.
+
+    Parameters
+    ----------
+    name, unit, meaning : str
+    start : float
+        Value while nothing is connected.
+    nominal : float
+        Typical magnitude.
+    role : {"signal", "measurement", "reference", "internal"}
+        A controller's ``measurement`` takes part in the feedback law, its ``reference`` does not;
+        ``internal`` inputs are set by the FMU itself and are no FMI variables.
+    law : tuple of str
+        For an actuated input of a plant: the outputs on which a feedback law may act.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    start: float = 0.0
+    nominal: float = 1.0
+    role: str = "signal"
+    law: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class State:
+    """A continuous state; `derivative` may be None where a `ForceBalance` supplies it.
+
+    ``nominal`` is the magnitude below which errors do not matter, times the solver's tolerance:
+    it scales the absolute tolerance.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    derivative: sp.Expr | None = None
+    start: float = 0.0
+    nominal: float = 1.0
+
+
+@dataclass(frozen=True)
+class DiscreteState:
+    """A value that changes at sample instants only: ``update`` is its next value."""
+
+    name: str
+    unit: str
+    meaning: str
+    update: sp.Expr
+    start: float = 0.0
+    nominal: float = 1.0
+
+
+@dataclass(frozen=True)
+class Output:
+    name: str
+    unit: str
+    meaning: str
+    value: sp.Expr
+    nominal: float = 1.0
+
+
+@dataclass(frozen=True)
+class ForceTerm:
+    """A named force in a balance, with the states and parameters that only it needs.
+
+    A cause found in data adds or replaces one term, and gets its parameters, Jacobian and FMU
+    from the same equations as everything else.
+    """
+
+    name: str
+    force: sp.Expr
+    meaning: str
+    states: tuple[State, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
+    outputs: tuple[Output, ...] = ()
+
+
+@dataclass(frozen=True)
+class ForceBalance:
+    """``d(state)/dt = (sum of the terms) / inertia``."""
+
+    state: str
+    inertia: sp.Expr
+    terms: tuple[ForceTerm, ...]
+
+
+@dataclass(frozen=True)
+class Event:
+    """A zero crossing of `indicator`; `reset` maps state names to their values after it."""
+
+    name: str
+    indicator: sp.Expr
+    direction: int = 0
+    reset: Mapping[str, sp.Expr] = field(default_factory=dict)
+    next_mode: str | None = None
+
+
+@dataclass(frozen=True)
+class Mode:
+    """Equations that hold in one mode: derivatives and outputs that differ from the common ones."""
+
+    name: str
+    derivatives: Mapping[str, sp.Expr] = field(default_factory=dict)
+    outputs: Mapping[str, sp.Expr] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
+
+
+@dataclass(frozen=True)
+class Delay:
+    """A symbol `name` that is `expression` as it was `duration` seconds ago."""
+
+    name: str
+    expression: sp.Expr
+    duration: sp.Expr
+    unit: str = "1"
+    start: float = 0.0
+
+
+@dataclass(frozen=True)
+class Component:
+    """Equations, and what their symbols mean.
+
+    Parameters
+    ----------
+    name : str
+        An identifier; the FMU's model name follows from it.
+    description : str
+        One sentence.
+    sample_time : Parameter, optional
+        Period of the discrete states' updates [s]. A component with discrete states needs it.
+
+    Raises
+    ------
+    ContractError
+        If a symbol is declared twice, used and not declared, or lacks an equation.
+    """
+
+    name: str
+    description: str
+    parameters: tuple[Parameter, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    states: tuple[State, ...] = ()
+    outputs: tuple[Output, ...] = ()
+    balances: tuple[ForceBalance, ...] = ()
+    discrete: tuple[DiscreteState, ...] = ()
+    sample_time: Parameter | None = None
+    modes: tuple[Mode, ...] = ()
+    delays: tuple[Delay, ...] = ()
+
+    def __post_init__(self) -> None:
+        self._check()
+
+    @cached_property
+    def all_parameters(self) -> tuple[Parameter, ...]:
+        """Parameters of the component, then of its force terms, then the sample time."""
+        own = self.parameters + tuple(p for term in self.terms for p in term.parameters)
+        return own + ((self.sample_time,) if self.sample_time else ())
+
+    @cached_property
+    def all_states(self) -> tuple[State, ...]:
+        return self.states + tuple(s for term in self.terms for s in term.states)
+
+    @cached_property
+    def all_outputs(self) -> tuple[Output, ...]:
+        return self.outputs + tuple(o for term in self.terms for o in term.outputs)
+
+    @property
+    def terms(self) -> tuple[ForceTerm, ...]:
+        return tuple(term for balance in self.balances for term in balance.terms)
+
+    @cached_property
+    def derivatives(self) -> tuple[sp.Expr, ...]:
+        """One expression per state of `all_states`, in that order."""
+        balanced = {
+            b.state: sp.Add(*[term.force for term in b.terms]) / b.inertia for b in self.balances
+        }
+        return tuple(
+            balanced[s.name] if s.derivative is None else sp.sympify(s.derivative)
+            for s in self.all_states
+        )
+
+    def derivative(self, state: str) -> sp.Expr:
+        """The time derivative of one state."""
+        names = [s.name for s in self.all_states]
+        if state not in names:
+            raise ContractError(f"{self.name}: no state {state!r}; it has {', '.join(names)}")
+        return self.derivatives[names.index(state)]
+
+    def output(self, name: str) -> Output:
+        for output in self.all_outputs:
+            if output.name == name:
+                return output
+        raise ContractError(f"{self.name}: no output {name!r}")
+
+    def with_force(self, term: ForceTerm, balance: str = "v", replaces: str = "") -> Component:
+        """A copy with one more force term, or with the term named `replaces` exchanged for it."""
+        if balance not in [b.state for b in self.balances]:
+            raise ContractError(f"{self.name}: no force balance of {balance!r}")
+        changed = []
+        for b in self.balances:
+            terms = tuple(t for t in b.terms if t.name != replaces)
+            if b.state == balance:
+                if replaces and len(terms) == len(b.terms):
+                    names = ", ".join(t.name for t in b.terms)
+                    raise ContractError(f"{self.name}: no force term {replaces!r}; it has {names}")
+                terms += (term,)
+            changed.append(replace(b, terms=terms))
+        return replace(self, balances=tuple(changed))
+
+    def substituted(
+        self, replacements: Mapping[sp.Symbol, sp.Expr], **changes: object
+    ) -> Component:
+        """A copy in which symbols are replaced in every equation, and fields by `changes`."""
+        return replace(self, **{**self.equations_with(replacements), **changes})
+
+    def prefixed(self, prefix: str) -> Component:
+        """A copy whose parameters, states and discrete states are named ``prefix + name``.
+
+        Inputs and outputs keep their names: they are how components meet.
+        """
+
+        def rename(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+            return tuple(replace(part, name=prefix + part.name) for part in parts)
+
+        own = [*self.all_parameters, *self.all_states, *self.discrete]
+        fields = self.equations_with({symbol(s.name): symbol(prefix + s.name) for s in own})
+        fields["states"] = rename(fields["states"])
+        fields["discrete"] = rename(fields["discrete"])
+        fields["parameters"] = rename(self.parameters)
+        fields["balances"] = tuple(
+            replace(
+                b,
+                state=prefix + b.state,
+                terms=tuple(
+                    replace(t, states=rename(t.states), parameters=rename(t.parameters))
+                    for t in b.terms
+                ),
+            )
+            for b in fields["balances"]
+        )
+        if self.sample_time:
+            fields["sample_time"] = replace(self.sample_time, name=prefix + self.sample_time.name)
+        return replace(self, **fields)
+
+    def equations_with(self, replacements: Mapping[sp.Symbol, sp.Expr]) -> dict[str, Any]:
+        """The fields that hold equations, with symbols replaced, for making another component."""
+        table = dict(replacements)
+
+        def swap(expression: sp.Expr | None) -> sp.Expr | None:
+            return None if expression is None else sp.sympify(expression).xreplace(table)
+
+        def swap_term(term: ForceTerm) -> ForceTerm:
+            return replace(
+                term,
+                force=swap(term.force),
+                states=tuple(replace(s, derivative=swap(s.derivative)) for s in term.states),
+                outputs=tuple(replace(o, value=swap(o.value)) for o in term.outputs),
+            )
+
+        return {
+            "states": tuple(replace(s, derivative=swap(s.derivative)) for s in self.states),
+            "outputs": tuple(replace(o, value=swap(o.value)) for o in self.outputs),
+            "discrete": tuple(replace(d, update=swap(d.update)) for d in self.discrete),
+            "balances": tuple(
+                replace(b, inertia=swap(b.inertia), terms=tuple(swap_term(t) for t in b.terms))
+                for b in self.balances
+            ),
+        }
+
+    def _check(self) -> None:
+        kinds = {
+            "parameter": [p.name for p in self.all_parameters],
+            "input": [i.name for i in self.inputs],
+            "state": [s.name for s in self.all_states],
+            "discrete state": [d.name for d in self.discrete],
+            "delayed signal": [d.name for d in self.delays],
+        }
+        seen: dict[str, str] = {TIME.name: "time"}
+        for kind, names in kinds.items():
+            for name in names:
+                if not name.isidentifier():
+                    raise ContractError(f"{self.name}: {kind} {name!r} is not an identifier")
+                if name in seen:
+                    raise ContractError(
+                        f"{self.name}: {name!r} is declared as {seen[name]} and as {kind}"
+                    )
+                seen[name] = kind
+        self._check_outputs_and_ranges()
+        balanced = [b.state for b in self.balances]
+        for state in self.all_states:
+            if (state.derivative is None) != (state.name in balanced):
+                raise ContractError(
+                    f"{self.name}: state {state.name!r} needs one equation, either a derivative "
+                    "or a force balance"
+                )
+        if self.discrete and self.sample_time is None:
+            raise ContractError(f"{self.name}: discrete states need a sample_time")
+        for where, expression in self._expressions():
+            for free in sorted(s.name for s in sp.sympify(expression).free_symbols):
+                if free not in seen:
+                    raise ContractError(
+                        f"{self.name}: {where} uses {free!r}, which is not declared"
+                    )
+                if symbol(free) not in sp.sympify(expression).free_symbols:
+                    raise ContractError(
+                        f"{self.name}: {where} uses a symbol {free!r} with other assumptions; "
+                        "make it with solver.component.symbol"
+                    )
+
+    def _check_outputs_and_ranges(self) -> None:
+        outputs = [o.name for o in self.all_outputs]
+        duplicates = {name for name in outputs if outputs.count(name) > 1}
+        if duplicates:
+            raise ContractError(f"{self.name}: output {duplicates.pop()!r} is declared twice")
+        for p in self.all_parameters:
+            if not (math.isfinite(p.default) and p.minimum <= p.default <= p.maximum):
+                raise ContractError(
+                    f"{self.name}: default {p.default!r} of {p.name!r} is not within "
+                    f"[{p.minimum}, {p.maximum}]"
+                )
+
+    def _expressions(self) -> Iterable[tuple[str, sp.Expr]]:
+        for state, derivative in zip(self.all_states, self.derivatives, strict=True):
+            yield f"the derivative of {state.name}", derivative
+        for output in self.all_outputs:
+            yield f"output {output.name}", output.value
+        for discrete in self.discrete:
+            yield f"the update of {discrete.name}", discrete.update
+        for delay in self.delays:
+            yield f"delay {delay.name}", delay.expression
+            yield f"the duration of delay {delay.name}", delay.duration
+        for mode in self.modes:
+            for name, expression in {**mode.derivatives, **mode.outputs}.items():
+                yield f"{name} in mode {mode.name}", expression
+            for event in mode.events:
+                yield f"event {event.name}", event.indicator
+                for name, expression in event.reset.items():
+                    yield f"the reset of {name} by event {event.name}", expression

@@ -1,0 +1,274 @@
+"""A compiled component: tables of what its symbols mean, and fast functions over arrays.
+
+Nothing here needs SymPy, so that a process that finds its kernels on disk starts quickly.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import kernel_cache, stepper
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+DEFAULT_TOLERANCE = 1e-8
+MAX_STEPS = 200_000
+
+
+class IntegrationError(RuntimeError):
+    """The stepper could not go on; the message says when and why."""
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    name: str
+    default: float
+    unit: str
+    meaning: str
+    source: str
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True)
+class InputInfo:
+    name: str
+    unit: str
+    meaning: str
+    start: float
+    nominal: float
+    role: str
+    law: list[str]
+
+
+@dataclass(frozen=True)
+class StateInfo:
+    name: str
+    unit: str
+    meaning: str
+    start: float
+    nominal: float
+
+
+@dataclass(frozen=True)
+class OutputInfo:
+    """``feedthrough`` lists the inputs on which the output depends directly."""
+
+    name: str
+    unit: str
+    meaning: str
+    nominal: float
+    feedthrough: list[str]
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A component as tables and source text; plain data, so it can be stored and compared.
+
+    ``module`` is the name of the equations' module, ending in a hash of its text, ``source``.
+    """
+
+    name: str
+    description: str
+    parameters: list[ParameterInfo]
+    inputs: list[InputInfo]
+    states: list[StateInfo]
+    discrete: list[StateInfo]
+    outputs: list[OutputInfo]
+    sample_time: str
+    equations: list[list[str]]
+    module: str
+    source: str = field(repr=False)
+
+    def to_json(self) -> str:
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Kernel:
+        data: dict[str, Any] = json.loads(text)
+        tables = {
+            "parameters": ParameterInfo,
+            "inputs": InputInfo,
+            "states": StateInfo,
+            "discrete": StateInfo,
+            "outputs": OutputInfo,
+        }
+        for key, record in tables.items():
+            data[key] = [record(**row) for row in data[key]]
+        return cls(**data)
+
+    @cached_property
+    def functions(self) -> Any:
+        """The imported equations module."""
+        return kernel_cache.load(self.module, self.source)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """States and outputs on a time grid.
+
+    Attributes
+    ----------
+    time : ndarray, shape (m,)
+        [s]
+    states : dict of str to ndarray, shape (m,)
+    outputs : dict of str to ndarray, shape (m,)
+    steps, rejected : int
+        Internal steps of the stiff solver.
+    """
+
+    time: Vector
+    states: dict[str, Vector]
+    outputs: dict[str, Vector]
+    steps: int
+    rejected: int
+
+
+class Model:
+    """A kernel with values: parameters, state, held inputs, and a clock-less stiff solver.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    values : mapping of str to float, optional
+        Parameters by name, and initial states as ``<state>_start``.
+    tolerance : float
+        Relative tolerance; the absolute one is this times each state's nominal value.
+
+    Raises
+    ------
+    KeyError
+        For a name that is neither.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        values: Mapping[str, float] | None = None,
+        tolerance: float = DEFAULT_TOLERANCE,
+    ) -> None:
+        self.kernel = kernel
+        self._f = kernel.functions
+        self.p = np.array([p.default for p in kernel.parameters])
+        self.x = np.array([s.start for s in kernel.states])
+        held = [i.start for i in kernel.inputs] + [d.start for d in kernel.discrete]
+        self.u = np.array(held, dtype=float)
+        parameters = {p.name: k for k, p in enumerate(kernel.parameters)}
+        starts = {f"{s.name}_start": k for k, s in enumerate(kernel.states)}
+        for name, value in (values or {}).items():
+            if name in parameters:
+                self.p[parameters[name]] = value
+            elif name in starts:
+                self.x[starts[name]] = value
+            else:
+                known = ", ".join([*parameters, *starts])
+                raise KeyError(f"{kernel.name} has no parameter {name!r}; it has {known}")
+        self.tolerance = tolerance
+        self.atol = tolerance * np.array([s.nominal for s in kernel.states])
+        n = len(kernel.states)
+        self._work = np.zeros(stepper.work_size(n))
+        self.info = np.zeros(stepper.INFO_SIZE)
+
+    def set_input(self, name: str, value: float) -> None:
+        self.u[[i.name for i in self.kernel.inputs].index(name)] = value
+
+    def derivatives(self, t: float, x: Vector) -> Vector:
+        """dx/dt, shape (n,)."""
+        dx = np.empty_like(x)
+        self._f.derivatives(t, x, self.u, self.p, dx)
+        return dx
+
+    def jacobian(self, t: float, x: Vector) -> Matrix:
+        """Partial derivatives of dx/dt by x, shape (n, n)."""
+        n = len(x)
+        matrix, by_time = np.empty((n, n)), np.empty(n)
+        self._f.jacobian(t, x, self.u, self.p, matrix, by_time)
+        return matrix
+
+    def outputs(self, t: float, x: Vector) -> dict[str, float]:
+        y = np.empty(len(self.kernel.outputs))
+        self._f.out(t, x, self.u, self.p, y)
+        return {o.name: float(v) for o, v in zip(self.kernel.outputs, y, strict=True)}
+
+    def advance(self, t0: float, t1: float) -> None:
+        """Move the state from `t0` to `t1` with the present inputs held.
+
+        Raises
+        ------
+        IntegrationError
+            If the tolerance cannot be met.
+        """
+        status = self._f.advance(
+            t0,
+            t1,
+            self.x,
+            self.u,
+            self.p,
+            self.atol,
+            self.tolerance,
+            self._work,
+            self.info,
+            MAX_STEPS,
+        )
+        if status != stepper.DONE:
+            raise IntegrationError(describe_failure(self.kernel.name, status, self.info, t1))
+
+    def simulate(self, times: npt.ArrayLike) -> Trajectory:
+        """Run from the present state over a time grid and record states and outputs.
+
+        Raises
+        ------
+        IntegrationError
+            If the tolerance cannot be met somewhere.
+        """
+        grid = np.asarray(times, dtype=float)
+        states = np.empty((len(grid), len(self.x)))
+        states[0] = self.x
+        done = self._f.trajectory(
+            grid,
+            states,
+            self.u,
+            self.p,
+            self.atol,
+            self.tolerance,
+            self._work,
+            self.info,
+            MAX_STEPS,
+        )
+        if done < len(grid):
+            raise IntegrationError(
+                describe_failure(self.kernel.name, stepper.STEP_TOO_SMALL, self.info, grid[done])
+            )
+        self.x[:] = states[-1]
+        outputs = np.empty((len(grid), len(self.kernel.outputs)))
+        for k, t in enumerate(grid):
+            self._f.out(t, states[k], self.u, self.p, outputs[k])
+        return Trajectory(
+            grid,
+            {s.name: states[:, k] for k, s in enumerate(self.kernel.states)},
+            {o.name: outputs[:, k] for k, o in enumerate(self.kernel.outputs)},
+            int(self.info[stepper.ACCEPTED]),
+            int(self.info[stepper.REJECTED]),
+        )
+
+
+def describe_failure(name: str, status: int, info: Vector, target: float) -> str:
+    """One line for a status that `stepper.integrate` returned."""
+    reached = info[stepper.REACHED]
+    if status == stepper.TOO_MANY_STEPS:
+        return (
+            f"{name}: {MAX_STEPS} internal steps were not enough to get from t = {reached:.9g} s "
+            f"to {target:.9g} s"
+        )
+    return (
+        f"{name}: the internal step fell to {info[stepper.NEXT_STEP]:.3g} s at t = {reached:.9g} s; "
+        "the solution leaves every bound there, or the parameters make no sense"
+    )

@@ -1,0 +1,69 @@
+"""Import a generated module from a per-user folder, so that numba compiles each only once.
+
+numba keys its on-disk cache by the path of the file. Modules whose names end in a hash of their
+content are therefore written to one fixed folder and imported from there. This file stands alone:
+it also goes into every FMU, which then shares the compiled code of the project and of its twins.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import tempfile
+from pathlib import Path
+from types import ModuleType
+
+
+def folder() -> Path:
+    """The per-user cache folder; ``BALLSCREW_CACHE`` overrides the platform's place."""
+    if os.environ.get("BALLSCREW_CACHE"):
+        return Path(os.environ["BALLSCREW_CACHE"])
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "ballscrew"
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write beside, then rename: a reader sees the old content or the new, never half."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def load(name: str, text: str) -> ModuleType:
+    """Import the module `name` whose source is `text`; `name` must be unique to that text.
+
+    A file that is there already is used only if its content is exactly the given text.
+    """
+    if name in sys.modules:
+        return sys.modules[name]
+    data = text.encode("utf-8")
+    path = folder() / "kernels" / f"{name}.py"
+    try:
+        if not path.is_file() or path.read_bytes() != data:
+            write_atomically(path, data)
+    except OSError:  # a read-only home: compile anew in every process, from a private folder
+        path = Path(tempfile.mkdtemp(prefix="ballscrew-")) / f"{name}.py"
+        path.write_bytes(data)
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"cannot import {path}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        sys.modules.pop(name, None)
+        raise
+    return module

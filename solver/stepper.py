@@ -1,0 +1,280 @@
+"""The stiff stepper: one L-stable Rosenbrock method with its own error control.
+
+This file stands alone on purpose. It is imported by the project and its text is also put,
+unchanged, into every exported FMU, so it may import nothing but the standard library and numpy.
+Where numba is present the functions are compiled; without it they run as plain Python.
+
+The method is Rodas5P (G. Steinebach, BIT Numer. Math. 63, 27 (2023)): eight stages, order five
+with an embedded fourth-order solution, stiffly accurate, L-stable, one matrix factorization a
+step. It needs the exact Jacobian and the partial derivative by time, which the generated
+equations deliver. Order and L-stability are measured in ``tests/solver/test_stepper.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+try:
+    from numba import njit
+except ImportError:  # the FMU's host may have numpy only: slower, equally right
+
+    def njit(*_args: Any, **_options: Any) -> Any:  # type: ignore[no-redef]
+        return lambda function: function
+
+
+STAGES = 8
+GAMMA = 0.21193756319429014
+_A6 = (
+    -7.502846399306121,
+    2.561846144803919,
+    -11.627539656261098,
+    -0.18268767659942256,
+    0.030198172008377946,
+)
+
+
+def _rows(*rows: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
+    """Lower triangular rows, filled up with zeros: numba wants tuples of one length."""
+    return tuple(row + (0.0,) * (STAGES - len(row)) for row in rows)
+
+
+A = _rows(
+    (),
+    (3.0,),
+    (2.849394379747939, 0.45842242204463923),
+    (-6.954028509809101, 2.489845061869568, -10.358996098473584),
+    (2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641),
+    _A6,
+    (*_A6, 1.0),
+    (*_A6, 1.0, 1.0),
+)
+C = _rows(
+    (),
+    (-14.155112264123755,),
+    (-17.97296035885952, -2.859693295451294),
+    (147.12150275711716, -1.41221402718213, 71.68940251302358),
+    (165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306),
+    (
+        24.854864614690072,
+        -3.0009227002832186,
+        47.4931110020768,
+        5.5814197821558125,
+        -0.6610691825249471,
+    ),
+    (
+        30.91273214028599,
+        -3.1208243349937974,
+        77.79954646070892,
+        34.28646028294783,
+        -19.097331116725623,
+        -28.087943162872662,
+    ),
+    (
+        37.80277123390563,
+        -3.2571969029072276,
+        112.26918849496327,
+        66.9347231244047,
+        -40.06618937091002,
+        -54.66780262877968,
+        -9.48861652309627,
+    ),
+)
+NODES = (0.0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716) + (
+    0.4288403609558664,
+    1.0,
+    1.0,
+    1.0,
+)
+# weights of the partial derivative by time
+TIME = (GAMMA, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734) + (
+    2.325825639765069,
+    0.0,
+    0.0,
+    0.0,
+)
+
+DONE, TOO_MANY_STEPS, STEP_TOO_SMALL = 0, 1, 2
+# layout of the vector ``info`` that `integrate` reads and writes
+NEXT_STEP, ACCEPTED, REJECTED, REACHED = 0, 1, 2, 3
+INFO_SIZE = 4
+
+
+def work_size(n: int) -> int:
+    """Number of floats of scratch memory that a system of `n` states needs."""
+    return n * (2 * n + STAGES + 4)
+
+
+@njit(error_model="numpy", inline="never")
+def factorize(w, pivots, n):
+    """Replace the n x n matrix `w` by its LU factors with row pivoting; False if singular."""
+    for k in range(n):
+        best, row = abs(w[k, k]), k
+        for i in range(k + 1, n):
+            if abs(w[i, k]) > best:
+                best, row = abs(w[i, k]), i
+        if not best > 0.0 or best == math.inf:
+            return False
+        pivots[k] = row
+        if row != k:
+            for j in range(n):
+                w[k, j], w[row, j] = w[row, j], w[k, j]
+        inverse = 1.0 / w[k, k]
+        for i in range(k + 1, n):
+            w[i, k] *= inverse
+            factor = w[i, k]
+            if factor != 0.0:
+                for j in range(k + 1, n):
+                    w[i, j] -= factor * w[k, j]
+    return True
+
+
+@njit(error_model="numpy", inline="never")
+def solve_factorized(w, pivots, n, b):
+    """Solve for the right-hand side `b`, in place, with the factors made by `factorize`."""
+    for k in range(n):
+        row = int(pivots[k])
+        b[k], b[row] = b[row], b[k]
+    for k in range(n):
+        for i in range(k + 1, n):
+            b[i] -= w[i, k] * b[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            b[k] -= w[k, j] * b[j]
+        b[k] /= w[k, k]
+
+
+def build(rhs: Any, jac: Any) -> Any:
+    """The function `integrate` for one system of equations.
+
+    A closure, because numba cannot cache a function that is handed other compiled functions.
+
+    Parameters
+    ----------
+    rhs : function (t, x, u, p, dx) -> None
+        Writes the derivatives.
+    jac : function (t, x, u, p, J, ft) -> None
+        Writes the Jacobian by x, shape (n, n), and the partial derivative by t, shape (n,).
+    """
+
+    @njit(error_model="numpy")
+    def integrate(t0, t1, x, u, p, atol, rtol, work, info, max_steps):
+        """Advance ``dx/dt = rhs(t, x, u, p)`` from `t0` to `t1` with `u` and `p` held, in place.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n,)
+            State at `t0`; on return the state at the time ``info[REACHED]``.
+        atol : ndarray, shape (n,)
+            Absolute tolerance of each state, in its own unit.
+        rtol : float
+            Relative tolerance.
+        work : ndarray, shape (work_size(n),)
+            Scratch memory; contents do not matter.
+        info : ndarray, shape (INFO_SIZE,)
+            ``info[NEXT_STEP]`` is the step to try first (0: choose one) and on return the step that
+            the error control would take next; accepted and rejected steps are added up.
+        max_steps : int
+            Most steps, accepted or rejected, that this call may take.
+
+        Returns
+        -------
+        int
+            ``DONE``, ``TOO_MANY_STEPS`` or ``STEP_TOO_SMALL``.
+        """
+        n = x.shape[0]
+        info[REACHED] = t1
+        span = t1 - t0
+        if n == 0 or span == 0.0:
+            return DONE
+        jacobian = work[: n * n].reshape((n, n))
+        w = work[n * n : 2 * n * n].reshape((n, n))
+        base = 2 * n * n
+        k = work[base : base + STAGES * n].reshape((STAGES, n))
+        base += STAGES * n
+        stage = work[base : base + n]
+        slope = work[base + n : base + 2 * n]
+        by_time = work[base + 2 * n : base + 3 * n]
+        pivots = work[base + 3 * n : base + 4 * n]
+
+        h = info[NEXT_STEP]
+        if not h > 0.0 or h > span:
+            h = span
+        smallest = 1e-13 * max(abs(t0), abs(t1), span)
+        t = t0
+        last_error = 1e-4
+        fresh = True  # the Jacobian belongs to the present point
+        rejected_before = False
+        for _ in range(max_steps):
+            remaining = t1 - t
+            if h < smallest and h < remaining:
+                info[NEXT_STEP] = h
+                info[REACHED] = t
+                return STEP_TOO_SMALL
+            # A last step of a sliver would cost as much as a whole one: stretch or halve instead.
+            final = False
+            planned = h
+            if h >= remaining * 0.99999:
+                h = remaining
+                final = True
+            elif h > 0.6 * remaining:
+                h = 0.5 * remaining
+            if fresh:
+                jac(t, x, u, p, jacobian, by_time)
+                fresh = False
+            diagonal = 1.0 / (GAMMA * h)
+            for i in range(n):
+                for j in range(n):
+                    w[i, j] = -jacobian[i, j]
+                w[i, i] += diagonal
+            error = math.inf
+            if factorize(w, pivots, n):
+                for s in range(STAGES):
+                    for i in range(n):
+                        value = x[i]
+                        for j in range(s):
+                            value += A[s][j] * k[j, i]
+                        stage[i] = value
+                    rhs(t + NODES[s] * h, stage, u, p, slope)
+                    for i in range(n):
+                        value = slope[i] + h * TIME[s] * by_time[i]
+                        for j in range(s):
+                            value += C[s][j] / h * k[j, i]
+                        k[s, i] = value
+                    solve_factorized(w, pivots, n, k[s])
+                total = 0.0
+                for i in range(n):
+                    stage[i] += k[STAGES - 1, i]
+                    scale = atol[i] + rtol * max(abs(x[i]), abs(stage[i]))
+                    total += (k[STAGES - 1, i] / scale) ** 2
+                error = math.sqrt(total / n)
+            if error <= 1.0:  # false for NaN, too
+                t = t1 if final else t + h
+                for i in range(n):
+                    x[i] = stage[i]
+                info[ACCEPTED] += 1
+                error = max(error, 1e-10)
+                # proportional-integral control (Gustafsson) keeps rejections rare
+                growth = 0.9 * error**-0.17 * last_error**0.06
+                growth = min(6.0, max(0.2, growth))
+                if rejected_before:
+                    growth = min(growth, 1.0)
+                last_error = max(error, 1e-4)
+                rejected_before = False
+                fresh = True
+                if final:
+                    info[NEXT_STEP] = max(planned, h * growth) if growth >= 1.0 else h * growth
+                    return DONE
+                h *= growth
+            else:
+                info[REJECTED] += 1
+                rejected_before = True
+                if error < math.inf:
+                    h *= max(0.1, 0.9 * error**-0.2)
+                else:
+                    h *= 0.1
+        info[NEXT_STEP] = h
+        info[REACHED] = t
+        return TOO_MANY_STEPS
+
+    return integrate
