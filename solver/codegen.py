@@ -184,7 +184,14 @@ def generate(component: Component) -> Kernel:
             StateInfo(d.name, d.unit, d.meaning, d.start, d.nominal) for d in component.discrete
         ],
         outputs=[
-            OutputInfo(o.name, o.unit, o.meaning, o.nominal, _feedthrough(o.value, inputs))
+            OutputInfo(
+                o.name,
+                o.unit,
+                o.meaning,
+                o.nominal,
+                sorted(s.name for s in sp.sympify(o.value).free_symbols - {TIME}),
+                [name for name in inputs if symbol(name) in sp.sympify(o.value).free_symbols],
+            )
             for o in component.all_outputs
         ],
         sample_time=component.sample_time.name if component.sample_time else "",
@@ -197,11 +204,6 @@ def generate(component: Component) -> Kernel:
 def hashed_name(stem: str, text: str) -> str:
     """A module name that no other content can have."""
     return f"{stem}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
-
-
-def _feedthrough(expression: sp.Expr, inputs: list[str]) -> list[str]:
-    used = {s.name for s in sp.sympify(expression).free_symbols}
-    return [name for name in inputs if name in used]
 
 
 def _readable(component: Component) -> list[list[str]]:

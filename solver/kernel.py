@@ -60,12 +60,13 @@ class StateInfo:
 
 @dataclass(frozen=True)
 class OutputInfo:
-    """``feedthrough`` lists the inputs on which the output depends directly."""
+    """``uses`` lists all symbols of its equation, ``feedthrough`` the inputs among them."""
 
     name: str
     unit: str
     meaning: str
     nominal: float
+    uses: list[str]
     feedthrough: list[str]
 
 

@@ -41,6 +41,14 @@ def write_atomically(path: Path, data: bytes) -> None:
         raise
 
 
+def load_file(path: Path) -> ModuleType:
+    """Import a module from a file whose name is unique to its content.
+
+    The file is read only the first time: an FMU's folder may be gone when the next instance comes.
+    """
+    return sys.modules.get(path.stem) or load(path.stem, path.read_text(encoding="utf-8"))
+
+
 def load(name: str, text: str) -> ModuleType:
     """Import the module `name` whose source is `text`; `name` must be unique to that text.
 

@@ -1,0 +1,57 @@
+"""The HTML page inside an FMU: its equations, parameters and ports."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+
+from ..solver.kernel import Kernel
+from .interface import Interface
+
+_STYLE = """
+body { font-family: sans-serif; max-width: 60rem; margin: 2rem auto; color: #222 }
+table { border-collapse: collapse; margin: 1rem 0 }
+td, th { border: 1px solid #bbb; padding: .25rem .6rem; text-align: left; vertical-align: top }
+td.equation { border: 0; font-size: 1.1rem; overflow-x: auto }
+"""
+
+
+def html_page(kernel: Kernel, interface: Interface) -> str:
+    """The page as text; equations are MathML, which browsers show without a script."""
+    equations = "\n".join(
+        f'<tr><td class="equation"><math>{left}</math></td>'
+        f'<td class="equation"><math><mo>=</mo>{right}</math></td></tr>'
+        for left, right in kernel.equations
+    )
+    rows = {
+        causality: "\n".join(
+            _row(v.name, v.unit, v.start, v.minimum, v.maximum, v.description)
+            for v in interface.variables
+            if v.causality == causality
+        )
+        for causality in ("input", "output", "parameter")
+    }
+    head = "<tr><th>name</th><th>unit</th><th>default</th><th>range</th><th>meaning</th></tr>"
+    tables = "\n".join(
+        f"<h2>{title}</h2>\n<table>{head}\n{rows[causality]}\n</table>"
+        for title, causality in (
+            ("Inputs", "input"),
+            ("Outputs", "output"),
+            ("Parameters", "parameter"),
+        )
+    )
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f"<title>{escape(kernel.name)}</title><style>{_STYLE}</style></head><body>\n"
+        f"<h1>{escape(kernel.name)}</h1>\n<p>{escape(kernel.description)}.</p>\n"
+        f"<h2>Equations</h2>\n<table>{equations}</table>\n{tables}\n</body></html>\n"
+    )
+
+
+def _row(
+    name: str, unit: str, start: float | None, low: float, high: float, description: str
+) -> str:
+    limits = "" if math.isinf(low) and math.isinf(high) else f"{low:g} to {high:g}"
+    default = "" if start is None else repr(start)
+    cells = (name, unit, default, limits, description)
+    return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"

@@ -1,0 +1,151 @@
+"""Turn components into FMUs with pythonfmu."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+from .. import __version__
+from ..solver import kernel_cache
+from ..solver.codegen import generate, hashed_name
+from ..solver.component import Component
+from ..solver.kernel import Kernel
+from . import runtime
+from .documentation import html_page
+from .feedback_law import accept_law, report_law
+from .interface import interface_of
+from .model_description import model_description
+
+_SLAVE = '''"""The slave that pythonfmu loads: {description}."""
+
+import ctypes
+from pathlib import Path
+
+import {cache}
+from {runtime} import ComponentSlave
+
+# pythonfmu 0.7 runs this text at every instantiation, and each time releases a reference to this
+# namespace that it does not own; without one given back, the second instance crashes the process.
+ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
+
+
+class Slave(ComponentSlave):
+    layout = {layout!r}
+    equations = {cache}.load_file(Path(__file__).with_name("{equations}.py"))
+'''
+
+_FIXED_TIME = (1980, 1, 1, 0, 0, 0)
+
+
+def with_law_ports(component: Component) -> Component:
+    """The component with the feedback law's ports, on whichever side it stands."""
+    return report_law(accept_law(component))
+
+
+def export(component: Component, path: Path | str) -> Path:
+    """Export a component, from our list or made a minute ago, as an FMI 2.0 co-simulation FMU.
+
+    Parameters
+    ----------
+    component : Component
+    path : path-like
+        The FMU to write; replaced as a whole or not at all.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    UnsupportedComponent
+        If this version cannot solve the component.
+    OSError
+        If the file cannot be written.
+    """
+    return export_kernel(generate(with_law_ports(component)), path)
+
+
+def export_kernel(kernel: Kernel, path: Path | str) -> Path:
+    """Export a compiled component, law ports and all, as `export` does."""
+    path = Path(path)
+    interface = interface_of(kernel, kernel.name)
+    runtime_text = Path(runtime.__file__).read_text(encoding="utf-8")
+    cache_text = Path(kernel_cache.__file__).read_text(encoding="utf-8")
+    names = {
+        "runtime": hashed_name("runtime", runtime_text),
+        "cache": hashed_name("kernel_cache", cache_text),
+    }
+    slave = _SLAVE.format(
+        description=kernel.description,
+        equations=kernel.module,
+        layout=interface.layout.to_dict(),
+        **names,
+    )
+    script = hashed_name(f"slave_{kernel.name}", slave)
+    with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
+        sources = Path(folder) / "sources"
+        documentation = Path(folder) / "documentation"
+        sources.mkdir()
+        documentation.mkdir()
+        files = {
+            script: slave,
+            kernel.module: kernel.source,
+            names["runtime"]: runtime_text,
+            names["cache"]: cache_text,
+        }
+        for name, text in files.items():
+            (sources / f"{name}.py").write_text(text, encoding="utf-8", newline="\n")
+        (documentation / "index.html").write_text(html_page(kernel, interface), encoding="utf-8")
+        built = _build(
+            sources / f"{script}.py",
+            [sources / f"{name}.py" for name in files if name != script],
+            documentation,
+            Path(folder) / f"{kernel.name}.fmu",
+        )
+        description = model_description(kernel, interface, __version__)
+        kernel_cache.write_atomically(path, _normalized(built, description))
+    return path
+
+
+def _build(script: Path, others: list[Path], documentation: Path, target: Path) -> Path:
+    """Run pythonfmu's builder; leave `sys.path` and `sys.modules` as they were."""
+    from pythonfmu.builder import FmuBuilder
+
+    paths, modules = list(sys.path), set(sys.modules)
+    sys.path.insert(0, str(script.parent))
+    level = logging.getLogger("pythonfmu").level
+    try:
+        logging.getLogger("pythonfmu").setLevel(logging.ERROR)
+        built = FmuBuilder.build_FMU(
+            script,
+            dest=target,
+            project_files=others,
+            documentation_folder=documentation,
+        )
+    finally:
+        logging.getLogger("pythonfmu").setLevel(level)
+        sys.path[:] = paths
+        for name in set(sys.modules) - modules:
+            if Path(str(getattr(sys.modules[name], "__file__", ""))).parent == script.parent:
+                del sys.modules[name]
+    return Path(built)
+
+
+def _normalized(built: Path, description: bytes) -> bytes:
+    """The FMU's bytes with our model description, fixed order and fixed time stamps."""
+    with tempfile.TemporaryFile() as stream:
+        with zipfile.ZipFile(built) as old, zipfile.ZipFile(stream, "w") as new:
+            for name in sorted(old.namelist(), key=lambda n: (n != "modelDescription.xml", n)):
+                data = description if name == "modelDescription.xml" else old.read(name)
+                entry = zipfile.ZipInfo(name.replace(os.sep, "/"), _FIXED_TIME)
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                entry.external_attr = 0o644 << 16
+                entry.create_system = 3
+                new.writestr(entry, data)
+        stream.seek(0)
+        return stream.read()

@@ -1,0 +1,209 @@
+"""Which FMI variables an exported component has, and where each lives in the FMU's memory.
+
+All numbers of an FMU instance lie in one array: its variables, its state, the solver's memory. A
+value reference is an index into it, so getting, setting, saving and restoring are copies.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..solver import stepper
+from ..solver.kernel import DEFAULT_TOLERANCE, Kernel
+
+TOLERANCE = "solver_tolerance"
+MESSAGE = "message"
+START = "_start"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One Real variable; `reference` is its value reference and its place in the memory."""
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    unit: str
+    description: str
+    start: float | None = None
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    nominal: float = 1.0
+    feedthrough: tuple[str, ...] = ()
+    initially_from: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Offsets into the memory, and what the runtime must know beside the equations."""
+
+    model: str
+    inputs: int
+    held: int
+    parameters: int
+    states: int
+    outputs: int
+    starts: int
+    tolerance: int
+    info: int
+    time: int
+    samples: int
+    step_start: int
+    sample_time: int
+    size: int
+    initial: list[float]
+    nominal: list[float]
+    names: dict[str, int]
+    units: dict[str, str]
+    ranges: dict[str, list[float | None]]
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Interface:
+    variables: tuple[Variable, ...]
+    layout: Layout
+
+    @property
+    def message_reference(self) -> int:
+        return self.layout.size
+
+
+def interface_of(kernel: Kernel, model: str) -> Interface:
+    """The FMI variables of a component and their places."""
+    held = len(kernel.inputs) + len(kernel.discrete)
+    n, parameters = len(kernel.states), held
+    states = parameters + len(kernel.parameters)
+    outputs = states + n
+    starts = outputs + len(kernel.outputs)
+    tolerance = starts + n + len(kernel.discrete)
+    info = tolerance + 1
+    time = info + stepper.INFO_SIZE
+    samples = time + 1
+    size = samples + 1
+    held_states = list(kernel.states) + list(kernel.discrete)
+
+    variables: list[Variable] = []
+    step_start = -1
+    for k, i in enumerate(kernel.inputs):
+        if i.role == "internal":
+            step_start = k
+            continue
+        variables.append(
+            Variable(
+                i.name,
+                k,
+                "input",
+                "continuous",
+                i.unit,
+                i.meaning,
+                start=i.start,
+                nominal=i.nominal,
+            )
+        )
+    states_named = {s.name for s in held_states}
+    for k, o in enumerate(kernel.outputs):
+        discrete = bool(kernel.sample_time) and not o.feedthrough
+        variables.append(
+            Variable(
+                o.name,
+                outputs + k,
+                "output",
+                "discrete" if discrete else "continuous",
+                o.unit,
+                o.meaning,
+                nominal=o.nominal,
+                feedthrough=tuple(o.feedthrough),
+                initially_from=tuple(
+                    name + START if name in states_named else name for name in o.uses
+                ),
+            )
+        )
+    for k, p in enumerate(kernel.parameters):
+        variables.append(
+            Variable(
+                p.name,
+                parameters + k,
+                "parameter",
+                "fixed",
+                p.unit,
+                f"{p.meaning} ({p.source})",
+                start=p.default,
+                minimum=p.minimum,
+                maximum=p.maximum,
+                nominal=abs(p.default) or 1.0,
+            )
+        )
+    for k, s in enumerate(held_states):
+        variables.append(
+            Variable(
+                s.name + START,
+                starts + k,
+                "parameter",
+                "fixed",
+                s.unit,
+                f"initial {s.meaning}",
+                start=s.start,
+                nominal=s.nominal,
+            )
+        )
+    if n:
+        variables.append(
+            Variable(
+                TOLERANCE,
+                tolerance,
+                "parameter",
+                "fixed",
+                "1",
+                "relative tolerance of the internal solver",
+                start=DEFAULT_TOLERANCE,
+                minimum=1e-13,
+                maximum=1e-2,
+                nominal=DEFAULT_TOLERANCE,
+            )
+        )
+    initial = [0.0] * size
+    for v in variables:
+        initial[v.reference] = v.start or 0.0
+    initial[tolerance] = DEFAULT_TOLERANCE
+    limited = [v for v in variables if v.causality == "parameter"]
+    layout = Layout(
+        model=model,
+        inputs=len(kernel.inputs),
+        held=held,
+        parameters=parameters,
+        states=states,
+        outputs=outputs,
+        starts=starts,
+        tolerance=tolerance,
+        info=info,
+        time=time,
+        samples=samples,
+        step_start=step_start,
+        sample_time=next(
+            (
+                parameters + k
+                for k, p in enumerate(kernel.parameters)
+                if p.name == kernel.sample_time
+            ),
+            -1,
+        ),
+        size=size,
+        initial=initial,
+        nominal=[s.nominal for s in kernel.states],
+        names={v.name: v.reference for v in variables},
+        units={v.name: v.unit for v in variables},
+        ranges={
+            v.name: [
+                v.minimum if math.isfinite(v.minimum) else None,
+                v.maximum if math.isfinite(v.maximum) else None,
+            ]
+            for v in limited
+        },
+    )
+    return Interface(tuple(variables), layout)

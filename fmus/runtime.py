@@ -1,0 +1,250 @@
+"""What runs inside an exported FMU: a pythonfmu slave around generated equations.
+
+This file stands alone. Its text goes into every FMU under a name that ends in a hash of it, beside
+the generated equations; on the host it needs pythonfmu (which the FMU carries) and numpy.
+
+Errors never leave as Python exceptions, because those reach the master without a text and may take
+its process down: they are logged, kept in the String output ``message``, and fail the step.
+"""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import math
+import sys
+from pathlib import Path
+from typing import Any, ClassVar
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+from pythonfmu import Fmi2Slave
+from pythonfmu.enums import Fmi2Status
+
+MAX_STEPS = 200_000
+ROUND_OFF = 1e-9  # share of a sampling period within which two times are the same
+
+
+_LIBRARIES: dict[str, Any] = {}
+
+
+def _end_cleanly(resources: str, model: str) -> None:
+    """Let the process that hosts this FMU end without a crash.
+
+    pythonfmu 0.7's library releases its static interpreter state twice while the process ends, the
+    second time after it is freed. Releasing it once in good order, before the others, avoids that.
+    """
+    folder = unquote(urlparse(resources).path) if "://" in resources else resources
+    path = str(Path(folder).parent / "binaries" / "linux64" / f"{model}.so")
+    if path in _LIBRARIES or not sys.platform.startswith("linux"):
+        return
+    try:
+        library = ctypes.CDLL(path)
+        release = library.finalizePythonInterpreter
+    except (OSError, AttributeError):
+        return  # built by another version, or not loaded from a file: nothing to mend
+    _LIBRARIES[path] = library
+    atexit.register(release)
+
+
+class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
+    """A component as a co-simulation slave; subclasses say which.
+
+    Attributes
+    ----------
+    layout : dict
+        Places of everything in ``memory``; see the project's ``fmus/interface.py``.
+    equations : module
+        The generated functions.
+    """
+
+    layout: ClassVar[dict[str, Any]]
+    equations: ClassVar[Any]
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        at = self.layout
+        _end_cleanly(str(kwargs.get("resources") or ""), at["model"])
+        self.modelName = at["model"]
+        self.memory = np.array(at["initial"])
+        self.failure = ""
+        self.started = False
+        n = len(at["nominal"])
+        self._held = self.memory[: at["held"]]
+        self._p = self.memory[at["parameters"] : at["states"]]
+        self._x = self.memory[at["states"] : at["states"] + n]
+        self._y = self.memory[at["outputs"] : at["starts"]]
+        self._info = self.memory[at["info"] : at["time"]]
+        self._discrete = self._held[at["inputs"] :]
+        self._update = np.zeros(len(self._discrete))
+        self._atol = np.zeros(n)
+        self._work = np.zeros(self.equations.work_size(n))
+        self._stale = True
+
+    # -- variables ---------------------------------------------------------------------------
+
+    def set_real(self, vrs: list[int], values: list[float]) -> None:
+        total = math.fsum(values) if all(map(math.isfinite, values)) else math.nan
+        if total != total:
+            bad = next(k for k, value in enumerate(values) if not math.isfinite(value))
+            names = {reference: name for name, reference in self.layout["names"].items()}
+            self._fail(f"{names.get(vrs[bad], vrs[bad])} was set to {values[bad]}, not a number")
+            return
+        self.memory[vrs] = values
+        self._stale = True
+
+    def get_real(self, vrs: list[int]) -> list[float]:
+        if self._stale:
+            self._compute_outputs()
+        values: list[float] = self.memory[vrs].tolist()
+        return values
+
+    def get_string(self, vrs: list[int]) -> list[str]:
+        return [self.failure for _ in vrs]
+
+    def _compute_outputs(self) -> None:
+        if not self.started:
+            self._initialize_states()
+        try:
+            self.equations.out(
+                self.memory[self.layout["time"]], self._x, self._held, self._p, self._y
+            )
+        except (ArithmeticError, ValueError) as error:
+            self._y[:] = math.nan
+            self._fail(f"outputs cannot be computed: {error}")
+        self._stale = False
+
+    # -- life cycle --------------------------------------------------------------------------
+
+    def setup_experiment(
+        self, start_time: float, stop_time: float | None = None, tolerance: float | None = None
+    ) -> None:
+        self.memory[self.layout["time"]] = start_time
+        if tolerance and self._x.size:
+            self.memory[self.layout["tolerance"]] = tolerance
+        self._stale = True
+
+    def exit_initialization_mode(self) -> None:
+        at = self.layout
+        for name, (low, high) in at["ranges"].items():
+            value = self.memory[at["names"][name]]
+            if (low is not None and value < low) or (high is not None and value > high):
+                unit = "" if at["units"][name] == "1" else " " + at["units"][name]
+                lowest = "-inf" if low is None else f"{low:g}"
+                highest = "inf" if high is None else f"{high:g}"
+                self._fail(
+                    f"parameter {name} = {value:g}{unit} is out of its range [{lowest}, {highest}]"
+                )
+        self._initialize_states()
+        self.started = True
+        self._stale = True
+
+    def _initialize_states(self) -> None:
+        at = self.layout
+        n = self._x.size
+        first = at["starts"]
+        self._x[:] = self.memory[first : first + n]
+        self._discrete[:] = self.memory[first + n : first + n + len(self._discrete)]
+        self._atol[:] = self.memory[at["tolerance"]] * np.array(at["nominal"])
+        self._info[:] = 0.0
+        if at["sample_time"] >= 0:  # samples count from t = 0, wherever the run begins
+            past = self.memory[at["time"]] / self.memory[at["sample_time"]]
+            self.memory[at["samples"]] = math.ceil(past - ROUND_OFF)
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        if self.failure:
+            self._log_failure()
+            return False
+        if not step_size > 0.0 or not math.isfinite(current_time + step_size):
+            self._fail(f"a step from t = {current_time} s by {step_size} s makes no sense")
+            return False
+        at = self.layout
+        try:
+            if at["step_start"] >= 0:
+                self._held[at["step_start"]] = current_time
+            if at["sample_time"] < 0:
+                done = self._advance(current_time, current_time + step_size)
+            else:
+                done = self._advance_sampled(current_time, step_size)
+        except (ArithmeticError, ValueError) as error:
+            done = False
+            self._fail(f"{error} in the step from t = {current_time:.9g} s")
+        self.memory[at["time"]] = current_time + step_size
+        self._stale = True
+        if done and not np.isfinite(self._x).all():
+            self._fail(f"the state is not finite at t = {current_time + step_size:.9g} s")
+            return False
+        return done
+
+    def _advance(self, t0: float, t1: float) -> bool:
+        status = self.equations.advance(
+            t0,
+            t1,
+            self._x,
+            self._held,
+            self._p,
+            self._atol,
+            self.memory[self.layout["tolerance"]],
+            self._work,
+            self._info,
+            MAX_STEPS,
+        )
+        if status != self.equations.DONE:
+            reached = self._info[self.equations.REACHED]
+            what = (
+                f"{MAX_STEPS} internal steps were not enough"
+                if status == self.equations.TOO_MANY_STEPS
+                else "the internal step became too small"
+            )
+            self._fail(f"{what} at t = {reached:.9g} s; the solution leaves every bound there")
+        return bool(status == self.equations.DONE)
+
+    def _advance_sampled(self, t0: float, step_size: float) -> bool:
+        """Update the discrete states at every sample instant in [t0, t0 + step_size)."""
+        at = self.layout
+        period = float(self.memory[at["sample_time"]])
+        end, now = t0 + step_size, t0
+        index = int(self.memory[at["samples"]])
+        while index * period < end - ROUND_OFF * period:
+            instant = max(index * period, now)
+            if instant > now + ROUND_OFF * period:
+                if not self._advance(now, instant):
+                    return False
+                now = instant
+            self.equations.sample(now, self._x, self._held, self._p, self._update)
+            self._discrete[:] = self._update
+            index += 1
+        self.memory[at["samples"]] = index
+        return self._advance(now, end) if self._x.size else True
+
+    # -- state -------------------------------------------------------------------------------
+
+    def _get_fmu_state(self) -> tuple[Any, str, bool]:
+        return self.memory.copy(), self.failure, self.started
+
+    def _set_fmu_state(self, state: tuple[Any, str, bool]) -> None:
+        memory, self.failure, self.started = state
+        self.memory[:] = memory
+        self._atol[:] = self.memory[self.layout["tolerance"]] * np.array(self.layout["nominal"])
+        self._stale = True
+
+    @staticmethod
+    def _fmu_state_to_bytes(state: tuple[Any, str, bool]) -> bytes:
+        memory, failure, started = state
+        numbers: bytes = memory.tobytes()
+        return bytes([started]) + len(numbers).to_bytes(8, "little") + numbers + failure.encode()
+
+    @staticmethod
+    def _fmu_state_from_bytes(data: bytes) -> tuple[Any, str, bool]:
+        end = 9 + int.from_bytes(data[1:9], "little")
+        return np.frombuffer(data[9:end]).copy(), data[end:].decode(), bool(data[0])
+
+    # -- errors ------------------------------------------------------------------------------
+
+    def _fail(self, text: str) -> None:
+        if not self.failure:
+            self.failure = f"{self.instance_name}: {text}"
+            self._log_failure()
+
+    def _log_failure(self) -> None:
+        self.log(self.failure, Fmi2Status.error)
