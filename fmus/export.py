@@ -7,6 +7,7 @@ import os
 import sys
 import tempfile
 import zipfile
+from importlib.metadata import distribution
 from pathlib import Path
 
 from .. import __version__
@@ -114,14 +115,17 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
 
 def _build(script: Path, others: list[Path], documentation: Path, target: Path) -> Path:
     """Run pythonfmu's builder; leave `sys.path` and `sys.modules` as they were."""
-    from pythonfmu.builder import FmuBuilder
+    from pythonfmu import builder
 
+    # Where an FMU ran in this process first, its own copy of pythonfmu may be the one imported, and
+    # that has no binaries beside it: point the builder at the installed package.
+    builder.HERE = Path(str(distribution("pythonfmu").locate_file("pythonfmu")))
     paths, modules = list(sys.path), set(sys.modules)
     sys.path.insert(0, str(script.parent))
     level = logging.getLogger("pythonfmu").level
     try:
         logging.getLogger("pythonfmu").setLevel(logging.ERROR)
-        built = FmuBuilder.build_FMU(
+        built = builder.FmuBuilder.build_FMU(
             script,
             dest=target,
             project_files=others,

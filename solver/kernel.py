@@ -181,6 +181,19 @@ class Model:
     def set_input(self, name: str, value: float) -> None:
         self.u[[i.name for i in self.kernel.inputs].index(name)] = value
 
+    @property
+    def sample_time(self) -> float:
+        """Period of the discrete states' updates [s]; 0 if there are none."""
+        names = [p.name for p in self.kernel.parameters]
+        name = self.kernel.sample_time
+        return float(self.p[names.index(name)]) if name else 0.0
+
+    def sample(self, t: float) -> None:
+        """Update the discrete states at a sample instant."""
+        update = np.zeros(len(self.kernel.discrete))
+        self._f.sample(t, self.x, self.u, self.p, update)
+        self.u[len(self.kernel.inputs) :] = update
+
     def derivatives(self, t: float, x: Vector) -> Vector:
         """dx/dt, shape (n,)."""
         dx = np.empty_like(x)

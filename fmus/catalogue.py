@@ -1,0 +1,59 @@
+"""The components that are exported by name, and their FMUs kept ready on disk."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import cast
+
+from ..controllers import CONTROLLERS
+from ..plant import PLANTS
+from ..solver import kernel_cache
+from ..solver.component import Component
+from ..solver.kernel import Kernel
+from ..solver.stored import fingerprint, stored_kernel
+
+NAMES = {**PLANTS, **CONTROLLERS}
+
+
+class UnknownComponent(KeyError):
+    """A name that is not exported; the message lists those that are."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def component(name: str) -> Component:
+    """Build the component of this name.
+
+    Raises
+    ------
+    UnknownComponent
+    """
+    if name not in NAMES:
+        raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
+    module, function = NAMES[name].split(":")
+    return cast(Component, getattr(importlib.import_module(module), function)())
+
+
+def fmu_kernel(name: str) -> Kernel:
+    """The compiled component of this name with the feedback law's ports, from disk if it is there."""
+    if name not in NAMES:
+        raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
+
+    def make() -> Component:
+        from .export import with_law_ports
+
+        return with_law_ports(component(name))
+
+    return stored_kernel(f"fmu_{name}", make)
+
+
+def fmu(name: str) -> Path:
+    """Path of the FMU of this name in the user's cache, exported if it is not there yet."""
+    path = kernel_cache.folder() / "fmus" / f"{name}-{fingerprint()}.fmu"
+    if not path.is_file():
+        from .export import export_kernel
+
+        export_kernel(fmu_kernel(name), path)
+    return path

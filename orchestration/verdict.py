@@ -1,0 +1,127 @@
+"""Whether a coupled run can be believed, judged by what was measured in it.
+
+Beside the run a second, differently coupled loop of the same FMUs goes along: where the run corrects
+its steps the companion does not, and the other way round, and their controllers see the signals of a
+step in different ways. What the two differ by is the defect's effect, carried along by the loop
+itself; divided by one less the measured contraction of the correction it estimates the error. Where
+states cannot be saved, companions with a half and a quarter of the step take that part.
+
+The verdict follows from these numbers alone, never from who is coupled how.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+Vector = npt.NDArray[np.float64]
+
+ACCURACY = 0.01
+"""Largest share of an output's range that its estimated error may be."""
+WORST_CONTRACTION = 0.5
+"""Correcting must at least halve the defect, or its effect says little about the error."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the run says of itself.
+
+    Attributes
+    ----------
+    trusted : bool
+    reason : str
+        One sentence with the deciding number.
+    advice : str
+        What to change; empty where trusted.
+    error_estimate : dict of str to float
+        Per plant output, in its unit: largest estimated error over the run.
+    contraction : float
+        Measured contraction of the correction; not finite where nothing had to be corrected.
+    """
+
+    trusted: bool
+    reason: str
+    advice: str
+    error_estimate: dict[str, float] = field(default_factory=dict)
+    contraction: float = float("nan")
+
+    @property
+    def word(self) -> str:
+        return "trusted" if self.trusted else "not converged"
+
+
+def judge(
+    names: list[str],
+    run: Vector,
+    companion: Vector,
+    contraction: float,
+    step: float,
+    safety: float = 2.0,
+    failure: str = "",
+) -> Verdict:
+    """The verdict on a run, from it and its companion.
+
+    Parameters
+    ----------
+    names : list of str
+        The plant outputs.
+    run, companion : ndarray, shape (k, n)
+        Outputs at the communication points; rows may end early where something failed.
+    contraction : float
+    step : float
+        Communication step [s], for the advice.
+    safety : float
+        Factor on the estimate: 1 where the companion is the worse of the two, so that the
+        difference is larger than the run's own error; 2 where it is the better.
+    failure : str
+        Why the companion, or the run, ended early.
+    """
+    rows = min(len(run), len(companion))
+    scale = _scales(run[:rows])
+    amplification = 1 / (1 - min(contraction, 0.999)) if np.isfinite(contraction) else 1.0
+    with np.errstate(invalid="ignore", over="ignore"):
+        difference = np.abs(run[:rows] - companion[:rows]).max(axis=0) * amplification
+    share = np.where(scale > 0, difference / np.where(scale > 0, scale, 1), 0.0)
+    estimate = dict(zip(names, difference.tolist(), strict=True))
+    worst = int(np.argmax(np.where(np.isfinite(share), share, np.inf)))
+    smaller = (
+        "use a smaller --step, or --coupling tangent where both sides support it; "
+        f"this run had steps of {step:g} s"
+    )
+    if failure:
+        return Verdict(False, failure, smaller, estimate, contraction)
+    if np.isfinite(contraction) and contraction > WORST_CONTRACTION:
+        return Verdict(
+            False,
+            f"correcting the interface defect leaves {100 * contraction:.3g} % of it: the step is "
+            "too long for this loop to be cut between these parts",
+            smaller,
+            estimate,
+            contraction,
+        )
+    if not np.isfinite(share[worst]) or safety * share[worst] > ACCURACY:
+        return Verdict(
+            False,
+            f"the interface defect may have moved {names[worst]} by {difference[worst]:.3g}, "
+            f"{100 * share[worst]:.3g} % of its range; {100 * ACCURACY / safety:g} % is allowed",
+            smaller,
+            estimate,
+            contraction,
+        )
+    return Verdict(
+        True,
+        f"the interface defect moved no output by more than {100 * share[worst]:.2g} % of its "
+        f"range ({names[worst]}: {difference[worst]:.2g})",
+        "",
+        estimate,
+        contraction,
+    )
+
+
+def _scales(run: Vector) -> Vector:
+    """Range of each output; one that hardly moves is measured by its size and round-off."""
+    span = run.max(axis=0) - run.min(axis=0)
+    floor: Vector = np.maximum(span, 1e-6 * np.abs(run).max(axis=0))
+    return floor

@@ -1,0 +1,165 @@
+"""The monolithic reference: plant and controller as one system of equations in one solver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from ..solver.connect import CONTROLLER, PLANT
+from ..solver.kernel import IntegrationError, Kernel, Model
+from ..solver.stored import stored_kernel
+from .coupling import Coupling
+from .master import LoopRun, Progress
+from .reference_signal import Reference
+from .verdict import ACCURACY, Verdict
+
+if TYPE_CHECKING:
+    from ..solver.component import Component
+
+Vector = npt.NDArray[np.float64]
+
+TIGHT, LOOSE = 1e-10, 1e-8
+_ROUND_OFF = 1e-9
+
+
+def loop_kernel(plant: str, controller: str) -> Kernel:
+    """The compiled closed loop of two components by name, its set-point a ramp within each step."""
+
+    def make() -> Component:
+        from ..fmus.catalogue import component
+        from ..solver.connect import connect
+
+        return _with_ramps(connect(component(plant), component(controller)))
+
+    return stored_kernel(f"loop_{plant}_{controller}", make)
+
+
+def _with_ramps(loop: Component) -> Component:
+    from ..solver.component import TIME, Input, symbol
+
+    ramps = {
+        symbol(i.name): symbol(i.name) + symbol(i.name + "_rate") * (TIME - symbol("t_step"))
+        for i in loop.inputs
+    }
+    rates = tuple(Input(i.name + "_rate", f"{i.unit}/s", "rate of " + i.name) for i in loop.inputs)
+    started = Input("t_step", "s", "start of the step", role="internal")
+    return loop.substituted(ramps, inputs=(*loop.inputs, *rates, started))
+
+
+def run_monolithic(
+    plant: str,
+    controller: str,
+    reference: Reference,
+    stop: float,
+    step: float,
+    *,
+    plant_values: Mapping[str, float] | None = None,
+    controller_values: Mapping[str, float] | None = None,
+    progress: Progress | None = None,
+) -> LoopRun:
+    """Run the closed loop without FMUs; parameters as in `run_loop`, parts by name.
+
+    The run is made twice, with a hundredfold difference in tolerance; what the two differ by
+    bounds the error of the looser and decides the verdict on the tighter.
+
+    Raises
+    ------
+    KeyError
+        For a parameter that does not exist.
+    """
+    kernel = loop_kernel(plant, controller)
+    values = {PLANT + k: v for k, v in (plant_values or {}).items()}
+    values |= {CONTROLLER + k: v for k, v in (controller_values or {}).items()}
+    tight = _simulate(kernel, values, TIGHT, reference, stop, step, progress)
+    loose = _simulate(kernel, values, LOOSE, reference, stop, step, None)
+    commands = [n for n in tight.outputs if n in ("u",)]
+    signals = [n for n in tight.outputs if n not in commands]
+    verdict = _verdict(tight, loose, signals)
+    return LoopRun(
+        time=tight.time,
+        outputs={n: tight.outputs[n] for n in signals},
+        commands={n: tight.outputs[n] for n in commands},
+        reference=np.array([reference.at(t) for t in tight.time]),
+        coupling=Coupling.MONOLITHIC,
+        coupling_reason="as asked",
+        corrected=False,
+        defect_max=dict.fromkeys(commands, 0.0),
+        effect_rate_max=dict.fromkeys(signals, 0.0),
+        macro_steps=len(tight.time) - 1,
+        step_range=(step, step),
+        verdict=verdict,
+        stopped=tight.stopped,
+    )
+
+
+class _Course:
+    """Outputs on the grid of communication points, as far as the solver got."""
+
+    def __init__(self, time: Vector, outputs: dict[str, Vector], stopped: str) -> None:
+        self.time, self.outputs, self.stopped = time, outputs, stopped
+
+
+def _simulate(
+    kernel: Kernel,
+    values: Mapping[str, float],
+    tolerance: float,
+    reference: Reference,
+    stop: float,
+    step: float,
+    progress: Progress | None,
+) -> _Course:
+    model = Model(kernel, values, tolerance)
+    period = model.sample_time
+    if period > 0:
+        step = period / max(1, int(np.ceil(period / step - _ROUND_OFF)))
+    points = int(np.ceil(stop / step - _ROUND_OFF))
+    times = np.minimum(np.arange(points + 1) * step, stop)
+    rows = []
+    inputs = [i.name for i in kernel.inputs if i.role == "reference"]
+    stopped = ""
+    for k, t in enumerate(times):
+        end = times[min(k + 1, points)]
+        for name in inputs:
+            model.set_input(name, reference.at(t))
+            rate = (reference.at(end) - reference.at(t)) / (end - t) if end > t else 0.0
+            model.set_input(name + "_rate", rate)
+        model.set_input("t_step", t)
+        if period > 0 and abs(t / period - round(t / period)) < _ROUND_OFF:
+            model.sample(t)
+        rows.append(list(model.outputs(t, model.x).values()))
+        if k == points or not np.isfinite(rows[-1]).all():
+            break
+        try:
+            model.advance(t, end)
+        except IntegrationError as error:
+            stopped = str(error)
+            break
+        if progress and k % max(1, points // 100) == 0:
+            progress(float(t))
+    table = np.array(rows)
+    names = [o.name for o in kernel.outputs]
+    return _Course(times[: len(rows)], {n: table[:, k] for k, n in enumerate(names)}, stopped)
+
+
+def _verdict(tight: _Course, loose: _Course, names: list[str]) -> Verdict:
+    rows = min(len(tight.time), len(loose.time))
+    estimate, worst, share = {}, names[0], 0.0
+    for name in names:
+        values = tight.outputs[name][:rows]
+        difference = float(np.max(np.abs(values - loose.outputs[name][:rows])))
+        estimate[name] = difference
+        span = float(np.ptp(values)) or 1.0
+        if not difference / span <= share:
+            worst, share = name, difference / span
+    if tight.stopped or loose.stopped:
+        return Verdict(False, tight.stopped or loose.stopped, "check the parameters", estimate)
+    text = (
+        f"a hundred times the tolerance moves no output by more than {100 * share:.2g} % of its "
+        f"range ({worst}: {estimate[worst]:.2g})"
+    )
+    if share <= ACCURACY:
+        return Verdict(True, text, "", estimate)
+    return Verdict(False, text, "the motion hangs on round-off; shorten the run", estimate)
