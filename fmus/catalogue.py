@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from ..controllers import CONTROLLERS
 from ..plant import PLANTS
 from ..solver import kernel_cache
-from ..solver.component import Component
 from ..solver.kernel import Kernel
 from ..solver.stored import fingerprint, stored_kernel
+
+if TYPE_CHECKING:
+    from ..solver.component import Component
 
 NAMES = {**PLANTS, **CONTROLLERS}
 
@@ -33,11 +35,11 @@ def component(name: str) -> Component:
     if name not in NAMES:
         raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
     module, function = NAMES[name].split(":")
-    return cast(Component, getattr(importlib.import_module(module), function)())
+    return cast("Component", getattr(importlib.import_module(module), function)())
 
 
 def fmu_kernel(name: str) -> Kernel:
-    """The compiled component of this name with the feedback law's ports, from disk if it is there."""
+    """The compiled component of this name, with the feedback law's ports, from disk if there."""
     if name not in NAMES:
         raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
 

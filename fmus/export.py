@@ -15,7 +15,7 @@ from ..solver import kernel_cache
 from ..solver.codegen import generate, hashed_name
 from ..solver.component import Component
 from ..solver.kernel import Kernel
-from . import runtime
+from . import process_end, runtime
 from .documentation import html_page
 from .feedback_law import accept_law, report_law
 from .interface import interface_of
@@ -27,6 +27,7 @@ import ctypes
 from pathlib import Path
 
 import {cache}
+from {process_end} import end_cleanly
 from {runtime} import ComponentSlave
 
 # pythonfmu 0.7 runs this text at every instantiation, and each time releases a reference to this
@@ -37,6 +38,7 @@ ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 class Slave(ComponentSlave):
     layout = {layout!r}
     equations = {cache}.load_file(Path(__file__).with_name("{equations}.py"))
+    end_cleanly = staticmethod(end_cleanly)
 '''
 
 _FIXED_TIME = (1980, 1, 1, 0, 0, 0)
@@ -75,17 +77,18 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
     """Export a compiled component, law ports and all, as `export` does."""
     path = Path(path)
     interface = interface_of(kernel, kernel.name)
-    runtime_text = Path(runtime.__file__).read_text(encoding="utf-8")
-    cache_text = Path(kernel_cache.__file__).read_text(encoding="utf-8")
-    names = {
-        "runtime": hashed_name("runtime", runtime_text),
-        "cache": hashed_name("kernel_cache", cache_text),
+    parts = {
+        part.__name__.rpartition(".")[2]: Path(str(part.__file__)).read_text(encoding="utf-8")
+        for part in (runtime, kernel_cache, process_end)
     }
+    names = {part: hashed_name(part, text) for part, text in parts.items()}
     slave = _SLAVE.format(
         description=kernel.description,
         equations=kernel.module,
         layout=interface.layout.to_dict(),
-        **names,
+        cache=names["kernel_cache"],
+        process_end=names["process_end"],
+        runtime=names["runtime"],
     )
     script = hashed_name(f"slave_{kernel.name}", slave)
     with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
@@ -96,8 +99,7 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
         files = {
             script: slave,
             kernel.module: kernel.source,
-            names["runtime"]: runtime_text,
-            names["cache"]: cache_text,
+            **{names[part]: text for part, text in parts.items()},
         }
         for name, text in files.items():
             (sources / f"{name}.py").write_text(text, encoding="utf-8", newline="\n")

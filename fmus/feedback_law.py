@@ -16,21 +16,10 @@ from dataclasses import replace
 import sympy as sp
 
 from ..solver.component import TIME, Component, Input, Output, symbol
+from .law_ports import gain_port, rate_port, reference_port
 
 STEP_START = "t_step"
 """Internal input: the time at which the present communication step began [s]."""
-
-
-def gain_port(command: str, signal: str) -> str:
-    return f"{command}_gain_{signal}"
-
-
-def reference_port(command: str, signal: str) -> str:
-    return f"{command}_ref_{signal}"
-
-
-def rate_port(command: str) -> str:
-    return f"{command}_rate"
 
 
 def accept_law(plant: Component) -> Component:

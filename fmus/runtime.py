@@ -9,10 +9,7 @@ its process down: they are logged, kept in the String output ``message``, and fa
 
 from __future__ import annotations
 
-import atexit
-import ctypes
 import math
-import sys
 from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import unquote, urlparse
@@ -25,28 +22,6 @@ MAX_STEPS = 200_000
 ROUND_OFF = 1e-9  # share of a sampling period within which two times are the same
 
 
-_LIBRARIES: dict[str, Any] = {}
-
-
-def _end_cleanly(resources: str, model: str) -> None:
-    """Let the process that hosts this FMU end without a crash.
-
-    pythonfmu 0.7's library releases its static interpreter state twice while the process ends, the
-    second time after it is freed. Releasing it once in good order, before the others, avoids that.
-    """
-    folder = unquote(urlparse(resources).path) if "://" in resources else resources
-    path = str(Path(folder).parent / "binaries" / "linux64" / f"{model}.so")
-    if path in _LIBRARIES or not sys.platform.startswith("linux"):
-        return
-    try:
-        library = ctypes.CDLL(path)
-        release = library.finalizePythonInterpreter
-    except (OSError, AttributeError):
-        return  # built by another version, or not loaded from a file: nothing to mend
-    _LIBRARIES[path] = library
-    atexit.register(release)
-
-
 class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     """A component as a co-simulation slave; subclasses say which.
 
@@ -56,15 +31,21 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         Places of everything in ``memory``; see the project's ``fmus/interface.py``.
     equations : module
         The generated functions.
+    end_cleanly : function
+        From the module of that name, which also goes into the FMU.
     """
 
     layout: ClassVar[dict[str, Any]]
     equations: ClassVar[Any]
+    end_cleanly: ClassVar[Any]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         at = self.layout
-        _end_cleanly(str(kwargs.get("resources") or ""), at["model"])
+        resources = str(kwargs.get("resources") or "")
+        folder = unquote(urlparse(resources).path) if "://" in resources else resources
+        library = Path(folder).parent / "binaries" / "linux64" / f"{at['model']}.so"
+        self.end_cleanly(library)
         self.modelName = at["model"]
         self.memory = np.array(at["initial"])
         self.failure = ""

@@ -178,8 +178,8 @@ def _choose(
         raise CouplingError("the monolithic coupling runs no FMUs; see run_monolithic")
     if wanted is Coupling.TANGENT and not wiring.accepts_law:
         raise CouplingError(
-            f"tangent coupling needs the law ports of {plant.name} (u_gain_..., u_ref_..., u_rate), "
-            "which it lacks; use gauss-seidel"
+            f"tangent coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., u_rate) and "
+            "there are none; use gauss-seidel"
         )
     if wanted is not None:
         return wanted, "as asked"
@@ -362,7 +362,7 @@ def _step_companions(
     before: Vector,
     after: Vector,
 ) -> None:
-    """Move the companions over the same step; the k-th in 2^(k+1) parts if nothing can be undone."""
+    """Move the companions over the same step; in 2, 4, ... parts where nothing can be undone."""
     for k, pair in enumerate(companions):
         if pair.failure:
             continue

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ..fmus.process_end import end_cleanly
 from ..fmus.reading import FmuError, UnpackedFmu, unpack
 
 Vector = npt.NDArray[np.float64]
@@ -118,6 +119,7 @@ class FmuParticipant:
         except Exception as error:
             raise FmuError(f"{self._fmu.path}: cannot be instantiated: {error}") from error
         self._open = True
+        end_cleanly(Path(self._slave.dll._name))
         library = self._slave.dll
         self._set_real = _SIGNALS(("fmi2SetReal", library))
         self._get_real = _SIGNALS(("fmi2GetReal", library))

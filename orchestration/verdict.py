@@ -1,10 +1,10 @@
 """Whether a coupled run can be believed, judged by what was measured in it.
 
-Beside the run a second, differently coupled loop of the same FMUs goes along: where the run corrects
-its steps the companion does not, and the other way round, and their controllers see the signals of a
-step in different ways. What the two differ by is the defect's effect, carried along by the loop
-itself; divided by one less the measured contraction of the correction it estimates the error. Where
-states cannot be saved, companions with a half and a quarter of the step take that part.
+Beside the run a second, differently coupled loop of the same FMUs goes along: where the run
+corrects its steps the companion does not, and the other way round, and their controllers see the
+signals of a step in different ways. What the two differ by is the defect's effect, carried along by
+the loop itself; divided by one less the measured contraction of the correction it estimates the
+error. Where states cannot be saved, companions with a half and a quarter of the step do.
 
 The verdict follows from these numbers alone, never from who is coupled how.
 """

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..fmus.feedback_law import gain_port, rate_port, reference_port
+from ..fmus.law_ports import gain_port, rate_port, reference_port
 from .participant import Participant
 
 

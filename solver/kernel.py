@@ -283,6 +283,6 @@ def describe_failure(name: str, status: int, info: Vector, target: float) -> str
             f"to {target:.9g} s"
         )
     return (
-        f"{name}: the internal step fell to {info[stepper.NEXT_STEP]:.3g} s at t = {reached:.9g} s; "
-        "the solution leaves every bound there, or the parameters make no sense"
+        f"{name}: the internal step fell to {info[stepper.NEXT_STEP]:.3g} s at "
+        f"t = {reached:.9g} s; the solution leaves every bound, or the parameters make no sense"
     )

@@ -1,0 +1,38 @@
+# Each target sets up what it needs; only Python (3.11 or later) has to be there.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+SOURCES := $(shell find ballscrew solver plant controllers fmus orchestration -name '*.py') pyproject.toml
+
+.PHONY: demo test prove lint bench clean
+
+# The package is installed, not linked: what runs and is tested is what a user gets.
+$(VENV)/installed: $(SOURCES) constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt setuptools wheel
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[test]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-deps --force-reinstall .
+	touch $@
+
+demo: $(VENV)/installed
+	$(BIN)/ballscrew export --out out/fmus
+	$(BIN)/ballscrew run --controller iol --out out/iol
+	$(BIN)/ballscrew run --controller nctf --out out/nctf
+	$(BIN)/ballscrew swap --controllers iol nctf pid --out out/swap
+
+test: lint
+	$(BIN)/pytest -n 2 --dist loadgroup
+
+lint: $(VENV)/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	cd tests && ../$(BIN)/mypy --config-file ../pyproject.toml -p ballscrew
+
+prove: $(VENV)/installed
+	$(BIN)/python proofs/trusted_loops.py
+
+bench: $(VENV)/installed
+	$(BIN)/python benchmarks/master.py
+
+clean:
+	rm -rf $(VENV) build out *.egg-info

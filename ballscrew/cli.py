@@ -1,0 +1,437 @@
+"""The ``ballscrew`` command: a thin layer over the library's functions.
+
+Exit codes: 0 done and trusted; 1 done, but the result says not to believe it or the run stopped
+early; 2 the request makes no sense, with one line on standard error that says why.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from . import __version__
+from .controllers import CONTROLLERS
+from .plant import PLANTS
+
+if TYPE_CHECKING:
+    from .orchestration.closed_loop import Study
+
+TRUSTED, NOT_TRUSTED, BAD_REQUEST = 0, 1, 2
+COUPLINGS = ("jacobi", "gauss-seidel", "tangent", "monolithic")
+
+_EXAMPLES = """examples:
+  ballscrew run --controller iol --out out/iol
+  ballscrew swap --controllers iol nctf pid --out out/swap
+  ballscrew export --out fmus
+"""
+_RUN_EXAMPLES = """examples:
+  ballscrew run --controller nctf --out out
+  ballscrew run --controller iol --set controller.sigma0_hat=66966.331 --out out
+  ballscrew run --controller mine.fmu --map position=x --map voltage=u --out out
+  ballscrew run --controller iol --coupling monolithic --out reference
+"""
+
+
+class BadRequest(ValueError):
+    """Something on the command line makes no sense; the message is one line for the user."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise BadRequest(f"{message}; see {self.prog} --help")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    try:
+        options = _parser().parse_args(arguments)
+        return int(options.action(options))
+    except BadRequest as error:
+        return _complain(str(error))
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return NOT_TRUSTED
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+
+
+def _complain(message: str) -> int:
+    line = " ".join(message.split())
+    print(f"ballscrew: {line}", file=sys.stderr)
+    return BAD_REQUEST
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="ballscrew",
+        description="Friction, co-simulation and stability: a ball-screw axis and its controllers "
+        "as FMUs, coupled so that the closed loop is right.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"ballscrew {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+
+    export = commands.add_parser(
+        "export",
+        help="write the components as FMUs",
+        epilog="example:\n  ballscrew export --out fmus --only plant iol\n",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    export.add_argument("--out", required=True, type=Path, metavar="DIR")
+    export.add_argument(
+        "--only", nargs="+", metavar="NAME", help=f"some of {', '.join([*PLANTS, *CONTROLLERS])}"
+    )
+    export.set_defaults(action=_export)
+
+    run = commands.add_parser(
+        "run",
+        help="run a closed loop",
+        epilog=_RUN_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    run.add_argument(
+        "--controller",
+        required=True,
+        metavar="NAME|FMU",
+        help=f"{', '.join(CONTROLLERS)}, or the path of an FMU",
+    )
+    _add_loop_options(run)
+    run.set_defaults(action=_run)
+
+    swap = commands.add_parser(
+        "swap",
+        help="run several controllers on the same plant and compare them",
+        epilog="example:\n  ballscrew swap --controllers iol nctf mine.fmu --out out/swap\n",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    swap.add_argument("--controllers", required=True, nargs="+", metavar="NAME|FMU")
+    _add_loop_options(swap)
+    swap.set_defaults(action=_swap)
+    return parser
+
+
+def _add_loop_options(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--plant", default="plant", metavar="FMU", help="path of an FMU in place of our plant")
+    goal = parser.add_mutually_exclusive_group()
+    goal.add_argument(
+        "--setpoint", default="0.08", metavar="METRES", help="desired position [m] (default 0.08)"
+    )
+    goal.add_argument(
+        "--reference", type=Path, metavar="CSV", help="file with the columns time [s] and x_d [m]"
+    )
+    add("--stop", default="20", metavar="SECONDS", help="end of the run [s] (default 20)")
+    add("--step", default="1e-3", metavar="SECONDS", help="communication step [s] (default 1e-3)")
+    add("--coupling", metavar="NAME", help=f"{', '.join(COUPLINGS)} (default: by rule, and said)")
+    add("--corrections", metavar="0|1", help="corrections of each step by rollback")
+    add("--adaptive", action="store_true", help="let the interface defect choose the steps")
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="SIDE.NAME=VALUE",
+        help="a parameter, such as plant.sigma0=6e4 or controller.sigma0_hat=66966",
+    )
+    add(
+        "--map",
+        action="append",
+        default=[],
+        metavar="THEIRS=OURS",
+        help="a stranger's port and the one it meets",
+    )
+    add("--limit-voltage", metavar="V", help="amplifier voltage limit; 36 V is nominal")
+    add("--limit-current", metavar="A", help="amplifier current limit")
+    add("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
+    add("--json", action="store_true", help="print the figures as JSON")
+
+
+# -- actions ---------------------------------------------------------------------------------
+
+
+def _export(options: argparse.Namespace) -> int:
+    names = options.only or [*PLANTS, *CONTROLLERS]
+    for name in names:
+        if name not in PLANTS and name not in CONTROLLERS:
+            raise BadRequest(
+                f"no component {name!r}; there are {', '.join([*PLANTS, *CONTROLLERS])}"
+            )
+    _prepare(options.out)
+    from .fmus.catalogue import fmu
+    from .solver.kernel_cache import write_atomically
+
+    for name in names:
+        target = options.out / f"{name}.fmu"
+        data = fmu(name).read_bytes()
+        _write(partial(write_atomically, target, data))
+        print(target)
+    return TRUSTED
+
+
+def _run(options: argparse.Namespace) -> int:
+    study = _study(options, options.controller)
+    _prepare(options.out)
+    from .orchestration.closed_loop import run_study
+
+    progress = _Progress(study.stop)
+    result = _guarded(lambda: run_study(study, progress))
+    progress.finish()
+    _write(lambda: result.save(options.out))
+    figures = result.figures()
+    if options.json:
+        print(json.dumps(json.loads((options.out / "metrics.json").read_text())))
+    else:
+        _print_figures(figures, options.out)
+    if not result.trusted:
+        print(f"{figures['verdict']}: {figures['verdict_reason']}", file=sys.stderr)
+        if figures["advice"]:
+            print(figures["advice"], file=sys.stderr)
+    return TRUSTED if result.trusted else NOT_TRUSTED
+
+
+def _swap(options: argparse.Namespace) -> int:
+    study = _study(options, options.controllers[0])
+    _prepare(options.out)
+    from .orchestration.swap import swap
+
+    progress = _Progress(study.stop)
+    result = _guarded(lambda: swap(study, options.controllers, lambda name, t: progress(t, name)))
+    progress.finish()
+    _write(lambda: result.save(options.out))
+    if options.json:
+        print(json.dumps(json.loads((options.out / "comparison.json").read_text())))
+    else:
+        print(_table([r.figures() for r in result.results]))
+        print(f"comparison.csv, comparison.json, comparison.png and .svg in {options.out}")
+    for r in result.results:
+        if not r.trusted:
+            figures = r.figures()
+            print(
+                f"{figures['controller']}: {figures['verdict']}: {figures['verdict_reason']}",
+                file=sys.stderr,
+            )
+    return TRUSTED if result.trusted else NOT_TRUSTED
+
+
+def _guarded(action: Any) -> Any:
+    """Run and turn what the user can mend into one line."""
+    from .fmus.catalogue import UnknownComponent
+    from .fmus.reading import FmuError
+    from .orchestration.closed_loop import BadParameter
+    from .orchestration.master import CouplingError
+    from .orchestration.participant import StepFailed
+    from .orchestration.wiring import WiringError
+
+    try:
+        return action()
+    except (
+        FmuError,
+        WiringError,
+        CouplingError,
+        BadParameter,
+        UnknownComponent,
+        StepFailed,
+    ) as error:
+        raise BadRequest(str(error)) from error
+
+
+def _write(action: Any) -> None:
+    try:
+        action()
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        raise BadRequest(f"cannot write{where}: {error.strerror or error}") from error
+
+
+def _prepare(folder: Path) -> None:
+    """Make the output folder before any work is done, so that a bad one costs nothing."""
+    if folder.exists() and not folder.is_dir():
+        raise BadRequest(f"--out {folder} is a file, expected a folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadRequest(f"--out {folder} cannot be made: {error.strerror}") from error
+    if not os.access(folder, os.W_OK):
+        raise BadRequest(f"--out {folder} cannot be written")
+
+
+# -- reading the command line ----------------------------------------------------------------
+
+
+def _study(options: argparse.Namespace, controller: str) -> Study:
+    stop, step = _number("--stop", options.stop), _number("--step", options.step)
+    if stop <= 0:
+        raise BadRequest(f"--stop is {options.stop} s, expected more than 0")
+    if not 0 < step <= stop:
+        raise BadRequest(f"--step is {options.step} s, expected more than 0 and at most --stop")
+    if stop / step > 1e9:
+        raise BadRequest(f"--step {options.step} makes {stop / step:.3g} steps; use a larger one")
+    if options.coupling is not None and options.coupling not in COUPLINGS:
+        raise BadRequest(
+            f"--coupling is {options.coupling!r}, expected one of {', '.join(COUPLINGS)}"
+        )
+    if options.corrections not in (None, "0", "1"):
+        raise BadRequest(f"--corrections is {options.corrections!r}, expected 0 or 1")
+    _check_part("--controller", controller, CONTROLLERS)
+    _check_part("--plant", options.plant, PLANTS)
+    values = _settings(options)
+    mapping = dict(_pair("--map", text, "THEIRS=OURS") for text in options.map)
+    from .orchestration.closed_loop import Study
+    from .orchestration.coupling import Coupling
+    from .orchestration.reference_signal import BadReference, Reference
+
+    try:
+        reference = (
+            Reference.read(options.reference)
+            if options.reference
+            else Reference.constant(_number("--setpoint", options.setpoint))
+        )
+    except BadReference as error:
+        raise BadRequest(str(error)) from error
+    return Study(
+        controller=controller,
+        plant=options.plant,
+        reference=reference,
+        stop=stop,
+        step=step,
+        coupling=Coupling(options.coupling) if options.coupling else None,
+        corrections=None if options.corrections is None else int(options.corrections),
+        adaptive=options.adaptive,
+        plant_values=values["plant"],
+        controller_values=values["controller"],
+        mapping=mapping,
+    )
+
+
+def _check_part(option: str, name: str, known: dict[str, str]) -> None:
+    if name in known or Path(name).suffix == ".fmu" or Path(name).exists():
+        return
+    import difflib
+
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f", did you mean {near[0]}?" if near else ""
+    raise BadRequest(
+        f"{option} {name!r} is neither one of {', '.join(known)} nor the path of an FMU{hint}"
+    )
+
+
+def _settings(options: argparse.Namespace) -> dict[str, dict[str, float]]:
+    values: dict[str, dict[str, float]] = {"plant": {}, "controller": {}}
+    for text in options.set:
+        name, value = _pair("--set", text, "SIDE.NAME=VALUE")
+        side, dot, parameter = name.partition(".")
+        if not dot or side not in values or not parameter:
+            raise BadRequest(f"--set {text!r}: expected plant.NAME=VALUE or controller.NAME=VALUE")
+        values[side][parameter] = _number(f"--set {name}", value)
+    for option, parameter in (
+        ("limit_voltage", "voltage_limit"),
+        ("limit_current", "current_limit"),
+    ):
+        limit = getattr(options, option)
+        if limit is not None:
+            number = _number("--" + option.replace("_", "-"), limit)
+            if number <= 0:
+                raise BadRequest(f"--{option.replace('_', '-')} is {limit}, expected more than 0")
+            values["plant"][parameter] = number
+    return values
+
+
+def _pair(option: str, text: str, form: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip() or not value.strip():
+        raise BadRequest(f"{option} {text!r} is not of the form {form}")
+    return name.strip(), value.strip()
+
+
+def _number(option: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise BadRequest(f"{option} is {text!r}, expected a number") from None
+    if not math.isfinite(value):
+        raise BadRequest(f"{option} is {text}, expected a finite number")
+    return value
+
+
+# -- showing ---------------------------------------------------------------------------------
+
+
+class _Progress:
+    """One line on standard error, rewritten; silent where nobody watches."""
+
+    def __init__(self, stop: float) -> None:
+        self.stop = stop
+        self.started = time.monotonic()
+        self.shown = 0.0
+        self.active = sys.stderr.isatty()
+
+    def __call__(self, now: float, name: str = "") -> None:
+        clock = time.monotonic()
+        if not self.active or clock - self.shown < 0.2:
+            return
+        self.shown = clock
+        done = now / self.stop
+        left = (clock - self.started) * (1 - done) / done if done > 0 and not name else None
+        rest = f", about {left:.0f} s left" if left is not None else ""
+        head = f"{name}: " if name else ""
+        print(f"\r\033[K{head}t = {now:.2f} of {self.stop:g} s{rest}", end="", file=sys.stderr)
+
+    def finish(self) -> None:
+        if self.active and self.shown:
+            print("\r\033[K", end="", file=sys.stderr)
+
+
+def _print_figures(figures: dict[str, Any], folder: Path) -> None:
+    rows = [
+        ("peak voltage", figures.get("peak_voltage"), "V"),
+        ("  at", figures.get("peak_voltage_time"), "s"),
+        ("2 % settling time", figures.get("settling_time_2pct"), "s"),
+        ("overshoot", figures.get("overshoot"), "m"),
+        ("steady-state error", figures.get("steady_state_error"), "m"),
+        ("integral of |error|", figures.get("iae"), "m*s"),
+        ("interface defect", figures["interface_defect_max"], "V"),
+    ]
+    for label, value, unit in rows:
+        shown = "-" if value is None else f"{value:.6g} {unit}"
+        print(f"{label:<22}{shown}")
+    print(f"{'coupling':<22}{figures['coupling']} ({figures['coupling_reason']})")
+    print(f"{'communication steps':<22}{figures['macro_steps']}")
+    print(f"{'verdict':<22}{figures['verdict']}: {figures['verdict_reason']}")
+    if figures["stopped"]:
+        print(f"{'stopped':<22}{figures['stopped']}")
+    print(f"{'written to':<22}{folder}")
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
+    columns = {
+        "controller": ("controller", "{}"),
+        "peak_voltage": ("peak [V]", "{:.2f}"),
+        "settling_time_2pct": ("settling [s]", "{:.3f}"),
+        "overshoot": ("overshoot [m]", "{:.3g}"),
+        "steady_state_error": ("final error [m]", "{:.3g}"),
+        "iae": ("IAE [m*s]", "{:.5f}"),
+        "coupling": ("coupling", "{}"),
+        "verdict": ("verdict", "{}"),
+    }
+    cells = [[title for title, _ in columns.values()]]
+    for row in rows:
+        cells.append(
+            [
+                "-" if row.get(key) is None else form.format(row[key])
+                for key, (_, form) in columns.items()
+            ]
+        )
+    widths = [max(len(line[k]) for line in cells) for k in range(len(columns))]
+    return "\n".join(
+        "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip()
+        for line in cells
+    )

@@ -1,0 +1,81 @@
+"""Figures of merit of a closed-loop run."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .master import LoopRun
+
+BAND = 0.02
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Figures of merit; None where the run does not define one.
+
+    Attributes
+    ----------
+    peak_voltage, peak_voltage_time : float
+        Largest magnitude of the command [V] and when [s].
+    settling_time_2pct : float or None
+        Time after which the error stays within 2 % of the step [s]; None if it does not, or if the
+        set-point moves.
+    overshoot : float or None
+        How far the block goes past the set-point [m]; None if the set-point moves.
+    steady_state_error : float
+        Set-point less position at the end [m].
+    iae : float
+        Integral of the absolute error [m*s], trapezoidal.
+    """
+
+    peak_voltage: float
+    peak_voltage_time: float
+    settling_time_2pct: float | None
+    overshoot: float | None
+    steady_state_error: float
+    iae: float
+
+    def to_dict(self) -> dict[str, float | None]:
+        return asdict(self)
+
+
+def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
+    """Compute the figures of merit of a run.
+
+    Parameters
+    ----------
+    run : LoopRun
+    position, command : str
+        Names of the controlled output and of the command.
+    """
+    time, x, goal = run.time, run.outputs[position], run.reference
+    voltage = np.abs(run.commands[command])
+    peak = int(np.argmax(voltage))
+    error = goal - x
+    constant = bool(np.all(goal == goal[0]))
+    step = float(goal[0] - x[0])
+    return Metrics(
+        peak_voltage=float(voltage[peak]),
+        peak_voltage_time=float(time[peak]),
+        settling_time_2pct=_settling(time, error, abs(step)) if constant and step else None,
+        overshoot=float(max(0.0, np.max(-error * np.sign(step)))) if constant and step else None,
+        steady_state_error=float(error[-1]),
+        iae=float(np.trapezoid(np.abs(error), time)),
+    )
+
+
+def _settling(
+    time: npt.NDArray[np.float64], error: npt.NDArray[np.float64], step: float
+) -> float | None:
+    outside = np.flatnonzero(np.abs(error) > BAND * step)
+    if not len(outside):
+        return float(time[0])
+    k = int(outside[-1])
+    if k + 1 == len(time):
+        return None
+    before, after = abs(error[k]), abs(error[k + 1])
+    share = (before - BAND * step) / (before - after)
+    return float(time[k] + share * (time[k + 1] - time[k]))

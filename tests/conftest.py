@@ -1,0 +1,23 @@
+"""Shared parts: a cache folder of the test run's own, FMUs made once, reference courses."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+# Tests compile into a folder of their own that outlives a run: warm runs are fast, and nothing of
+# the user's is touched. Set before anything of the package is imported.
+os.environ.setdefault(
+    "BALLSCREW_CACHE", str(Path(tempfile.gettempdir()) / f"ballscrew-tests-{os.getuid()}")
+)
+
+
+@pytest.fixture(scope="session")
+def fmus() -> dict[str, Path]:
+    """Paths of all exported FMUs by name."""
+    from ballscrew.fmus.catalogue import NAMES, fmu
+
+    return {name: fmu(name) for name in NAMES}

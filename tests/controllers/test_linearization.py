@@ -1,0 +1,153 @@
+"""Input-output linearization: the derived law against the thesis' mended appendix, and the loop
+against the linear system that it makes."""
+
+import numpy as np
+import pytest
+from ballscrew.controllers.linearization import gains_from_poles, input_output_linearization
+from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.plant.ball_screw import ball_screw
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.kernel import Model
+
+
+def appendix(x2, x3, x4, q):
+    """f(x) of the appendix, typed in, with its misprints mended.
+
+    Mended: the fourth term carries the factor x3 that the printed one lacks, and the last term has
+    no hats.
+    """
+    kt, ka, r, la, p, m = (q[k] for k in ("kt", "ke", "R", "L", "p", "m"))
+    s0, s1, s2, fc, fs, vs, kv = (
+        q[k] for k in ("sigma0", "sigma1", "sigma2", "Fc", "Fs", "Vs", "Kv")
+    )
+    pi = np.pi
+    atan = np.arctan(kv * x2)
+    sv = 2 / pi * atan
+    e = np.exp(-((x2 / vs) ** 2))
+    g = fc + (fs - fc) * e
+    turn = kv * x2 / (1 + kv**2 * x2**2)
+    inner = kt * x4 * 2 * pi * p - s0 * x3 - s1 * sv**2 * x2 + s0 * s1 * sv * x2 * x3 / g - s2 * x2
+    dz = sv**2 * x2 - s0 * sv * x2 * x3 / g
+    terms = [
+        -kt * r * 2 * pi * p * x4 / (m * la),
+        -kt * ka * 4 * pi**2 * p**2 * x2 / (m * la),
+        -s0 / m * dz,
+        2 * s0 * s1 / (m**2 * pi) * (turn * x3 * inner / g),
+        -8 * s1 / (m**2 * pi**2) * atan * turn * inner,
+        -4 * s1 / (m**2 * pi**2) * atan**2 * inner,
+        2 * s0 * s1 / (m**2 * pi) * (atan * x3 * inner / g),
+        2 * s0 * s1 / (m * pi) * (atan * x2 * dz / g),
+        -s2 / m**2 * inner,
+        4 * s0 * s1 * atan * x2**2 * x3 * (fs - fc) * e * inner / (m**2 * pi * vs**2 * g**2),
+    ]
+    return np.sum(terms), np.sum(np.abs(terms))
+
+
+@pytest.fixture(scope="module")
+def law():
+    return generate(input_output_linearization())
+
+
+def test_derived_law_is_the_mended_appendix_on_random_states(law):
+    """u solves x''' = f + b u for V; so f_hat = V - b u is compared, with other estimates."""
+    random = np.random.default_rng(5)
+    q = {p.name: p.default for p in ball_screw().all_parameters}
+    for _ in range(300):
+        hats = {n: q[n] * random.uniform(0.8, 1.2) for n in ("sigma0", "sigma1", "sigma2")}
+        hats |= {n: q[n] * random.uniform(0.9, 1.1) for n in ("Fc", "Fs", "Vs")}
+        believed = q | hats
+        v = random.choice([random.normal() * 0.1, random.normal() * 1e-3, random.normal() * 1e-8])
+        x, z, i, goal = random.normal(size=4) * [0.05, 2e-5, 0.3, 0.05]
+        model = Model(law, {n + "_hat": value for n, value in hats.items()})
+        for name, value in {"x": x, "v": v, "z": z, "i": i, "x_d": goal}.items():
+            model.set_input(name, value)
+        u = model.outputs(0.0, model.x)["u"]
+        b = 2 * np.pi * q["p"] * q["kt"] / (q["m"] * q["L"])
+        plant = Model(generate_plant(), {n: believed[n] for n in hats})
+        state = {"x": x, "v": v, "z": z, "i": i}
+        acceleration = plant.derivatives(
+            0.0, np.array([state[s.name] for s in plant.kernel.states])
+        )[[s.name for s in plant.kernel.states].index("v")]
+        demand = -18 * acceleration - 107 * v - 210 * (x - goal)
+        f, size = appendix(v, z, i, believed)
+        assert demand - b * u == pytest.approx(f, abs=1e-9 * (size + abs(b * u) + abs(demand)))
+
+
+_PLANT = []
+
+
+def generate_plant():
+    if not _PLANT:
+        _PLANT.append(generate(ball_screw()))
+    return _PLANT[0]
+
+
+def test_gains_come_from_the_poles():
+    assert gains_from_poles((-5.0, -6.0, -7.0)) == pytest.approx((210.0, 107.0, 18.0))
+
+
+def exact(t, step=0.08):
+    """x1''' + 18 x1'' + 107 x1' + 210 x1 = 0 from (-step, 0, 0)."""
+    return -step * (21 * np.exp(-5 * t) - 35 * np.exp(-6 * t) + 15 * np.exp(-7 * t))
+
+
+@pytest.mark.parametrize("goal", [0.08, -0.08, 0.02])
+def test_with_exact_parameters_the_loop_is_the_linear_one(goal):
+    run = run_monolithic("plant", "iol", Reference.constant(goal), 3.0, 1e-2)
+    distance = run.outputs["x"] - goal
+    np.testing.assert_allclose(distance, exact(run.time, goal), atol=2e-10)
+
+
+def test_the_linear_loop_holds_for_another_plant_that_the_controller_knows():
+    values = {"m": 2.0, "R": 15.0, "Jm": 1e-8, "sigma0": 5e4, "Fc": 2.0, "Fs": 3.0}
+    known = {n + "_hat" if n in ("sigma0", "Fc", "Fs") else n: v for n, v in values.items()}
+    run = run_monolithic(
+        "plant",
+        "iol",
+        Reference.constant(0.08),
+        3.0,
+        1e-2,
+        plant_values=values,
+        controller_values=known,
+    )
+    np.testing.assert_allclose(run.outputs["x"] - 0.08, exact(run.time), atol=2e-9)
+
+
+def test_published_figures_of_the_nominal_step():
+    run = run_monolithic("plant", "iol", Reference.constant(0.08), 20.0, 1e-3)
+    u = run.commands["u"]
+    assert u.max() == pytest.approx(32.1, abs=0.05)
+    assert run.time[u.argmax()] == pytest.approx(0.336, abs=1e-3)
+    assert run.outputs["x"][500] - 0.08 == pytest.approx(-0.0347358664, abs=1e-9)
+    assert run.outputs["x"].max() <= 0.08 + 1e-12  # no overshoot
+
+
+def test_a_little_wrong_friction_ends_beside_the_set_point():
+    """3.5.1.2 of the thesis: 66966.331 and 349.41; here it rests at +23.4 um, +26 um."""
+    values = {"sigma0_hat": 66966.331, "sigma1_hat": 349.41}
+    ends = {}
+    for name in ("iol", "iol_true_acceleration"):
+        run = run_monolithic(
+            "plant", name, Reference.constant(0.08), 20.0, 1e-2, controller_values=values
+        )
+        ends[name] = run.outputs["x"][-1] - 0.08
+    assert ends["iol"] == pytest.approx(23.4e-6, abs=0.1e-6)
+    assert ends["iol_true_acceleration"] == pytest.approx(26e-6, abs=0.5e-6)
+
+
+def test_an_unknown_acceleration_is_refused():
+    with pytest.raises(ValueError, match="expected 'estimated' or 'true'"):
+        input_output_linearization("guessed")
+
+
+def test_the_variant_with_true_acceleration_is_the_same_law_where_nothing_is_wrong():
+    names = ("iol", "iol_true_acceleration")
+    commands = []
+    for name in names:
+        model = Model(generate(component(name)))
+        for signal, value in {"x": 0.01, "v": 0.05, "z": 1e-5, "i": 0.1, "x_d": 0.08}.items():
+            model.set_input(signal, value)
+        commands.append(model.outputs(0.0, model.x)["u"])
+    assert commands[0] == pytest.approx(commands[1], rel=1e-12)

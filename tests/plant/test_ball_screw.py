@@ -1,0 +1,112 @@
+"""The plant against its printed equations, its two friction laws against each other."""
+
+import math
+
+import numpy as np
+import pytest
+from ballscrew.plant.ball_screw import ball_screw
+from ballscrew.plant.lugre import lugre
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.kernel import Model
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+NOMINAL = {
+    "kt": 37.4e-3,
+    "ke": 0.0374482,
+    "L": 0.953e-3,
+    "R": 21.4,
+    "p": 1000.0,
+    "m": 1.0,
+    "Jm": 0.0,
+    "sigma0": 66967.231,
+    "sigma1": 344.56,
+    "sigma2": 173.0,
+    "Fc": 1.284,
+    "Fs": 2.35,
+    "Vs": 1.13975e-3,
+    "Kv": 1e8,
+}
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    return generate(ball_screw())
+
+
+@pytest.fixture(scope="module")
+def original():
+    return generate(ball_screw(lugre, name="ball_screw_lugre"))
+
+
+def printed(x, v, i, z, u, q=NOMINAL):
+    """Eqs. 3.11-3.16, typed from the thesis."""
+    s = 2 / math.pi * math.atan(q["Kv"] * v)
+    g = q["Fc"] + (q["Fs"] - q["Fc"]) * math.exp(-((v / q["Vs"]) ** 2))
+    angle = 2 * math.pi * q["p"]
+    dz = s**2 * v - q["sigma0"] * s * v / g * z
+    force = q["sigma0"] * z + q["sigma1"] * dz + q["sigma2"] * v
+    mass = q["m"] + q["Jm"] * angle**2
+    dv = (q["kt"] * angle * i - force) / mass
+    di = (u - q["R"] * i - q["ke"] * angle * v) / q["L"]
+    return {"x": v, "v": dv, "i": di, "z": dz}, force
+
+
+def test_defaults_are_the_printed_values(smooth):
+    for p in smooth.parameters:
+        assert p.default == pytest.approx(NOMINAL[p.name], rel=1e-5), p.name
+
+
+@given(
+    v=st.one_of(st.floats(-0.2, 0.2), st.floats(-1e-7, 1e-7)),
+    z=st.floats(-4e-5, 4e-5),
+    i=st.floats(-2, 2),
+    u=st.floats(-40, 40),
+    rotor=st.sampled_from([0.0, 4.2e-7]),
+)
+@settings(max_examples=200, deadline=None)
+def test_right_hand_side_is_the_printed_one(smooth, v, z, i, u, rotor):
+    ke = next(p.default for p in smooth.parameters if p.name == "ke")
+    model = Model(smooth, {"Jm": rotor})
+    model.set_input("u", u)
+    values = {"x": 0.01, "v": v, "i": i, "z": z}
+    state = np.array([values[s.name] for s in smooth.states])
+    expected, force = printed(**values, u=u, q=NOMINAL | {"Jm": rotor, "ke": ke})
+    computed = model.derivatives(0.0, state)
+    for s, value in zip(smooth.states, computed, strict=True):
+        assert value == pytest.approx(expected[s.name], rel=1e-9, abs=1e-9), s.name
+    assert model.outputs(0.0, state)["friction"] == pytest.approx(force, rel=1e-9, abs=1e-12)
+
+
+def test_smooth_and_original_friction_give_the_same_motion(smooth, original):
+    """A push, a reversal and a rest; the laws differ only within |v| of about 1e-8 m/s."""
+    courses = []
+    for kernel in (smooth, original):
+        model = Model(kernel, tolerance=1e-9)
+        parts = []
+        for k, u in enumerate((12.0, -8.0, 0.0)):
+            model.set_input("u", u)
+            parts.append(model.simulate(0.2 * k + np.linspace(0, 0.2, 201)))
+        courses.append({n: np.concatenate([p.outputs[n] for p in parts]) for n in ("x", "v", "z")})
+    for name, bound in (("x", 1e-8), ("v", 1e-6), ("z", 1e-8)):
+        assert np.max(np.abs(courses[0][name] - courses[1][name])) < bound, name
+
+
+def test_reflected_rotor_inertia_slows_the_start_as_its_mass_says(smooth):
+    """At rest dv/dt is force over mass + Jm (2 pi p)^2: 16.6 kg for the rotor of Table 2.1."""
+    state = np.array([{"i": 0.1}.get(s.name, 0.0) for s in smooth.states])
+    k = [s.name for s in smooth.states].index("v")
+    without = Model(smooth).derivatives(0.0, state)[k]
+    with_rotor = Model(smooth, {"Jm": 4.2e-7}).derivatives(0.0, state)[k]
+    assert without / with_rotor == pytest.approx(1 + 16.581, rel=1e-4)
+
+
+def test_friction_dissipates_in_steady_sliding(smooth):
+    """With F and v of one sign the friction takes power out, at the Stribeck curve's force."""
+    for v in (-0.05, -1e-3, 1e-4, 0.02):
+        model = Model(smooth)
+        g = 1.284 + (2.35 - 1.284) * math.exp(-((v / 1.13975e-3) ** 2))
+        z = math.copysign(g / 66967.231, v)
+        state = np.array([{"v": v, "z": z}.get(s.name, 0.0) for s in smooth.states])
+        force = model.outputs(0.0, state)["friction"]
+        assert force == pytest.approx(math.copysign(g, v) + 173 * v, rel=1e-3)
