@@ -22,6 +22,7 @@ Progress = Callable[[float], None]
 FINEST = 12  # adaptive steps go down to 2^-12 of the given one
 COARSEST = 2  # and up to 2^2 times it
 LEAST_SHARE = 1e-3  # of the error that is allowed in all, to any one step
+NEGLIGIBLE = 1e-7  # of the range: effects that add up to less are round-off
 RUNAWAY = 1e6  # times an output's nominal value
 
 
@@ -277,7 +278,9 @@ class _Record:
 
     @property
     def contraction(self) -> float:
-        return self.contraction_sum / self.contraction_weight if self.contraction_weight else 0.0
+        if self.contraction_weight < NEGLIGIBLE:
+            return 0.0
+        return self.contraction_sum / self.contraction_weight
 
 
 def _march(

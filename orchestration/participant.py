@@ -102,9 +102,11 @@ class FmuParticipant:
             ),
             None,
         )
-        self.inputs = [n for n, v in self._real.items() if v.causality == "input"]
-        self.outputs = [n for n, v in self._real.items() if v.causality == "output"]
-        self.parameters = [n for n, v in self._real.items() if v.causality == "parameter"]
+        self.inputs: Sequence[str] = [n for n, v in self._real.items() if v.causality == "input"]
+        self.outputs: Sequence[str] = [n for n, v in self._real.items() if v.causality == "output"]
+        self.parameters: list[str] = [
+            n for n, v in self._real.items() if v.causality == "parameter"
+        ]
         self.can_save = bool(description.coSimulation.canGetAndSetFMUstate)
         self.sample_time = 0.0
         self._slave = FMU2Slave(

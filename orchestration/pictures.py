@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (7, 2)), ":")
-_STYLE = {
+_STYLE: Any = {
     "axes.grid": True,
     "grid.color": "#dddddd",
     "grid.linewidth": 0.8,
@@ -102,7 +102,7 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
             )
             axes.set_title(title)
             _write(figure, folder, "voltage")
-        shown = [n for n in ("x", "v", "z", "i", "friction") if n in run.outputs]
+        shown: list[str] = [n for n in ("x", "v", "z", "i", "friction") if n in run.outputs]
         shown = shown or list(run.outputs)
         figure, axes_grid = _new_figure(len(shown), 1, (8, 2.0 * len(shown)))
         for k, n in enumerate(shown):
@@ -134,7 +134,7 @@ def _draw_phase(figure: Any, axes: Any, run: Any) -> None:
     speed = run.outputs["v"] * 1e2
     points = np.column_stack([error, speed])
     lines = LineCollection(
-        np.stack([points[:-1], points[1:]], axis=1), cmap="viridis", linewidths=2.2
+        list(np.stack([points[:-1], points[1:]], axis=1)), cmap="viridis", linewidths=2.2
     )
     lines.set_array(np.minimum(run.time[:-1], run.time[-1]))
     axes.add_collection(lines)

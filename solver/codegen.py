@@ -61,7 +61,7 @@ class UnsupportedComponent(NotImplementedError):
     """The component uses a part of the contract that this version does not solve."""
 
 
-class _Printer(PythonCodePrinter):
+class _Printer(PythonCodePrinter):  # type: ignore[misc]
     """Python over ``math``, with the few functions that Python's printer spells for people."""
 
     def _print_sign(self, e: sp.Expr) -> str:

@@ -150,7 +150,10 @@ class ForceBalance:
 
 @dataclass(frozen=True)
 class Event:
-    """A zero crossing of `indicator`; `reset` maps state names to their values after it."""
+    """A zero crossing of `indicator`; `reset` maps state names to their values after it.
+
+    ``direction`` is 1 for a crossing upwards, -1 for one downwards, 0 for both.
+    """
 
     name: str
     indicator: sp.Expr
@@ -161,7 +164,10 @@ class Event:
 
 @dataclass(frozen=True)
 class Mode:
-    """Equations that hold in one mode: derivatives and outputs that differ from the common ones."""
+    """Equations that hold in one mode: derivatives and outputs that differ from the common ones.
+
+    The first mode of a component is the one it starts in.
+    """
 
     name: str
     derivatives: Mapping[str, sp.Expr] = field(default_factory=dict)
@@ -286,11 +292,28 @@ class Component:
         def rename(parts: tuple[Any, ...]) -> tuple[Any, ...]:
             return tuple(replace(part, name=prefix + part.name) for part in parts)
 
-        own = [*self.all_parameters, *self.all_states, *self.discrete]
+        own: list[Any] = [
+            *self.all_parameters,
+            *self.all_states,
+            *self.discrete,
+            *self.delays,
+        ]
         fields = self.equations_with({symbol(s.name): symbol(prefix + s.name) for s in own})
         fields["states"] = rename(fields["states"])
         fields["discrete"] = rename(fields["discrete"])
         fields["parameters"] = rename(self.parameters)
+        fields["modes"] = tuple(
+            replace(
+                mode,
+                derivatives={prefix + n: e for n, e in mode.derivatives.items()},
+                events=tuple(
+                    replace(event, reset={prefix + n: e for n, e in event.reset.items()})
+                    for event in mode.events
+                ),
+            )
+            for mode in fields["modes"]
+        )
+        fields["delays"] = rename(fields["delays"])
         fields["balances"] = tuple(
             replace(
                 b,
@@ -325,6 +348,26 @@ class Component:
             "states": tuple(replace(s, derivative=swap(s.derivative)) for s in self.states),
             "outputs": tuple(replace(o, value=swap(o.value)) for o in self.outputs),
             "discrete": tuple(replace(d, update=swap(d.update)) for d in self.discrete),
+            "modes": tuple(
+                replace(
+                    mode,
+                    derivatives={n: swap(e) for n, e in mode.derivatives.items()},
+                    outputs={n: swap(e) for n, e in mode.outputs.items()},
+                    events=tuple(
+                        replace(
+                            event,
+                            indicator=swap(event.indicator),
+                            reset={n: swap(e) for n, e in event.reset.items()},
+                        )
+                        for event in mode.events
+                    ),
+                )
+                for mode in self.modes
+            ),
+            "delays": tuple(
+                replace(d, expression=swap(d.expression), duration=swap(d.duration))
+                for d in self.delays
+            ),
             "balances": tuple(
                 replace(b, inertia=swap(b.inertia), terms=tuple(swap_term(t) for t in b.terms))
                 for b in self.balances
@@ -351,6 +394,13 @@ class Component:
                 seen[name] = kind
         self._check_outputs_and_ranges()
         balanced = [b.state for b in self.balances]
+        for name in balanced:
+            if name not in kinds["state"] or balanced.count(name) > 1:
+                raise ContractError(
+                    f"{self.name}: {name!r} has {balanced.count(name)} force balances and is "
+                    f"{'a' if name in kinds['state'] else 'no'} state; expected one of a state"
+                )
+        self._check_modes(kinds["state"])
         for state in self.all_states:
             if (state.derivative is None) != (state.name in balanced):
                 raise ContractError(
@@ -358,7 +408,9 @@ class Component:
                     "or a force balance"
                 )
         if self.discrete and self.sample_time is None:
-            raise ContractError(f"{self.name}: discrete states need a sample_time")
+            raise ContractError(
+                f"{self.name}: the discrete state {self.discrete[0].name!r} needs a sample_time"
+            )
         for where, expression in self._expressions():
             for free in sorted(s.name for s in sp.sympify(expression).free_symbols):
                 if free not in seen:
@@ -371,8 +423,34 @@ class Component:
                         "make it with solver.component.symbol"
                     )
 
+    def _check_modes(self, states: list[str]) -> None:
+        modes = [m.name for m in self.modes]
+        outputs = [o.name for o in self.all_outputs]
+        for mode in self.modes:
+            if modes.count(mode.name) > 1:
+                raise ContractError(f"{self.name}: mode {mode.name!r} is declared twice")
+            targets = [(n, states) for n in mode.derivatives]
+            targets += [(n, outputs) for n in mode.outputs]
+            for event in mode.events:
+                targets += [(n, states) for n in event.reset]
+                targets += [(event.next_mode, modes)] if event.next_mode is not None else []
+            for name, known in targets:
+                if name not in known:
+                    raise ContractError(
+                        f"{self.name}: mode {mode.name!r} names {name!r}, which is not among "
+                        f"{', '.join(known) or 'none'}"
+                    )
+
     def _check_outputs_and_ranges(self) -> None:
         outputs = [o.name for o in self.all_outputs]
+        taken = {p.name for p in self.all_parameters} | {i.name for i in self.inputs}
+        for name in (self.name, *outputs):
+            if not name.isidentifier():
+                raise ContractError(f"{self.name}: {name!r} is not an identifier")
+            if name in taken and name in outputs:
+                raise ContractError(
+                    f"{self.name}: output {name!r} has the name of a parameter or an input"
+                )
         duplicates = {name for name in outputs if outputs.count(name) > 1}
         if duplicates:
             raise ContractError(f"{self.name}: output {duplicates.pop()!r} is declared twice")

@@ -19,7 +19,7 @@ try:
     from numba import njit
 except ImportError:  # the FMU's host may have numpy only: slower, equally right
 
-    def njit(*_args: Any, **_options: Any) -> Any:  # type: ignore[no-redef]
+    def njit(*_args: Any, **_options: Any) -> Any:
         return lambda function: function
 
 
@@ -114,7 +114,7 @@ def work_size(n: int) -> int:
 
 
 @njit(error_model="numpy", inline="never")
-def factorize(w, pivots, n):
+def factorize(w: Any, pivots: Any, n: int) -> bool:
     """Replace the n x n matrix `w` by its LU factors with row pivoting; False if singular."""
     for k in range(n):
         best, row = abs(w[k, k]), k
@@ -138,7 +138,7 @@ def factorize(w, pivots, n):
 
 
 @njit(error_model="numpy", inline="never")
-def solve_factorized(w, pivots, n, b):
+def solve_factorized(w: Any, pivots: Any, n: int, b: Any) -> None:
     """Solve for the right-hand side `b`, in place, with the factors made by `factorize`."""
     for k in range(n):
         row = int(pivots[k])
@@ -166,7 +166,18 @@ def build(rhs: Any, jac: Any) -> Any:
     """
 
     @njit(error_model="numpy")
-    def integrate(t0, t1, x, u, p, atol, rtol, work, info, max_steps):
+    def integrate(
+        t0: float,
+        t1: float,
+        x: Any,
+        u: Any,
+        p: Any,
+        atol: Any,
+        rtol: float,
+        work: Any,
+        info: Any,
+        max_steps: int,
+    ) -> int:
         """Advance ``dx/dt = rhs(t, x, u, p)`` from `t0` to `t1` with `u` and `p` held, in place.
 
         Parameters

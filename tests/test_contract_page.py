@@ -202,7 +202,7 @@ VIOLATIONS = {
     ),
     "discrete state without sample_time": (
         {"discrete": (COUNT,)},
-        "discrete states need a sample_time",
+        "the discrete state 'count' needs a sample_time",
     ),
     "default below its minimum": (
         {"parameters": (Parameter("gain", -1.0, "1", "gain", "test", minimum=0.0),)},

@@ -1,0 +1,100 @@
+"""The feedback law's ports, derived on both sides, and the law in a master that knows nothing."""
+
+import numpy as np
+import pytest
+from ballscrew.fmus.catalogue import CONTROLLERS, fmu_kernel
+from ballscrew.orchestration.participant import FmuParticipant
+from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.solver.kernel import Model
+
+LAW = [name for name in CONTROLLERS if name != "pid_sampled"]
+
+
+@pytest.mark.parametrize("name", LAW)
+def test_reported_gains_and_rate_are_the_derivatives_of_the_reported_command(name):
+    kernel = fmu_kernel(name)
+    model = Model(kernel)
+    at = {"x": 0.03, "v": 0.08, "z": 1.8e-5, "i": 0.06, "x_d": 0.08}
+    signals = [i.name for i in kernel.inputs]
+    for s in signals:
+        model.set_input(s, at[s])
+    model.x[:] = [0.003 for _ in model.x]
+    here = model.outputs(0.0, model.x)
+    for s in (s for s in signals if s != "x_d"):
+        assert here[f"u_ref_{s}"] == at[s]
+        h = 1e-6 * at[s]
+        sides = []
+        for shift in (h, -h):
+            model.set_input(s, at[s] + shift)
+            sides.append(model.outputs(0.0, model.x)["u"])
+        model.set_input(s, at[s])
+        assert here[f"u_gain_{s}"] == pytest.approx(
+            (sides[0] - sides[1]) / (2 * h), rel=1e-5, abs=1e-6
+        )
+    later = model.x + 1e-6 * model.derivatives(0.0, model.x) if len(model.x) else model.x
+    rate = (model.outputs(0.0, later)["u"] - here["u"]) / 1e-6
+    assert here["u_rate"] == pytest.approx(rate, rel=1e-5, abs=1e-6)
+
+
+def test_an_unconnected_plant_is_an_ordinary_one_and_a_law_acts_as_stated(fmus):
+    """Constant law parameters against the same linear feedback put together by hand."""
+    from scipy.integrate import solve_ivp
+
+    kernel = fmu_kernel("plant")
+    model = Model(kernel)
+    law = {"u": 3.0, "u_gain_v": -20.0, "u_ref_v": 0.01, "u_gain_i": 4.0, "u_rate": 50.0}
+    for port, value in law.items():
+        model.set_input(port, value)
+    names = [s.name for s in kernel.states]
+    plain = Model(kernel)
+
+    def right(t, x):
+        v, i = x[names.index("v")], x[names.index("i")]
+        plain.set_input("u", 3.0 - 20.0 * (v - 0.01) + 4.0 * i + 50.0 * t)
+        return plain.derivatives(t, x)
+
+    course = model.simulate(np.array([0.0, 0.005]))
+    truth = solve_ivp(right, (0, 0.005), np.zeros(4), method="Radau", rtol=1e-9, atol=1e-12)
+    for k, name in enumerate(names):
+        assert course.states[name][-1] == pytest.approx(truth.y[k, -1], rel=1e-5)
+
+
+def plain_jacobi(fmus, controller, h, stop):
+    """Wire equal names, step both, exchange: all a tool needs that can only connect signals."""
+    plant = FmuParticipant(fmus["plant"], "plant")
+    other = FmuParticipant(fmus[controller], "controller")
+    plant.initialize({}, stop)
+    other.initialize({}, stop)
+    to_controller = [n for n in plant.outputs if n in other.inputs]
+    to_plant = [n for n in other.outputs if n in plant.inputs]
+    read_y, write_y = plant.reader(to_controller), other.writer(to_controller)
+    read_u, write_u = other.reader(to_plant), plant.writer(to_plant)
+    other.writer(["x_d"])(np.array([0.08]))
+    read_x = plant.reader(["x"])
+    write_y(read_y())
+    write_u(read_u())
+    course = [0.0]
+    for k in range(round(stop / h)):
+        plant.step(k * h, h)
+        other.step(k * h, h)
+        y, u = read_y(), read_u()
+        write_y(y)
+        write_u(u)
+        course.append(read_x()[0])
+    plant.close()
+    other.close()
+    return np.array(course)
+
+
+def test_the_law_through_a_plain_jacobi_master_is_of_second_order(fmus):
+    """4.2e-4 m at 1e-3 s and 1.8e-5 m at 2e-4 s for the linearizing controller, no rollback."""
+    truth = run_monolithic("plant", "iol", Reference.constant(0.08), 2.0, 1e-4)
+    steps = np.array([1e-3, 5e-4, 2e-4, 1e-4])
+    errors = []
+    for h in steps:
+        x = plain_jacobi(fmus, "iol", h, 2.0)
+        errors.append(np.abs(x - truth.outputs["x"][:: round(h / 1e-4)]).max())
+    assert errors[0] == pytest.approx(4.2e-4, rel=0.1)
+    assert errors[2] == pytest.approx(1.8e-5, rel=0.1)
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.15)
