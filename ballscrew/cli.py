@@ -199,6 +199,8 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _swap(options: argparse.Namespace) -> int:
+    for name in options.controllers:
+        _check_part("--controllers", name, CONTROLLERS)
     study = _study(options, options.controllers[0])
     _prepare(options.out)
     from .orchestration.swap import swap

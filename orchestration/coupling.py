@@ -32,6 +32,7 @@ Matrix = npt.NDArray[np.float64]
 
 
 RAMP_SHARE, HOLD_SHARE = 2 / 3, 1 / 2
+PROBE_PARTS = 64
 
 
 class Coupling(Enum):
@@ -154,8 +155,10 @@ class ControllerSide:
             if self.participant.can_save:
                 state = self.participant.save()
                 self.command_at(signals, reference)
-                self.participant.step(t, h)
-                rate = (self.command_at(signals, reference) - command) / h
+                # The slope at the start, not the secant: a secant meets the end of the step, and
+                # what the command does in between would show nowhere.
+                self.participant.step(t, h / PROBE_PARTS)
+                rate = (self.command_at(signals, reference) - command) * PROBE_PARTS / h
                 self.participant.restore(state)
                 self.participant.release(state)
             self.command_at(signals, reference)
@@ -281,7 +284,7 @@ class Loop:
     def step(self, t: float, h: float, before: Vector, after: Vector) -> StepReport:
         """Move from t to t + h while the set-points go from `before` to `after`."""
         signals = self.plant.signals_of(self.outputs)
-        law = self._law(t, h, signals, before)
+        law = self._law(t, h, signals, before, after)
         applied = law
         if self.coupling is Coupling.JACOBI and not self.corrected:
             applied = Law(self._commands_late, law.gain, law.rate)
@@ -323,9 +326,14 @@ class Loop:
     def drop(self, checkpoint: Any) -> None:
         self._release(checkpoint[0])
 
-    def _law(self, t: float, h: float, signals: Vector, reference: Vector) -> Law:
-        tangent = self.coupling is Coupling.TANGENT
-        return self.controller.law_at(t, h, signals, reference, probe=tangent)
+    def _law(self, t: float, h: float, signals: Vector, before: Vector, after: Vector) -> Law:
+        if self.coupling is not Coupling.TANGENT:
+            return self.controller.law_at(t, h, signals, before, probe=False)
+        law = self.controller.law_at(t, h, signals, before, probe=True)
+        if self.controller.answer is Answer.DIRECT and np.any(after != before):
+            moved = self.controller.command_at(signals, after)
+            return Law(law.command, law.gain, law.rate + (moved - law.command) / h)
+        return law
 
     def _mended(self, law: Law, defect: Vector, h: float) -> Law:
         """The law with part of the defect made up for.

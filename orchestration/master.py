@@ -23,7 +23,7 @@ FINEST = 12  # adaptive steps go down to 2^-12 of the given one
 COARSEST = 2  # and up to 2^2 times it
 LEAST_SHARE = 1e-3  # of the error that is allowed in all, to any one step
 NEGLIGIBLE = 1e-7  # of the range: effects that add up to less are round-off
-RUNAWAY = 1e6  # times an output's nominal value
+RUNAWAY = 1e4  # times an output's nominal value
 
 
 class CouplingError(ValueError):

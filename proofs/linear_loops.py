@@ -1,8 +1,8 @@
 """Random stiff linear loops with exact solutions, cut into a plant and a controller.
 
 They are what the verdict is proven on: nothing of the ball screw is in them, the plant's stiff
-poles are cancelled or moved by the controller as linearizing controllers do, and the exact course of
-the whole is a matrix exponential. A participant here is a slave made of matrices, exact within
+poles are cancelled or moved by the controller as linearizing controllers do, and the exact course
+of the whole is a matrix exponential. A participant here is a slave made of matrices, exact within
 itself, so that all error of a run is coupling error.
 """
 
@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.linalg import expm
+
 from ballscrew.orchestration.coupling import Coupling
 from ballscrew.orchestration.master import LoopRun, run_loop
 from ballscrew.orchestration.reference_signal import Reference
-from scipy.linalg import expm
 
 
 @dataclass

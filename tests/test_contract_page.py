@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
+
 from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.plant.modified_lugre import modified_lugre
 from ballscrew.solver.codegen import UnsupportedComponent, generate

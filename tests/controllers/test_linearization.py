@@ -3,6 +3,7 @@ against the linear system that it makes."""
 
 import numpy as np
 import pytest
+
 from ballscrew.controllers.linearization import gains_from_poles, input_output_linearization
 from ballscrew.fmus.catalogue import component
 from ballscrew.orchestration.reference_signal import Reference

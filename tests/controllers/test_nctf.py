@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from ballscrew.controllers.nctf import design, nctf
 from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.reference_signal import Reference

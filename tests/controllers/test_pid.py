@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from ballscrew.controllers.pid import simc
 from ballscrew.fmus.catalogue import component
 from ballscrew.orchestration.reference_signal import Reference

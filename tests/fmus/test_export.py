@@ -10,11 +10,12 @@ import zipfile
 import fmpy
 import numpy as np
 import pytest
+from fmpy.fmi2 import FMU2Slave
+from fmpy.validation import validate_fmu
+
 from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
 from ballscrew.fmus.export import export
 from ballscrew.solver.kernel import Model
-from fmpy.fmi2 import FMU2Slave
-from fmpy.validation import validate_fmu
 
 
 def opened(path, values=None, name="instance"):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from ballscrew.fmus.catalogue import CONTROLLERS, fmu_kernel
 from ballscrew.orchestration.participant import FmuParticipant
 from ballscrew.orchestration.reference_signal import Reference

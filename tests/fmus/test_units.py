@@ -1,6 +1,7 @@
 """Unit strings to base units."""
 
 import pytest
+
 from ballscrew.fmus.catalogue import NAMES, fmu_kernel
 from ballscrew.fmus.interface import interface_of
 from ballscrew.fmus.units import base_exponents

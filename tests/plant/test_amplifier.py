@@ -1,6 +1,7 @@
 """The amplifier's limits: kept where set, absent where not."""
 
 import numpy as np
+
 from ballscrew.fmus.catalogue import component
 from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.solver.codegen import generate

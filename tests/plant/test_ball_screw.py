@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.plant.lugre import lugre
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 NOMINAL = {
     "kt": 37.4e-3,

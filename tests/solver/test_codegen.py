@@ -8,6 +8,7 @@ import textwrap
 import numpy as np
 import pytest
 import sympy as sp
+
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
 from ballscrew.fmus.export import with_law_ports

@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from ballscrew.solver import stepper
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+
+from ballscrew.solver import stepper
 
 
 def integrate(rhs, jac, x0, t1, *, tolerance=1e-8, fixed_steps=0):

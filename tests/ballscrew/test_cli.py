@@ -1,0 +1,221 @@
+"""The command as a person uses it: files, exit codes, one clear line for what makes no sense."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ballscrew.cli import main
+
+RUN = ["run", "--controller", "pid", "--stop", "0.2"]
+
+
+def command(*arguments, cwd=None):
+    return subprocess.run(
+        [sys.executable, "-m", "ballscrew", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+    )
+
+
+def test_run_writes_what_it_promises(tmp_path, capsys):
+    assert main(["run", "--controller", "iol", "--stop", "2", "--out", str(tmp_path)]) == 0
+    with open(tmp_path / "trajectory.csv", newline="") as stream:
+        rows = list(csv.reader(stream))
+    assert rows[0][:6] == ["time", "x", "v", "z", "i", "u"]
+    assert [float(v) for v in rows[1][:3]] == [0.0, 0.0, 0.0]
+    assert len(rows) == 2002
+    assert rows[-1][0] == "2.0"
+    figures = json.loads((tmp_path / "metrics.json").read_text())
+    promised = "peak_voltage peak_voltage_time settling_time_2pct overshoot steady_state_error iae"
+    promised += " interface_defect_max macro_steps coupling verdict"
+    assert set(promised.split()) <= set(figures)
+    assert figures["peak_voltage"] == pytest.approx(32.1, abs=0.05)
+    assert figures["peak_voltage_time"] == pytest.approx(0.336, abs=2e-3)
+    assert figures["settling_time_2pct"] == pytest.approx(1.2873, abs=1e-3)
+    assert figures["verdict"] == "trusted"
+    for stem in ("position", "voltage", "states", "phase"):
+        assert (tmp_path / f"{stem}.png").read_bytes()[:4] == b"\x89PNG"
+        assert "<svg" in (tmp_path / f"{stem}.svg").read_text()
+    printed = capsys.readouterr().out
+    assert "peak voltage" in printed
+    assert "trusted" in printed
+
+
+def test_a_result_not_to_be_believed_has_exit_code_one_and_says_what_to_change(tmp_path, capsys):
+    arguments = ["run", "--controller", "iol", "--stop", "0.3", "--step", "1e-4"]
+    arguments += ["--coupling", "gauss-seidel", "--out", str(tmp_path)]
+    assert main(arguments) == 1
+    heard = capsys.readouterr().err
+    assert "not converged" in heard
+    assert "--coupling tangent" in heard
+    assert json.loads((tmp_path / "metrics.json").read_text())["verdict"] == "not converged"
+
+
+def test_swap_writes_a_comparison(tmp_path, capsys, fmus):
+    code = main(
+        ["swap", "--controllers", "iol", str(fmus["pid"]), "--stop", "1", "--out", str(tmp_path)]
+    )
+    assert code == 0
+    with open(tmp_path / "comparison.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [r["controller"] for r in rows] == ["iol", fmus["pid"].stem]
+    assert len(json.loads((tmp_path / "comparison.json").read_text())) == 2
+    assert (tmp_path / "comparison.png").stat().st_size > 10_000
+    assert (tmp_path / "comparison.svg").exists()
+    assert "peak [V]" in capsys.readouterr().out
+
+
+def test_export_only_writes_what_is_named(tmp_path):
+    assert main(["export", "--out", str(tmp_path), "--only", "plant", "nctf"]) == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["nctf.fmu", "plant.fmu"]
+
+
+def test_json_output_is_one_object(tmp_path, capsys):
+    assert main([*RUN, "--json", "--out", str(tmp_path)]) == 0
+    assert json.loads(capsys.readouterr().out)["controller"] == "pid"
+
+
+def test_set_and_limits_reach_the_run(tmp_path, capsys):
+    arguments = ["--set", "plant.m=2", "--set", "controller.Kp=100", "--limit-voltage", "5"]
+    arguments += ["--setpoint", "-0.02", "--json", "--out", str(tmp_path)]
+    assert main([*RUN, *arguments]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["peak_voltage"] < 3.0  # Kp e = 2 V
+
+
+def test_monolithic_and_tangent_agree(tmp_path, capsys):
+    peaks = []
+    for coupling in ("monolithic", "tangent"):
+        assert main([*RUN, "--coupling", coupling, "--json", "--out", str(tmp_path)]) == 0
+        peaks.append(json.loads(capsys.readouterr().out)["iae"])
+    assert peaks[0] == pytest.approx(peaks[1], rel=1e-6)
+
+
+def test_help_names_every_command_and_gives_examples():
+    done = command("--help")
+    assert done.returncode == 0
+    for word in ("export", "run", "swap", "examples:"):
+        assert word in done.stdout
+    assert "--set" in command("run", "--help").stdout
+
+
+def test_help_and_version_load_none_of_the_heavy_libraries():
+    code = (
+        "import sys\nfrom ballscrew.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'sympy', 'numba', 'fmpy', 'matplotlib', 'scipy'} & set(sys.modules)\n"
+        "print(heavy, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stderr.strip() == "set()"
+    assert command("--version").stdout.startswith("ballscrew ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "--controller", "iol"], "required: --out"),
+        (["run", "--controller", "ioll", "--out", "OUT"], "did you mean iol?"),
+        (["run", "--controller", "none.fmu", "--out", "OUT"], "none.fmu: no such file"),
+        ([*RUN, "--out", "OUT", "--plant", "none.fmu"], "none.fmu: no such file"),
+        ([*RUN, "--out", "OUT", "--step", "0"], "--step is 0 s, expected more than 0"),
+        ([*RUN, "--out", "OUT", "--step", "nan"], "expected a finite number"),
+        ([*RUN, "--out", "OUT", "--stop", "-1"], "--stop is -1 s, expected more than 0"),
+        ([*RUN, "--out", "OUT", "--stop", "1e12"], "use a larger one"),
+        ([*RUN, "--out", "OUT", "--coupling", "magic"], "expected one of jacobi, gauss-seidel"),
+        ([*RUN, "--out", "OUT", "--corrections", "7"], "expected 0 or 1"),
+        ([*RUN, "--out", "OUT", "--set", "plant.m"], "is not of the form SIDE.NAME=VALUE"),
+        ([*RUN, "--out", "OUT", "--set", "m=1"], "expected plant.NAME=VALUE"),
+        ([*RUN, "--out", "OUT", "--set", "plant.m=heavy"], "expected a number"),
+        ([*RUN, "--out", "OUT", "--set", "plant.m=inf"], "expected a finite number"),
+        ([*RUN, "--out", "OUT", "--set", "plant.mass=1"], "plant has no parameter 'mass'"),
+        ([*RUN, "--out", "OUT", "--set", "plant.m=-1"], "m = -1 kg is out of its range"),
+        ([*RUN, "--out", "OUT", "--map", "a"], "is not of the form THEIRS=OURS"),
+        ([*RUN, "--out", "OUT", "--map", "a=b"], "neither side has a port 'a'"),
+        ([*RUN, "--out", "OUT", "--limit-voltage", "0"], "expected more than 0"),
+        ([*RUN, "--out", "OUT", "--reference", "none.csv"], "none.csv: cannot be read"),
+        ([*RUN, "--out", "OUT", "--setpoint", "far"], "expected a number"),
+        ([*RUN, "--out", __file__], "is a file, expected a folder"),
+        (["export", "--out", "OUT", "--only", "plnt"], "no component 'plnt'; there are plant"),
+        (["swap", "--out", "OUT", "--controllers", "iol", "x"], "'x' is neither one of"),
+        (["fly"], "invalid choice"),
+        ([], "required: COMMAND"),
+    ],
+)
+def test_what_makes_no_sense_gets_one_clear_line_and_exit_code_two(
+    tmp_path, capsys, monkeypatch, arguments, message
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    heard = capsys.readouterr()
+    assert message in heard.err
+    assert heard.err.count("\n") == 1
+    assert "Traceback" not in heard.err
+
+
+@pytest.mark.parametrize("kind", ["text", "empty zip", "climbing", "no binary", "fmi 3", "bad xml"])
+def test_files_that_are_no_fmu_are_refused_in_one_line(tmp_path, capsys, fmus, kind):
+    import zipfile
+
+    path = tmp_path / "bad.fmu"
+    if kind == "text":
+        path.write_text("hello")
+    else:
+        with zipfile.ZipFile(fmus["pid"]) as good, zipfile.ZipFile(path, "w") as bad:
+            if kind == "climbing":
+                bad.writestr("../../evil.py", "")
+            for name in good.namelist() if kind != "empty zip" else []:
+                data = good.read(name)
+                if kind == "no binary" and name.startswith("binaries"):
+                    continue
+                if name == "modelDescription.xml" and kind == "fmi 3":
+                    data = data.replace(b'fmiVersion="2.0"', b'fmiVersion="9.0"')
+                if name == "modelDescription.xml" and kind == "bad xml":
+                    data = data[: len(data) // 2]
+                bad.writestr(name, data)
+    out = tmp_path / "out"
+    assert main(["run", "--controller", str(path), "--out", str(out)]) == 2
+    heard = capsys.readouterr().err
+    assert "bad.fmu" in heard
+    assert heard.count("\n") == 1
+    assert not (tmp_path.parent / "evil.py").exists()
+
+
+def test_existing_results_stay_whole_when_a_request_is_refused(tmp_path):
+    assert main([*RUN, "--out", str(tmp_path)]) == 0
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    assert main([*RUN, "--out", str(tmp_path), "--set", "plant.Fc=-1"]) == 2
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+def test_a_users_own_plant_py_is_never_met(tmp_path):
+    for name in ("plant.py", "controllers.py", "solver.py", "fmus.py"):
+        (tmp_path / name).write_text("raise ImportError('a file of the user was imported')\n")
+    done = command(*RUN, "--out", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "trajectory.csv").exists()
+
+
+def test_the_wheel_holds_every_module(tmp_path):
+    import zipfile
+
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run(
+        [sys.executable, "-m", "build", "--wheel", "--outdir", str(tmp_path), str(root)],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        held = {n for n in archive.namelist() if n.startswith("ballscrew/")}
+    expected = {"ballscrew/py.typed"}
+    for part in ("solver", "plant", "controllers", "fmus", "orchestration"):
+        expected |= {f"ballscrew/{part}/{p.name}" for p in (root / part).glob("*.py")}
+    expected |= {f"ballscrew/{p.name}" for p in (root / "ballscrew").glob("*.py")}
+    assert held == expected

@@ -1,0 +1,38 @@
+"""Reading a reference course, and refusing what is none."""
+
+import pytest
+
+from ballscrew.orchestration.reference_signal import BadReference, Reference
+
+
+def test_linear_between_points_and_held_outside(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("x_d, time\n0.0,1\n0.1,2\n")
+    reference = Reference.read(path)
+    assert [reference.at(t) for t in (0.0, 1.0, 1.5, 9.0)] == pytest.approx([0, 0, 0.05, 0.1])
+    assert not reference.is_constant
+    assert Reference.constant(0.08).is_constant
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "has the columns none, expected time and x_d"),
+        ("time,y\n0,1\n", "has the columns time, y, expected"),
+        ("time,x_d\n", "has a header and no rows"),
+        ("time,x_d\n0,0\n1,abc\n", "line 3 is no pair of numbers"),
+        ("time,x_d\n0,0\n1\n", "line 3 is no pair of numbers"),
+        ("time,x_d\n0,0\n1,nan\n", "not finite"),
+        ("time,x_d\n0,0\n1,1\n1,2\n", "time does not rise after 1 s"),
+    ],
+)
+def test_bad_files_are_refused_with_the_place(tmp_path, text, message):
+    path = tmp_path / "r.csv"
+    path.write_text(text)
+    with pytest.raises(BadReference, match=message):
+        Reference.read(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(BadReference, match=r"none\.csv: cannot be read"):
+        Reference.read(tmp_path / "none.csv")

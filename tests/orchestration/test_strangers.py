@@ -1,0 +1,83 @@
+"""FMUs that are not ours: a stranger's ports, probing, and what happens without saved states."""
+
+import textwrap
+
+import numpy as np
+import pytest
+from pythonfmu.builder import FmuBuilder
+
+from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.wiring import WiringError
+
+SCRIPT = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Real
+
+
+class {name}(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.position = 0.0
+        self.speed = 0.0
+        self.goal = 0.0
+        self.voltage = 0.0
+        for name in ("position", "speed", "goal"):
+            self.register_variable(Real(name, causality=Fmi2Causality.input))
+        self.register_variable(Real("voltage", causality=Fmi2Causality.output))
+
+    def do_step(self, current_time, step_size):
+        self.voltage = {gain} * (self.goal - self.position) - 2.0 * self.speed
+        return True
+"""
+MAP = {"position": "x", "speed": "v", "goal": "x_d", "voltage": "u"}
+
+
+@pytest.fixture(scope="module")
+def stranger(tmp_path_factory):
+    """A controller somebody wrote with pythonfmu alone: it answers in its step, reports nothing."""
+    folder = tmp_path_factory.mktemp("stranger")
+
+    def build(name, saves, gain=400.0):
+        script = folder / f"script_{name.lower()}.py"
+        script.write_text(textwrap.dedent(SCRIPT.format(name=name, gain=gain)))
+        path = folder / f"{name}.fmu"
+        options = {"canGetAndSetFMUstate": True} if saves else {}
+        FmuBuilder.build_FMU(script, dest=path, **options)
+        return str(path)
+
+    return build
+
+
+def test_a_stranger_that_reports_no_derivatives_is_probed(stranger):
+    result = run_study(Study(stranger("Probed", True), mapping=MAP, stop=1.0)).run
+    assert result.coupling is Coupling.TANGENT
+    assert "probed" in result.coupling_reason
+    assert result.verdict.trusted
+    fine = run_study(Study(stranger("Probed2", True), mapping=MAP, stop=1.0, step=1e-4)).run
+    off = np.abs(result.outputs["x"] - fine.outputs["x"][::10]).max()
+    assert off < 2 * result.verdict.error_estimate["x"] + 1e-7
+
+
+def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_steps(stranger):
+    result = run_study(Study(stranger("Held", False), mapping=MAP, stop=1.0, step=1e-3)).run
+    assert "it is held" in result.coupling_reason
+    assert result.effect_rate_max == {}
+    assert np.isfinite(result.verdict.contraction)
+    fine = run_study(Study(stranger("Held2", False), mapping=MAP, stop=1.0, step=1e-4)).run
+    off = np.abs(result.outputs["x"] - fine.outputs["x"][::10]).max()
+    assert 0.5 * off < result.verdict.error_estimate["x"] < 10 * off + 1e-9
+    assert result.verdict.trusted == (result.verdict.error_estimate["x"] < 1e-2 * 0.08) or not (
+        result.verdict.trusted
+    )
+
+
+def test_ports_that_do_not_match_are_named_with_the_nearest(stranger):
+    path = stranger("Unmapped", True)
+    with pytest.raises(WiringError, match=r"nothing drives the input 'u'.*voltage.*--map"):
+        run_study(Study(path, stop=0.01))
+    with pytest.raises(WiringError, match=r"measures nothing"):
+        run_study(Study(path, mapping={"voltage": "u"}, stop=0.01))
+    with pytest.raises(
+        WiringError, match=r"neither side has a port 'positoin' \(nearest: position"
+    ):
+        run_study(Study(path, mapping={"positoin": "x"}, stop=0.01))

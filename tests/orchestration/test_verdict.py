@@ -1,0 +1,50 @@
+"""The verdict against exact solutions: wrong results are never called trusted."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "proofs"))
+
+from linear_loops import outcome  # noqa: E402
+from trusted_loops import WRONG  # noqa: E402
+
+PARTS = 4
+
+
+@pytest.fixture(scope="module", params=range(PARTS))
+def outcomes(request):
+    """A hundred random loops, a quarter at a time so that workers share them."""
+    return [outcome(seed) for seed in range(request.param, 100, PARTS)]
+
+
+def test_no_wrong_result_of_a_hundred_random_stiff_loops_is_called_trusted(outcomes):
+    wrong = [o for o in outcomes if o.error > WRONG]
+    assert len(wrong) >= 8  # about half of them are badly coupled
+    assert [o for o in wrong if o.trusted] == []
+
+
+def test_most_results_that_are_clearly_right_are_called_trusted(outcomes):
+    right = [o for o in outcomes if o.error <= WRONG / 3]
+    assert len(right) >= 4
+    assert sum(o.trusted for o in right) >= 0.7 * len(right)
+
+
+def test_the_kept_proof_says_what_its_outcomes_say():
+    report = json.loads((ROOT / "docs" / "proof" / "trusted_loops.json").read_text())
+    assert report["summary"]["loops"] == len(report["outcomes"]) >= 1000
+    wrong = [o for o in report["outcomes"] if o["error"] is None or o["error"] > WRONG]
+    assert report["summary"]["wrong"] == len(wrong) > 300
+    assert [o["seed"] for o in wrong if o["trusted"]] == []
+
+
+def test_a_sample_of_the_kept_proof_comes_out_the_same_again():
+    report = json.loads((ROOT / "docs" / "proof" / "trusted_loops.json").read_text())
+    for row in report["outcomes"][500:505]:
+        again = outcome(row["seed"])
+        assert again.trusted == row["trusted"]
+        if row["error"] is not None:
+            assert again.error == pytest.approx(row["error"], rel=1e-3)
