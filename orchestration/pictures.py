@@ -38,9 +38,9 @@ _STYLE: Any = {
 _SHOWN = {
     "x": ("position $x$", 1e2, "cm"),
     "v": ("velocity $v$", 1e2, "cm/s"),
-    "z": ("bristle deflection $z$", 1e6, "µm"),
-    "i": ("armature current $i$", 1e3, "mA"),
-    "friction": ("friction force", 1.0, "N"),
+    "z": ("bristles $z$", 1e6, "µm"),
+    "i": ("current $i$", 1e3, "mA"),
+    "friction": ("friction", 1.0, "N"),
     "u": ("motor voltage $u$", 1.0, "V"),
 }
 
@@ -112,7 +112,7 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
         axes_grid[0][0].set_title(title)
         figure.align_ylabels()
         _write(figure, folder, "states")
-        if {"x", "v"} <= set(run.outputs):
+        if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
             figure, ((axes,),) = _new_figure(1, 1, (6.5, 5.2))
             _draw_phase(figure, axes, run)
             axes.set_title(title)
@@ -134,9 +134,17 @@ def _draw_phase(figure: Any, axes: Any, run: Any) -> None:
     speed = run.outputs["v"] * 1e2
     points = np.column_stack([error, speed])
     lines = LineCollection(
-        list(np.stack([points[:-1], points[1:]], axis=1)), cmap="viridis", linewidths=2.2
+        list(np.stack([points[:-1], points[1:]], axis=1)),
+        cmap="viridis",
+        linewidths=2.4,
+        capstyle="round",
     )
-    lines.set_array(np.minimum(run.time[:-1], run.time[-1]))
+    # colours span the motion, not the rest after it
+    span = np.maximum(np.ptp(points, axis=0), 1e-12)
+    moved = np.cumsum(np.hypot(*(np.diff(points, axis=0) / span).T))
+    motion_end = run.time[int(np.searchsorted(moved, 0.999 * moved[-1])) + 1]
+    lines.set_array(run.time[:-1])
+    lines.set_clim(0.0, motion_end)
     axes.add_collection(lines)
     axes.autoscale_view()
     axes.plot(*points[0], "o", color=COLOURS[0], label="start")
@@ -144,7 +152,7 @@ def _draw_phase(figure: Any, axes: Any, run: Any) -> None:
     axes.set_xlabel("position error $x - x_d$ [cm]")
     axes.set_ylabel(_label("v"))
     axes.legend(loc="best")
-    figure.colorbar(lines, ax=axes, label="time [s]")
+    figure.colorbar(lines, ax=axes, label="time [s]", extend="max")
 
 
 def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -> None:
@@ -176,7 +184,7 @@ def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -
         position.set_ylabel(_label("x"))
         position.set_title("Controllers on the same axis")
         position.legend(loc="lower right")
-        fine.set_ylabel("distance to the\nset-point [µm]")
+        fine.set_ylabel("distance to the set-point\n[µm], 1 nm at least")
         voltage.set_ylabel(_label("u"))
         voltage.set_xlabel("time [s]")
         for axes in (position, voltage):

@@ -15,6 +15,10 @@ from pathlib import Path
 from types import ModuleType
 
 
+_UMASK = os.umask(0o022)
+os.umask(_UMASK)
+
+
 def folder() -> Path:
     """The per-user cache folder; ``BALLSCREW_CACHE`` overrides the platform's place."""
     if os.environ.get("BALLSCREW_CACHE"):
@@ -30,11 +34,12 @@ def folder() -> Path:
 
 def write_atomically(path: Path, data: bytes) -> None:
     """Write beside, then rename: a reader sees the old content or the new, never half."""
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
     try:
         with os.fdopen(handle, "wb") as stream:
             stream.write(data)
+        os.chmod(name, 0o666 & ~_UMASK)
         os.replace(name, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)

@@ -175,3 +175,10 @@ def test_requests_that_make_no_sense_are_refused_with_the_reason(fmus):
         run("iol", 1e-3, plant_values={"Fc": -1.0})
     with pytest.raises(CouplingError, match="needs the equations"):
         run(str(fmus["iol"]), 1e-3, coupling=Coupling.MONOLITHIC)
+
+
+def test_a_run_without_motion_is_saved_with_its_pictures(tmp_path):
+    result = run_study(Study("pid", reference=Reference.constant(0.0), stop=0.05))
+    result.save(tmp_path)
+    assert (tmp_path / "phase.png").exists()
+    assert result.figures()["settling_time_2pct"] is None
