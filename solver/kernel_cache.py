@@ -14,7 +14,6 @@ import tempfile
 from pathlib import Path
 from types import ModuleType
 
-
 _UMASK = os.umask(0o022)
 os.umask(_UMASK)
 
