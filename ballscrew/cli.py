@@ -134,7 +134,7 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
     add("--step", default="1e-3", metavar="SECONDS", help="communication step [s] (default 1e-3)")
     add("--coupling", metavar="NAME", help=f"{', '.join(COUPLINGS)} (default: by rule, and said)")
     add("--corrections", metavar="0|1", help="corrections of each step by rollback")
-    add("--adaptive", action="store_true", help="let the interface defect choose the steps")
+    add("--adaptive", action="store_true", help="let the defect choose steps up to --step")
     add(
         "--set",
         action="append",

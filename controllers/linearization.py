@@ -74,14 +74,18 @@ def input_output_linearization(acceleration: str = "estimated") -> Component:
         name="iol" if acceleration == "estimated" else "iol_true_acceleration",
         description="Input-output linearization with estimated friction parameters",
         parameters=parameters,
-        inputs=measurements_of(plant, ("x", "v", "z", "i")),
+        inputs=measurements_of(plant),
         outputs=(Output("u", "V", "motor terminal voltage", law, nominal=10.0),),
     )
 
 
-def measurements_of(plant: Component, names: tuple[str, ...]) -> tuple[Input, ...]:
-    """Controller inputs for outputs of a plant, and the set-point `x_d`."""
-    outputs = [plant.output(name) for name in names]
+def measurements_of(plant: Component) -> tuple[Input, ...]:
+    """Controller inputs for all signals on which a law may act, and the set-point `x_d`.
+
+    Every controller has them all, used or not, so that one replaces the other without rewiring.
+    """
+    (command,) = plant.inputs
+    outputs = [plant.output(name) for name in command.law]
     return (
         *(
             Input(o.name, o.unit, "measured " + o.meaning, nominal=o.nominal, role="measurement")

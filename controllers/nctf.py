@@ -87,7 +87,7 @@ def nctf() -> Component:
             Parameter("Kp", kp, "V*s/m", "proportional gain, Eq. 3.24 with |m|", source),
             Parameter("Ki", ki, "V/m", "integral gain, Eq. 3.25 with |m|", source),
         ),
-        inputs=measurements_of(axis(), ("x", "v")),
+        inputs=measurements_of(axis()),
         states=(State("w", "m", "integral of u_p (x5)", trajectory_error, nominal=1e-3),),
         outputs=(
             Output(

@@ -72,7 +72,7 @@ def pid() -> Component:
         name="pid",
         description="Position PID with velocity feedback",
         parameters=gain_parameters(),
-        inputs=measurements_of(axis(), ("x", "v")),
+        inputs=measurements_of(axis()),
         states=(State("w", "m*s", "integral of the position error", error, nominal=1e-3),),
         outputs=(Output("u", "V", "motor terminal voltage", command, nominal=10.0),),
     )

@@ -19,7 +19,7 @@ def pid_sampled() -> Component:
         name="pid_sampled",
         description="Digital position PID; its output is held between samples",
         parameters=gain_parameters(),
-        inputs=measurements_of(axis(), ("x",)),
+        inputs=measurements_of(axis()),
         discrete=(
             DiscreteState("w", "m*s", "sum of the position error", integral),
             DiscreteState("x_last", "m", "position at the last sample", symbol("x")),

@@ -61,14 +61,15 @@ def accept_law(plant: Component) -> Component:
 def report_law(controller: Component) -> Component:
     """The controller with outputs for the derivatives, references and rate of each command.
 
-    A command that is held between samples has no law: it does not follow the measurements.
+    The derivatives of a command that is held between samples are zero: it does not follow the
+    measurements. It has the ports all the same, so that it fits where another controller was.
     """
     measurements = [i for i in controller.inputs if i.role == "measurement"]
+    if not measurements:
+        return controller
     ports: list[Output] = []
     for command in controller.all_outputs:
         by_signal = {y.name: sp.diff(command.value, symbol(y.name)) for y in measurements}
-        if not any(by_signal.values()):
-            continue
         rate = sp.diff(command.value, TIME) + sum(
             sp.diff(command.value, symbol(s.name)) * controller.derivative(s.name)
             for s in controller.all_states

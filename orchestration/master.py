@@ -20,7 +20,6 @@ Vector = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 FINEST = 12  # adaptive steps go down to 2^-12 of the given one
-COARSEST = 2  # and up to 2^2 times it
 LEAST_SHARE = 1e-3  # of the error that is allowed in all, to any one step
 NEGLIGIBLE = 1e-7  # of the range: effects that add up to less are round-off
 RUNAWAY = 1e4  # times an output's nominal value
@@ -109,7 +108,7 @@ def run_loop(
     reference : Reference
         For every input of the controller that the plant does not drive.
     stop, step : float
-        End of the run and communication step [s]; for an adaptive run the step to begin with.
+        End of the run and communication step [s]; for an adaptive run the longest step.
     coupling : Coupling, optional
         Default: tangent where the plant accepts a feedback law and derivatives of the controller
         are to be had, else gauss-seidel.
@@ -163,7 +162,7 @@ def run_loop(
         else [_Pair(opened(True, chosen, False, tangent)) for _ in range(2)]
     )
     try:
-        clock = _Clock(stop, step, adaptive, main.loop.controller.participant.sample_time)
+        clock = _Clock(stop, step, adaptive)
         record = _march(main, companions, reversible, clock, reference, progress)
     finally:
         for companion in companions:
@@ -213,14 +212,10 @@ def _meet_samples(loop: Loop, step: float, reason: str) -> tuple[float, str]:
 class _Clock:
     """Communication points as multiples of one tick, so that time does not drift."""
 
-    def __init__(self, stop: float, step: float, adaptive: bool, period: float) -> None:
+    def __init__(self, stop: float, step: float, adaptive: bool) -> None:
         self.adaptive = adaptive
         self.tick = step / 2**FINEST if adaptive else step
-        self.size = 2**FINEST if adaptive else 1
-        longest = 2 ** (FINEST + COARSEST) if adaptive else 1
-        if period > 0 and adaptive:
-            longest = 2**FINEST
-        self.longest = longest
+        self.size = self.longest = 2**FINEST if adaptive else 1
         self.count = 0
         self.stop = stop
         self.last = max(1, math.ceil(stop / self.tick - 1e-9))

@@ -4,6 +4,7 @@ import csv
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ def command(*arguments, cwd=None):
         [sys.executable, "-m", "ballscrew", *map(str, arguments)],
         capture_output=True,
         text=True,
-        cwd=cwd,
+        cwd=cwd or tempfile.gettempdir(),  # the installed package, not this checkout
     )
 
 
@@ -111,7 +112,9 @@ def test_help_and_version_load_none_of_the_heavy_libraries():
         "heavy = {'numpy', 'sympy', 'numba', 'fmpy', 'matplotlib', 'scipy'} & set(sys.modules)\n"
         "print(heavy, file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tempfile.gettempdir()
+    )
     assert done.stderr.strip() == "set()"
     assert command("--version").stdout.startswith("ballscrew ")
 

@@ -2,8 +2,6 @@
 
 import pytest
 
-from ballscrew.fmus.catalogue import NAMES, fmu_kernel
-from ballscrew.fmus.interface import interface_of
 from ballscrew.fmus.units import base_exponents
 
 
@@ -26,9 +24,3 @@ def test_known_units(unit, exponents):
 def test_other_strings_are_refused_with_the_string_in_the_message(unit):
     with pytest.raises(ValueError, match="unit"):
         base_exponents(unit)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_exported_variable_has_a_unit_that_parses(name):
-    for v in interface_of(fmu_kernel(name), name).variables:
-        base_exponents(v.unit)

@@ -133,11 +133,14 @@ def test_a_sampled_controller_is_met_at_its_samples_and_its_hold_is_no_defect(tr
 
 
 def test_adaptive_steps_spend_less_and_stay_trusted(truth):
-    result = run("iol", 1e-3, 10.0, adaptive=True)
+    result = run("iol", 1.6e-2, 10.0, adaptive=True)
     assert result.macro_steps < 4000
     assert result.verdict.trusted
     assert result.step_range[0] < 1e-3 < result.step_range[1]
     assert error(result, truth("iol", 10.0)) < 1e-5
+    careful = run("nctf", 1e-3, adaptive=True)
+    assert careful.verdict.trusted
+    assert error(careful, truth("nctf", 2.0)) < 1e-5
 
 
 def test_a_moving_reference_is_followed_as_in_one_solver(tmp_path):

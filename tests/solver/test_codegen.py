@@ -7,12 +7,9 @@ import textwrap
 
 import numpy as np
 import pytest
-import sympy as sp
 
 from ballscrew.controllers import CONTROLLERS
-from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
-from ballscrew.fmus.export import with_law_ports
-from ballscrew.solver.component import symbol
+from ballscrew.fmus.catalogue import component, fmu_kernel
 from ballscrew.solver.connect import connect
 from ballscrew.solver.kernel import Kernel, Model
 
@@ -20,42 +17,6 @@ from ballscrew.solver.kernel import Kernel, Model
 def magnitudes(kernel, random):
     """A random state near the sizes that occur."""
     return np.array([s.nominal * random.normal() * 10 for s in kernel.states])
-
-
-@pytest.mark.parametrize("name", [n for n in NAMES if fmu_kernel(n).states])
-def test_every_component_has_the_jacobian_of_its_own_right_hand_side(name):
-    """Central differences in 40 digits of the symbolic equations are the oracle."""
-    part = with_law_ports(component(name))
-    kernel = fmu_kernel(name)
-    random = np.random.default_rng(1)
-    model = Model(kernel)
-    model.u[:] = random.normal(size=len(model.u))
-    model.u[[i.role == "internal" for i in kernel.inputs] + [False] * len(kernel.discrete)] = 0
-    values = {
-        symbol(p.name): sp.Float(v, 40) for p, v in zip(kernel.parameters, model.p, strict=True)
-    }
-    held = [i.name for i in kernel.inputs] + [d.name for d in kernel.discrete]
-    values |= {symbol(n): sp.Float(v, 40) for n, v in zip(held, model.u, strict=True)}
-    values[symbol("t")] = sp.Float(0.25, 40)
-    states = [symbol(s.name) for s in kernel.states]
-    right = [e.xreplace(values) for e in part.derivatives]
-    f = sp.lambdify(states, right, "mpmath")
-    import mpmath
-
-    with mpmath.workdps(40):
-        for _ in range(3):
-            x = magnitudes(kernel, random)
-            exact = np.zeros((len(x), len(x)))
-            for j, s in enumerate(kernel.states):
-                h = mpmath.mpf(s.nominal) * mpmath.mpf(10) ** -16
-                up = [mpmath.mpf(v) for v in x]
-                down = list(up)
-                up[j], down[j] = up[j] + h, down[j] - h
-                difference = zip(f(*up), f(*down), strict=True)
-                exact[:, j] = [float((a - b) / (2 * h)) for a, b in difference]
-            computed = model.jacobian(0.25, x)
-            scale = np.abs(exact).max(axis=1, keepdims=True) + 1e-30
-            assert np.max(np.abs(computed - exact) / scale) < 1e-9
 
 
 def test_a_kernel_survives_being_written_and_read():

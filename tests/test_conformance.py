@@ -1,0 +1,162 @@
+"""One suite that every exported component passes; a new one is in it by being in the list."""
+
+import zipfile
+
+import fmpy
+import numpy as np
+import pytest
+import sympy as sp
+from fmpy.validation import validate_fmu
+from fmu_host import opened
+
+from ballscrew.controllers import CONTROLLERS
+from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
+from ballscrew.fmus.export import with_law_ports
+from ballscrew.fmus.interface import interface_of
+from ballscrew.fmus.units import base_exponents
+from ballscrew.solver.component import symbol
+from ballscrew.solver.kernel import Model
+
+
+def magnitudes(kernel, random):
+    """A random state near the sizes that occur."""
+    return np.array([s.nominal * random.normal() * 10 for s in kernel.states])
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if fmu_kernel(n).states])
+def test_every_component_has_the_jacobian_of_its_own_right_hand_side(name):
+    """Central differences in 40 digits of the symbolic equations are the oracle."""
+    part = with_law_ports(component(name))
+    kernel = fmu_kernel(name)
+    random = np.random.default_rng(1)
+    model = Model(kernel)
+    model.u[:] = random.normal(size=len(model.u))
+    model.u[[i.role == "internal" for i in kernel.inputs] + [False] * len(kernel.discrete)] = 0
+    values = {
+        symbol(p.name): sp.Float(v, 40) for p, v in zip(kernel.parameters, model.p, strict=True)
+    }
+    held = [i.name for i in kernel.inputs] + [d.name for d in kernel.discrete]
+    values |= {symbol(n): sp.Float(v, 40) for n, v in zip(held, model.u, strict=True)}
+    values[symbol("t")] = sp.Float(0.25, 40)
+    states = [symbol(s.name) for s in kernel.states]
+    right = [e.xreplace(values) for e in part.derivatives]
+    f = sp.lambdify(states, right, "mpmath")
+    import mpmath
+
+    with mpmath.workdps(40):
+        for _ in range(3):
+            x = magnitudes(kernel, random)
+            exact = np.zeros((len(x), len(x)))
+            for j, s in enumerate(kernel.states):
+                h = mpmath.mpf(s.nominal) * mpmath.mpf(10) ** -16
+                up = [mpmath.mpf(v) for v in x]
+                down = list(up)
+                up[j], down[j] = up[j] + h, down[j] - h
+                difference = zip(f(*up), f(*down), strict=True)
+                exact[:, j] = [float((a - b) / (2 * h)) for a, b in difference]
+            computed = model.jacobian(0.25, x)
+            scale = np.abs(exact).max(axis=1, keepdims=True) + 1e-30
+            assert np.max(np.abs(computed - exact) / scale) < 1e-9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_fmpy_validates_without_a_message(fmus, name):
+    assert validate_fmu(str(fmus[name])) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_description_has_what_a_tool_asks_for(fmus, name):
+    description = fmpy.read_model_description(str(fmus[name]))
+    simulation = description.coSimulation
+    assert not simulation.needsExecutionTool
+    assert simulation.canHandleVariableCommunicationStepSize
+    assert simulation.canGetAndSetFMUstate
+    assert simulation.canSerializeFMUstate
+    assert description.defaultExperiment.stepSize == "0.001"
+    kernel = fmu_kernel(name)
+    starts = {v.name: v.start for v in description.modelVariables if v.start is not None}
+    for p in kernel.parameters:
+        assert float(starts[p.name]) == p.default  # exact, not 16 digits
+    outputs = {u.variable.name: u for u in description.outputs}
+    for o in kernel.outputs:
+        assert [d.name for d in outputs[o.name].dependencies] == o.feedthrough
+    with zipfile.ZipFile(fmus[name]) as archive:
+        page = archive.read("documentation/index.html").decode()
+    assert "<math>" in page
+    assert all(p.name in page for p in kernel.parameters)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_exported_variable_has_a_unit_that_parses(name):
+    for v in interface_of(fmu_kernel(name), name).variables:
+        base_exponents(v.unit)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_restored_or_deserialized_state_goes_on_bit_for_bit(fmus, name):
+    slave, vr = opened(fmus[name])
+    kernel = fmu_kernel(name)
+    inputs = [vr[i.name] for i in kernel.inputs if i.role != "internal"]
+    outputs = [vr[o.name] for o in kernel.outputs]
+    random = np.random.default_rng(3)
+    values = random.normal(size=(40, len(inputs))) * 1e-3
+
+    def course(rows, start):
+        table = []
+        for k, row in enumerate(rows):
+            slave.setReal(inputs, list(row))
+            slave.doStep(start + k * 1e-3, 1e-3)
+            table.append(slave.getReal(outputs))
+        return table
+
+    course(values[:20], 0.0)
+    state = slave.getFMUstate()
+    data = slave.serializeFMUstate(state)
+    first = course(values[20:], 0.02)
+    slave.setFMUstate(state)
+    assert course(values[20:], 0.02) == first
+    slave.freeFMUstate(state)
+    again = slave.deSerializeFMUstate(data)
+    slave.setFMUstate(again)
+    assert course(values[20:], 0.02) == first
+    slave.freeFMUstate(again)
+    slave.terminate()
+    slave.freeInstance()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_fmu_computes_what_its_equations_say(fmus, name):
+    """The same inputs to the FMU and to the compiled component, sampled parts included."""
+    kernel = fmu_kernel(name)
+    inputs = [i.name for i in kernel.inputs if i.role != "internal"]
+    slave, vr = opened(fmus[name])
+    model = Model(kernel)
+    random = np.random.default_rng(4)
+    for k in range(20):
+        t, h = k * 1e-3, 1e-3
+        values = random.normal(size=len(inputs)) * [1e-3 if n[0] != "u" else 1.0 for n in inputs]
+        slave.setReal([vr[n] for n in inputs], list(values))
+        slave.doStep(t, h)
+        for n, value in zip(inputs, values, strict=True):
+            model.set_input(n, value)
+        for i in kernel.inputs:
+            if i.role == "internal":
+                model.set_input(i.name, t)
+        if kernel.discrete:
+            model.sample(t)
+        model.advance(t, t + h)
+        expected = model.outputs(t + h, model.x)
+        got = slave.getReal([vr[n] for n in expected])
+        assert got == pytest.approx(list(expected.values()), rel=1e-9, abs=1e-12)
+    slave.terminate()
+    slave.freeInstance()
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_controllers_have_the_same_ports_so_that_one_replaces_the_other(fmus, name):
+    variables = fmpy.read_model_description(str(fmus[name])).modelVariables
+    inputs = {v.name for v in variables if v.causality == "input"}
+    outputs = {v.name for v in variables if v.causality == "output"}
+    assert inputs == {"x", "v", "z", "i", "x_d"}
+    ports = {"u", "u_rate", *(f"u_gain_{s}" for s in "xvzi"), *(f"u_ref_{s}" for s in "xvzi")}
+    assert outputs == ports | {"message"}
