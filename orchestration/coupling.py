@@ -99,7 +99,7 @@ class ControllerSide:
         self._read_law: Reader = participant.reader(law_names if self._reports else names)
         self._nominal = np.array([participant.nominal(s) for _, s in wiring.signals])
         self.answer = Answer.DIRECT
-        self._moved = False
+        self._ahead: Law | None = None  # of a step already taken that cannot be taken back
 
     def find_answer(self, signals: Vector, reference: Vector) -> None:
         """Find out whether the output follows the inputs at once."""
@@ -169,11 +169,12 @@ class ControllerSide:
     ) -> Law:
         gain, rate = np.zeros((self.m, self.n)), np.zeros(self.m)
         if not self.participant.can_save:
-            self._write(signals)
-            self._write_reference(reference)
-            self.participant.step(t, h)
-            self._moved = True
-            return Law(self._read_command(), gain, rate)
+            if self._ahead is None:
+                self._write(signals)
+                self._write_reference(reference)
+                self.participant.step(t, h)
+                self._ahead = Law(self._read_command(), gain, rate)
+            return self._ahead
         state = self.participant.save()
 
         def answer(at: Vector) -> Vector:
@@ -196,8 +197,8 @@ class ControllerSide:
 
     def advance(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Move the controller from t to t + h with these signals held."""
-        if self._moved:
-            self._moved = False
+        if self._ahead is not None:
+            self._ahead = None
             return
         self._write(signals)
         self._write_reference(reference)
@@ -276,8 +277,14 @@ class Loop:
         self.controller.find_answer(self.plant.signals_of(self.outputs), reference)
         self._commands_late = self.controller.last_command()
 
-    def command(self, t: float, h: float, reference: Vector) -> Vector:
-        """The controller's true command at the present signals."""
+    def command(self, t: float, h: float, reference: Vector, last: bool = False) -> Vector:
+        """The controller's true command at the present signals.
+
+        With `last`, no step beyond t is tried: a controller that answers in its step then gives
+        the command that it ended with.
+        """
+        if last and self.controller.answer is not Answer.DIRECT:
+            return self.controller.last_command()
         signals = self.plant.signals_of(self.outputs)
         return self.controller.law_at(t, h, signals, reference, probe=False).command
 

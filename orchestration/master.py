@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,9 +38,9 @@ class LoopRun:
     time : ndarray, shape (k,)
         Communication points [s].
     outputs : dict of str to ndarray, shape (k,)
-        The plant's outputs.
+        The plant's outputs, under the names they are mapped to.
     commands : dict of str to ndarray, shape (k,)
-        The controller's commands.
+        The controller's commands, under the names of the plant's inputs.
     reference : ndarray, shape (k,)
     coupling : Coupling
     coupling_reason : str
@@ -134,7 +134,9 @@ def run_loop(
     """
     wiring = wire(plant, controller, mapping)
     reversible = plant.can_save and controller.can_save
-    names = list(plant.outputs)
+    ours = dict(mapping or {})
+    names = [ours.get(n, n) for n in plant.outputs]
+    commands = [ours.get(theirs, theirs) for _, theirs in wiring.commands]
     values = (dict(plant_values or {}), dict(controller_values or {}))
 
     def opened(fresh: bool, how: Coupling, corrected: bool, averaged: bool) -> Loop:
@@ -168,7 +170,7 @@ def run_loop(
         for companion in companions:
             companion.loop.plant.participant.close()
             companion.loop.controller.participant.close()
-    return _concluded(record, main, companions, reversible, names, wiring, chosen, reason, clock)
+    return _concluded(record, main, companions, reversible, names, commands, chosen, reason, clock)
 
 
 def _choose(
@@ -306,11 +308,11 @@ def _march(
     while not clock.done:
         t, h, end = clock.now, clock.step(), clock.time(clock.next_count())
         after = np.full(width, reference.at(end))
-        saved = _saved(main, companions) if clock.adaptive else None
+        saved = _saved([main, *companions]) if clock.adaptive else []
         try:
             report = loop.step(t, h, before, after)
         except StepFailed as error:
-            _drop(saved, main, companions)
+            _drop(saved)
             record.stopped = f"{error} (in the step from t = {t:.6g} s)"
             break
         _step_companions(companions, reversible, t, h, before, after)
@@ -318,15 +320,15 @@ def _march(
         scale = np.maximum(high - low, 1e-2 * nominal)
         effect, contraction = _measured(report, companions, reversible)
         weight = float(np.max(effect / scale)) if len(effect) else 0.0
-        if saved is not None:
+        if clock.adaptive:
             apart = _apart(companions, report.outputs)
             share = max(weight, float(np.max(np.abs(apart - apart_before) / scale)))
             share /= ACCURACY * max(h / clock.stop, LEAST_SHARE)
             if share > 1.0 and clock.size > 1:
-                _take_back(saved, main, companions)
+                _take_back(saved)
                 clock.adapt(share)
                 continue
-            _drop(saved, main, companions)
+            _drop(saved)
         clock.accept()
         record.note_contraction(contraction, weight)
         before = after
@@ -338,7 +340,13 @@ def _march(
         if clock.adaptive:
             apart_before = apart
             clock.adapt(share)
-        record.commands.append(loop.command(end, h if clock.done else clock.step(), after))
+        try:
+            following = h if clock.done else clock.step()
+            record.commands.append(loop.command(end, following, after, last=clock.done))
+        except StepFailed as error:
+            record.stopped = f"{error} (at t = {end:.6g} s)"
+            record.commands.append(loop.controller.last_command())
+            break
         if not np.isfinite(report.outputs).all():
             record.stopped = f"an output is not finite at t = {end:.6g} s"
             break
@@ -396,20 +404,21 @@ def _measured(
     return np.zeros_like(report.effect), math.nan
 
 
-def _saved(main: _Pair, companions: list[_Pair]) -> list[Any]:
-    return [pair.loop.checkpoint() for pair in (main, *companions) if not pair.failure]
+def _saved(pairs: Sequence[_Pair]) -> list[tuple[_Pair, Any, int]]:
+    """Checkpoints of all loops that still run, and how much they had recorded."""
+    return [(p, p.loop.checkpoint(), len(p.outputs)) for p in pairs if not p.failure]
 
 
-def _take_back(saved: list[Any], main: _Pair, companions: list[_Pair]) -> None:
-    for state, pair in zip(saved, (main, *companions), strict=False):
-        pair.loop.take_back(state)
-        if pair is not main:
-            pair.outputs.pop()
+def _take_back(saved: list[tuple[_Pair, Any, int]]) -> None:
+    for pair, checkpoint, recorded in saved:
+        pair.loop.take_back(checkpoint)
+        del pair.outputs[recorded:]
+        pair.failure = ""
 
 
-def _drop(saved: list[Any] | None, main: _Pair, companions: list[_Pair]) -> None:
-    for state, pair in zip(saved or [], (main, *companions), strict=False):
-        pair.loop.drop(state)
+def _drop(saved: list[tuple[_Pair, Any, int]]) -> None:
+    for pair, checkpoint, _ in saved:
+        pair.loop.drop(checkpoint)
 
 
 def _concluded(
@@ -418,7 +427,7 @@ def _concluded(
     companions: list[_Pair],
     reversible: bool,
     names: list[str],
-    wiring: Wiring,
+    ours: list[str],
     coupling: Coupling,
     reason: str,
     clock: _Clock,
@@ -439,7 +448,6 @@ def _concluded(
         failure=failure,
     )
     commands = np.array(record.commands)
-    ours = [c for c, _ in wiring.commands]
     return LoopRun(
         time=np.array(record.times),
         outputs={n: outputs[:, k] for k, n in enumerate(names)},

@@ -53,6 +53,7 @@ def test_a_stranger_that_reports_no_derivatives_is_probed(stranger):
     assert result.coupling is Coupling.TANGENT
     assert "probed" in result.coupling_reason
     assert result.verdict.trusted
+    assert set(result.commands) == {"u"}  # under our names, so that the figures can be computed
     fine = run_study(Study(stranger("Probed2", True), mapping=MAP, stop=1.0, step=1e-4)).run
     off = np.abs(result.outputs["x"] - fine.outputs["x"][::10]).max()
     assert off < 2 * result.verdict.error_estimate["x"] + 1e-7
@@ -81,3 +82,39 @@ def test_ports_that_do_not_match_are_named_with_the_nearest(stranger):
         WiringError, match=r"neither side has a port 'positoin' \(nearest: position"
     ):
         run_study(Study(path, mapping={"positoin": "x"}, stop=0.01))
+
+
+COUNTER = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Real
+
+
+class {name}(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.position = 0.0
+        self.voltage = 0.0
+        self.register_variable(Real("position", causality=Fmi2Causality.input))
+        self.register_variable(Real("voltage", causality=Fmi2Causality.output))
+
+    def do_step(self, current_time, step_size):
+        assert current_time + step_size < 0.0101
+        self.voltage += 0.125
+        return True
+"""
+
+
+def test_a_controller_that_cannot_be_taken_back_is_stepped_once_a_step_and_never_past_the_end(
+    tmp_path,
+):
+    script = tmp_path / "script_counter.py"
+    script.write_text(COUNTER.format(name="Counter"))
+    FmuBuilder.build_FMU(script, dest=tmp_path / "Counter.fmu")
+    study = Study(
+        str(tmp_path / "Counter.fmu"),
+        mapping={"position": "x", "voltage": "u"},
+        stop=0.01,
+        coupling=Coupling.GAUSS_SEIDEL,
+    )
+    run = run_study(study).run
+    assert run.stopped == ""
+    np.testing.assert_array_equal(run.commands["u"][:-1], 0.125 * np.arange(1, 11))
