@@ -88,8 +88,9 @@ class ControllerSide:
     def __init__(self, participant: Participant, wiring: Wiring) -> None:
         self.participant = participant
         self.wiring = wiring
-        self._write: Writer = participant.writer([s for _, s in wiring.signals])
-        self._write_reference: Writer = participant.writer(wiring.references)
+        self._write: Writer = participant.writer(
+            [*(s for _, s in wiring.signals), *wiring.references]
+        )
         self.m, self.n = len(wiring.commands), len(wiring.signals)
         names = [c for c, _ in wiring.commands]
         self._read_command: Reader = participant.reader(names)
@@ -100,6 +101,9 @@ class ControllerSide:
         self._nominal = np.array([participant.nominal(s) for _, s in wiring.signals])
         self.answer = Answer.DIRECT
         self._ahead: Law | None = None  # of a step already taken that cannot be taken back
+
+    def _set(self, signals: Vector, reference: Vector) -> None:
+        self._write(np.concatenate((signals, reference)))
 
     def find_answer(self, signals: Vector, reference: Vector) -> None:
         """Find out whether the output follows the inputs at once."""
@@ -122,8 +126,7 @@ class ControllerSide:
 
     def command_at(self, signals: Vector, reference: Vector) -> Vector:
         """Set the inputs and read the commands."""
-        self._write(signals)
-        self._write_reference(reference)
+        self._set(signals, reference)
         return self._read_command()
 
     def last_command(self) -> Vector:
@@ -139,8 +142,7 @@ class ControllerSide:
         gain, rate = np.zeros((self.m, self.n)), np.zeros(self.m)
         if self.answer is not Answer.DIRECT:
             return self._stepped_law(t, h, signals, reference, probe)
-        self._write(signals)
-        self._write_reference(reference)
+        self._set(signals, reference)
         if self._reports and probe:
             values = self._read_law()
             gain = values[self.m : self.m * (1 + self.n)].reshape(self.m, self.n)
@@ -170,16 +172,14 @@ class ControllerSide:
         gain, rate = np.zeros((self.m, self.n)), np.zeros(self.m)
         if not self.participant.can_save:
             if self._ahead is None:
-                self._write(signals)
-                self._write_reference(reference)
+                self._set(signals, reference)
                 self.participant.step(t, h)
                 self._ahead = Law(self._read_command(), gain, rate)
             return self._ahead
         state = self.participant.save()
 
         def answer(at: Vector) -> Vector:
-            self._write(at)
-            self._write_reference(reference)
+            self._set(at, reference)
             self.participant.step(t, h)
             command = self._read_command()
             self.participant.restore(state)
@@ -200,8 +200,7 @@ class ControllerSide:
         if self._ahead is not None:
             self._ahead = None
             return
-        self._write(signals)
-        self._write_reference(reference)
+        self._set(signals, reference)
         self.participant.step(t, h)
 
 
@@ -276,6 +275,8 @@ class Loop:
         self.outputs = self.plant.outputs()
         self.controller.find_answer(self.plant.signals_of(self.outputs), reference)
         self._commands_late = self.controller.last_command()
+        # the law at the end of the last step, which is where the next begins
+        self._following: Law | None = None
 
     def command(self, t: float, h: float, reference: Vector, last: bool = False) -> Vector:
         """The controller's true command at the present signals.
@@ -285,6 +286,8 @@ class Loop:
         """
         if last and self.controller.answer is not Answer.DIRECT:
             return self.controller.last_command()
+        if self._following is not None:
+            return self._following.command
         signals = self.plant.signals_of(self.outputs)
         return self.controller.law_at(t, h, signals, reference, probe=False).command
 
@@ -323,10 +326,10 @@ class Loop:
 
     def checkpoint(self) -> Any:
         """Everything needed to `take_back` later steps; end with `drop` or `take_back`."""
-        return self._save(), self.outputs, self._commands_late
+        return self._save(), self.outputs, self._commands_late, self._following
 
     def take_back(self, checkpoint: Any) -> None:
-        states, self.outputs, self._commands_late = checkpoint
+        states, self.outputs, self._commands_late, self._following = checkpoint
         self._restore(states)
         self._release(states)
 
@@ -334,9 +337,10 @@ class Loop:
         self._release(checkpoint[0])
 
     def _law(self, t: float, h: float, signals: Vector, before: Vector, after: Vector) -> Law:
-        if self.coupling is not Coupling.TANGENT:
-            return self.controller.law_at(t, h, signals, before, probe=False)
-        law = self.controller.law_at(t, h, signals, before, probe=True)
+        tangent = self.coupling is Coupling.TANGENT
+        law = self._following or self.controller.law_at(t, h, signals, before, probe=tangent)
+        if not tangent:
+            return law
         if self.controller.answer is Answer.DIRECT and np.any(after != before):
             moved = self.controller.command_at(signals, after)
             return Law(law.command, law.gain, law.rate + (moved - law.command) / h)
@@ -369,10 +373,12 @@ class Loop:
             self.controller.advance(t, h, 0.5 * (signals + end), 0.5 * (before + after))
         elif self.coupling is Coupling.JACOBI and not self.corrected:
             self.controller.advance(t, h, signals, before)
+            self._commands_late = self.controller.last_command()
         else:
             self.controller.advance(t, h, end, after)
-        self._commands_late = self.controller.last_command()
-        return outputs, self.controller.command_at(end, after)
+        tangent = self.coupling is Coupling.TANGENT
+        self._following = self.controller.law_at(t + h, h, end, after, probe=tangent)
+        return outputs, self._following.command
 
     def _defect(
         self, applied: Law, signals: Vector, outputs: Vector, h: float, law: Law, true_end: Vector
