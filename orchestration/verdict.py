@@ -91,7 +91,11 @@ def judge(
         f"this run had steps of {step:g} s"
     )
     if failure:
-        return Verdict(False, failure, smaller, estimate, contraction)
+        unstable = (
+            "use a smaller --step; if it ends the same way, the loop itself is unstable or a "
+            "parameter is wrong"
+        )
+        return Verdict(False, failure, unstable, estimate, contraction)
     if np.isfinite(contraction) and contraction > WORST_CONTRACTION:
         return Verdict(
             False,
