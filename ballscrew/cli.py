@@ -180,7 +180,7 @@ def _export(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     study = _study(options, options.controller)
     _prepare(options.out)
-    from .orchestration.closed_loop import run_study
+    from .orchestration.closed_loop import finite_or_null, run_study
 
     progress = _Progress(study.stop)
     result = _guarded(lambda: run_study(study, progress))
@@ -188,7 +188,7 @@ def _run(options: argparse.Namespace) -> int:
     _write(lambda: result.save(options.out))
     figures = result.figures()
     if options.json:
-        print(json.dumps(json.loads((options.out / "metrics.json").read_text())))
+        print(json.dumps(finite_or_null(figures)))
     else:
         _print_figures(figures, options.out)
     if not result.trusted:
@@ -203,6 +203,7 @@ def _swap(options: argparse.Namespace) -> int:
         _check_part("--controllers", name, CONTROLLERS)
     study = _study(options, options.controllers[0])
     _prepare(options.out)
+    from .orchestration.closed_loop import finite_or_null
     from .orchestration.swap import swap
 
     progress = _Progress(study.stop)
@@ -210,7 +211,7 @@ def _swap(options: argparse.Namespace) -> int:
     progress.finish()
     _write(lambda: result.save(options.out))
     if options.json:
-        print(json.dumps(json.loads((options.out / "comparison.json").read_text())))
+        print(json.dumps(finite_or_null([r.figures() for r in result.results])))
     else:
         print(_table([r.figures() for r in result.results]))
         print(f"comparison.csv, comparison.json, comparison.png and .svg in {options.out}")

@@ -40,8 +40,6 @@ def component(name: str) -> Component:
 
 def fmu_kernel(name: str) -> Kernel:
     """The compiled component of this name, with the feedback law's ports, from disk if there."""
-    if name not in NAMES:
-        raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
 
     def make() -> Component:
         from .export import with_law_ports

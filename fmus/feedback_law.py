@@ -11,7 +11,8 @@ an ordinary one that holds `u`. Both sides are derived from the component's equa
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
@@ -32,25 +33,10 @@ def accept_law(plant: Component) -> Component:
         for y in signals:
             gain, reference = gain_port(command.name, y.name), reference_port(command.name, y.name)
             law += symbol(gain) * (y.value - symbol(reference))
-            ports.append(
-                Input(gain, _per(command.unit, y.unit), f"d{command.name}/d{y.name} of the law")
-            )
-        for y in signals:
-            ports.append(
-                Input(
-                    reference_port(command.name, y.name),
-                    y.unit,
-                    f"{y.name} at which {command.name} was computed",
-                    nominal=y.nominal,
-                )
-            )
-        ports.append(
-            Input(
-                rate_port(command.name),
-                f"{command.unit}/s",
-                f"rate of {command.name} within the communication step",
-            )
-        )
+        ports += [
+            Input(port.name, port.unit, port.meaning, nominal=port.nominal)
+            for port in _law_ports(command, signals)
+        ]
         applied[symbol(command.name)] = law
     if not ports:
         return plant
@@ -69,39 +55,40 @@ def report_law(controller: Component) -> Component:
         return controller
     ports: list[Output] = []
     for command in controller.all_outputs:
-        by_signal = {y.name: sp.diff(command.value, symbol(y.name)) for y in measurements}
+        gains = [sp.diff(command.value, symbol(y.name)) for y in measurements]
         rate = sp.diff(command.value, TIME) + sum(
             sp.diff(command.value, symbol(s.name)) * controller.derivative(s.name)
             for s in controller.all_states
         )
-        for y in measurements:
-            ports.append(
-                Output(
-                    gain_port(command.name, y.name),
-                    _per(command.unit, y.unit),
-                    f"d{command.name}/d{y.name}",
-                    by_signal[y.name],
-                )
-            )
-        for y in measurements:
-            ports.append(
-                Output(
-                    reference_port(command.name, y.name),
-                    y.unit,
-                    f"{y.name} at which {command.name} was computed",
-                    symbol(y.name),
-                    nominal=y.nominal,
-                )
-            )
-        ports.append(
-            Output(
-                rate_port(command.name),
-                f"{command.unit}/s",
-                f"rate of {command.name} from the controller's own states",
-                rate,
-            )
-        )
+        values = [*gains, *(symbol(y.name) for y in measurements), rate]
+        ports += [
+            Output(port.name, port.unit, port.meaning, value, nominal=port.nominal)
+            for port, value in zip(_law_ports(command, measurements), values, strict=True)
+        ]
     return replace(controller, outputs=(*controller.outputs, *ports))
+
+
+@dataclass(frozen=True)
+class _Port:
+    name: str
+    unit: str
+    meaning: str
+    nominal: float = 1.0
+
+
+def _law_ports(command: Input | Output, signals: Sequence[Input | Output]) -> list[_Port]:
+    """The ports of one command's law, the same on either side: gains, references, rate."""
+    u = command.name
+    gains = [
+        _Port(gain_port(u, y.name), _per(command.unit, y.unit), f"d{u}/d{y.name} of the law")
+        for y in signals
+    ]
+    references = [
+        _Port(reference_port(u, y.name), y.unit, f"{y.name} at which {u} was computed", y.nominal)
+        for y in signals
+    ]
+    rate = _Port(rate_port(u), f"{command.unit}/s", f"rate of {u} from the controller's own states")
+    return [*gains, *references, rate]
 
 
 def _per(unit: str, other: str) -> str:

@@ -58,6 +58,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._info = self.memory[at["info"] : at["time"]]
         self._discrete = self._held[at["inputs"] :]
         self._update = np.zeros(len(self._discrete))
+        self._nominal = np.array(at["nominal"])
         self._atol = np.zeros(n)
         self._work = np.zeros(self.equations.work_size(n))
         self._stale = True
@@ -126,11 +127,14 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         first = at["starts"]
         self._x[:] = self.memory[first : first + n]
         self._discrete[:] = self.memory[first + n : first + n + len(self._discrete)]
-        self._atol[:] = self.memory[at["tolerance"]] * np.array(at["nominal"])
+        self._scale_tolerances()
         self._info[:] = 0.0
         if at["sample_time"] >= 0:  # samples count from t = 0, wherever the run begins
             past = self.memory[at["time"]] / self.memory[at["sample_time"]]
             self.memory[at["samples"]] = math.ceil(past - ROUND_OFF)
+
+    def _scale_tolerances(self) -> None:
+        np.multiply(self._nominal, self.memory[self.layout["tolerance"]], out=self._atol)
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         if self.failure:
@@ -206,7 +210,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     def _set_fmu_state(self, state: tuple[Any, str, bool]) -> None:
         memory, self.failure, self.started = state
         self.memory[:] = memory
-        self._atol[:] = self.memory[self.layout["tolerance"]] * np.array(self.layout["nominal"])
+        self._scale_tolerances()
         self._stale = True
 
     @staticmethod

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from ..controllers import CONTROLLERS
-from ..fmus.catalogue import fmu
+from ..fmus.catalogue import fmu, fmu_kernel
+from ..fmus.interface import TOLERANCE, interface_of
 from ..plant import PLANTS
 from ..solver.kernel_cache import write_atomically
 from .coupling import Coupling
@@ -129,14 +130,15 @@ class ClosedLoopResult:
 
 def write_json(path: Path, data: Any) -> None:
     """Write strict JSON: numbers that are not finite become null."""
-    write_atomically(path, (json.dumps(_finite(data), indent=2) + "\n").encode())
+    write_atomically(path, (json.dumps(finite_or_null(data), indent=2) + "\n").encode())
 
 
-def _finite(data: Any) -> Any:
+def finite_or_null(data: Any) -> Any:
+    """The same data with None for every number that strict JSON cannot write."""
     if isinstance(data, dict):
-        return {key: _finite(value) for key, value in data.items()}
+        return {key: finite_or_null(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
-        return [_finite(value) for value in data]
+        return [finite_or_null(value) for value in data]
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
@@ -186,19 +188,31 @@ def _monolithic(study: Study, progress: Progress | None) -> LoopRun:
             )
     if study.adaptive or study.corrections or study.mapping:
         raise CouplingError("the monolithic coupling has no steps to adapt, correct or map")
-    try:
-        return run_monolithic(
-            study.plant,
-            study.controller,
-            study.reference,
-            study.stop,
-            study.step,
-            plant_values=study.plant_values,
-            controller_values=study.controller_values,
-            progress=progress,
-        )
-    except KeyError as error:
-        raise BadParameter(str(error.args[0])) from error
+    sides = (
+        ("plant", study.plant, study.plant_values),
+        ("controller", study.controller, study.controller_values),
+    )
+    for side, name, values in sides:
+        ranges = dict(interface_of(fmu_kernel(name), name).layout.ranges)
+        ranges.pop(TOLERANCE, None)  # the one solver has its own two
+        _check_values(side, values or {}, list(ranges))
+        for parameter, value in (values or {}).items():
+            low, high = ranges[parameter]
+            if (low is not None and value < low) or (high is not None and value > high):
+                raise BadParameter(
+                    f"{side}: parameter {parameter} = {value:g} is out of its range "
+                    f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
+                )
+    return run_monolithic(
+        study.plant,
+        study.controller,
+        study.reference,
+        study.stop,
+        study.step,
+        plant_values=study.plant_values,
+        controller_values=study.controller_values,
+        progress=progress,
+    )
 
 
 def _file(name: str, known: Mapping[str, str]) -> Path:
@@ -215,6 +229,3 @@ def _check_values(side: str, values: Mapping[str, float], known: list[str]) -> N
             near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
             hint = f"; nearest: {', '.join(near)}" if near else f"; it has {', '.join(known)}"
             raise BadParameter(f"{side} has no parameter {name!r}{hint}")
-
-
-__all__ = ["ClosedLoopResult", "Study", "run_study", "write_json"]

@@ -17,6 +17,7 @@ far the plant's outputs move under the correction is the defect's effect.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -111,18 +112,22 @@ class ControllerSide:
             self.answer = Answer.SAMPLED
             return
         before = self.command_at(signals, reference)
-        for k in range(self.n):
-            probe = signals.copy()
-            probe[k] += self._shift(signals)[k]
-            if np.any(self.command_at(probe, reference) != before):
-                self.command_at(signals, reference)
-                return
+        follows = self._probed(lambda at: self.command_at(at, reference), signals, before).any()
         self.command_at(signals, reference)
-        self.answer = Answer.STEPPED
+        if not follows:
+            self.answer = Answer.STEPPED
 
-    def _shift(self, signals: Vector) -> Vector:
-        shift: Vector = 1e-7 * np.maximum(np.abs(signals), 1e-3 * self._nominal)
-        return shift
+    def _probed(
+        self, answer: Callable[[Vector], Vector], signals: Vector, command: Vector
+    ) -> Matrix:
+        """Derivatives of an answer by the signals, by differences from `command` at `signals`."""
+        gain = np.zeros((self.m, self.n))
+        shift = 1e-7 * np.maximum(np.abs(signals), 1e-3 * self._nominal)
+        for k in range(self.n):
+            moved = signals.copy()
+            moved[k] += shift[k]
+            gain[:, k] = (answer(moved) - command) / (moved[k] - signals[k])
+        return gain
 
     def command_at(self, signals: Vector, reference: Vector) -> Vector:
         """Set the inputs and read the commands."""
@@ -139,7 +144,6 @@ class ControllerSide:
         Leaves the controller's state as it was, except that a controller that answers in its step
         and cannot be taken back has moved on to t + h; `advance` knows.
         """
-        gain, rate = np.zeros((self.m, self.n)), np.zeros(self.m)
         if self.answer is not Answer.DIRECT:
             return self._stepped_law(t, h, signals, reference, probe)
         self._set(signals, reference)
@@ -148,12 +152,9 @@ class ControllerSide:
             gain = values[self.m : self.m * (1 + self.n)].reshape(self.m, self.n)
             return Law(values[: self.m], gain, values[self.m * (1 + self.n) :])
         command = self._read_command()
+        gain, rate = np.zeros((self.m, self.n)), np.zeros(self.m)
         if probe:
-            shift = self._shift(signals)
-            for k in range(self.n):
-                moved = signals.copy()
-                moved[k] += shift[k]
-                gain[:, k] = (self.command_at(moved, reference) - command) / (moved[k] - signals[k])
+            gain = self._probed(lambda at: self.command_at(at, reference), signals, command)
             if self.participant.can_save:
                 state = self.participant.save()
                 self.command_at(signals, reference)
@@ -187,11 +188,7 @@ class ControllerSide:
 
         command = answer(signals)
         if probe and self.answer is Answer.STEPPED:
-            shift = self._shift(signals)
-            for k in range(self.n):
-                moved = signals.copy()
-                moved[k] += shift[k]
-                gain[:, k] = (answer(moved) - command) / (moved[k] - signals[k])
+            gain = self._probed(answer, signals, command)
         self.participant.release(state)
         return Law(command, gain, rate)
 

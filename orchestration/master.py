@@ -205,10 +205,15 @@ def _meet_samples(loop: Loop, step: float, reason: str) -> tuple[float, str]:
     period = loop.controller.participant.sample_time
     if period <= 0:
         return step, reason
-    parts = max(1, math.ceil(period / step - 1e-9))
-    if abs(parts * step - period) > 1e-9 * period:
-        reason += f"; steps of {period / parts:g} s meet its samples every {period:g} s"
-    return period / parts, reason
+    met = step_that_meets(period, step)
+    if abs(met - step) > 1e-9 * step:
+        reason += f"; steps of {met:g} s meet its samples every {period:g} s"
+    return met, reason
+
+
+def step_that_meets(period: float, step: float) -> float:
+    """The longest step [s], at most `step`, of which the sampling period is a multiple."""
+    return period / max(1, math.ceil(period / step - 1e-9)) if period > 0 else step
 
 
 class _Clock:

@@ -87,9 +87,10 @@ class FmuParticipant:
     def __init__(self, source: Path | str | UnpackedFmu, name: str) -> None:
         from fmpy.fmi2 import FMU2Slave
 
-        self._owned = not isinstance(source, UnpackedFmu)
-        self._fmu = source if isinstance(source, UnpackedFmu) else unpack(source)
-        if self._owned:
+        if isinstance(source, UnpackedFmu):
+            self._fmu = source
+        else:
+            self._fmu = unpack(source)
             weakref.finalize(self, self._fmu.remove)
         self.name = name
         description = self._fmu.description
@@ -217,9 +218,7 @@ class FmuParticipant:
         self._free_state(self._component, ctypes.addressof(state))
 
     def reopened(self) -> FmuParticipant:
-        return FmuParticipant(
-            UnpackedFmu(self._fmu.path, self._fmu.description, self._fmu.folder), self.name
-        )
+        return FmuParticipant(self._fmu, self.name)
 
     def close(self) -> None:
         if self._open:

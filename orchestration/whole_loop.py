@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..solver.connect import CONTROLLER, PLANT
 from ..solver.kernel import IntegrationError, Kernel, Model
 from ..solver.stored import stored_kernel
 from .coupling import Coupling
-from .master import LoopRun, Progress
+from .master import LoopRun, Progress, step_that_meets
 from .reference_signal import Reference
 from .verdict import ACCURACY, Verdict
 
@@ -78,6 +79,7 @@ def run_monolithic(
     commands = [n for n in tight.outputs if n in ("u",)]
     signals = [n for n in tight.outputs if n not in commands]
     verdict = _verdict(tight, loose, signals)
+    steps = np.diff(tight.time)
     return LoopRun(
         time=tight.time,
         outputs={n: tight.outputs[n] for n in signals},
@@ -89,17 +91,19 @@ def run_monolithic(
         defect_max=dict.fromkeys(commands, 0.0),
         effect_rate_max=dict.fromkeys(signals, 0.0),
         macro_steps=len(tight.time) - 1,
-        step_range=(step, step),
+        step_range=(float(steps.min(initial=step)), float(steps.max(initial=0.0))),
         verdict=verdict,
         stopped=tight.stopped,
     )
 
 
+@dataclass(frozen=True)
 class _Course:
     """Outputs on the grid of communication points, as far as the solver got."""
 
-    def __init__(self, time: Vector, outputs: dict[str, Vector], stopped: str) -> None:
-        self.time, self.outputs, self.stopped = time, outputs, stopped
+    time: Vector
+    outputs: dict[str, Vector]
+    stopped: str
 
 
 def _simulate(
@@ -113,8 +117,7 @@ def _simulate(
 ) -> _Course:
     model = Model(kernel, values, tolerance)
     period = model.sample_time
-    if period > 0:
-        step = period / max(1, int(np.ceil(period / step - _ROUND_OFF)))
+    step = step_that_meets(period, step)
     points = int(np.ceil(stop / step - _ROUND_OFF))
     times = np.minimum(np.arange(points + 1) * step, stop)
     rows = []

@@ -140,7 +140,7 @@ class Model:
     ----------
     kernel : Kernel
     values : mapping of str to float, optional
-        Parameters by name, and initial states as ``<state>_start``.
+        Parameters by name, and initial states, discrete ones too, as ``<state>_start``.
     tolerance : float
         Relative tolerance; the absolute one is this times each state's nominal value.
 
@@ -164,13 +164,18 @@ class Model:
         self.u = np.array(held, dtype=float)
         parameters = {p.name: k for k, p in enumerate(kernel.parameters)}
         starts = {f"{s.name}_start": k for k, s in enumerate(kernel.states)}
+        held_starts = {
+            f"{d.name}_start": len(kernel.inputs) + k for k, d in enumerate(kernel.discrete)
+        }
         for name, value in (values or {}).items():
             if name in parameters:
                 self.p[parameters[name]] = value
             elif name in starts:
                 self.x[starts[name]] = value
+            elif name in held_starts:
+                self.u[held_starts[name]] = value
             else:
-                known = ", ".join([*parameters, *starts])
+                known = ", ".join([*parameters, *starts, *held_starts])
                 raise KeyError(f"{kernel.name} has no parameter {name!r}; it has {known}")
         self.tolerance = tolerance
         self.atol = tolerance * np.array([s.nominal for s in kernel.states])

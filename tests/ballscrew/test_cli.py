@@ -12,6 +12,7 @@ import pytest
 from ballscrew.cli import main
 
 RUN = ["run", "--controller", "pid", "--stop", "0.2"]
+MONOLITHIC = [*RUN, "--coupling", "monolithic", "--out", "OUT"]
 
 
 def command(*arguments, cwd=None):
@@ -138,6 +139,9 @@ def test_help_and_version_load_none_of_the_heavy_libraries():
         ([*RUN, "--out", "OUT", "--set", "plant.m=inf"], "expected a finite number"),
         ([*RUN, "--out", "OUT", "--set", "plant.mass=1"], "plant has no parameter 'mass'"),
         ([*RUN, "--out", "OUT", "--set", "plant.m=-1"], "m = -1 kg is out of its range"),
+        ([*MONOLITHIC, "--set", "plant.Fc=-1"], "plant: parameter Fc = -1 is out of its range"),
+        ([*MONOLITHIC, "--set", "plant.mass=1"], "plant has no parameter 'mass'"),
+        ([*MONOLITHIC, "--set", "plant.solver_tolerance=1e-6"], "plant has no parameter"),
         ([*RUN, "--out", "OUT", "--map", "a"], "is not of the form THEIRS=OURS"),
         ([*RUN, "--out", "OUT", "--map", "a=b"], "neither side has a port 'a'"),
         ([*RUN, "--out", "OUT", "--limit-voltage", "0"], "expected more than 0"),

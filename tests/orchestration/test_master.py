@@ -127,6 +127,7 @@ def test_a_sampled_controller_is_met_at_its_samples_and_its_hold_is_no_defect(tr
     assert "meet its samples" in result.coupling_reason
     assert result.defect_max["u"] == 0.0
     assert result.verdict.trusted
+    assert truth("pid_sampled", 2.0).step_range == pytest.approx((1e-4, 1e-4))
     held = result.commands["u"][:-1].reshape(-1, 2)
     assert np.all(held == held[:, :1])
     assert error(result, truth("pid_sampled", 2.0)) < 1e-7
@@ -185,3 +186,13 @@ def test_a_run_without_motion_is_saved_with_its_pictures(tmp_path):
     result.save(tmp_path)
     assert (tmp_path / "phase.png").exists()
     assert result.figures()["settling_time_2pct"] is None
+
+
+def test_initial_discrete_states_reach_both_roads():
+    values = {"w_start": 0.5}
+    exact = run_monolithic(
+        "plant", "pid_sampled", Reference.constant(0.08), 0.1, 1e-3, controller_values=values
+    )
+    result = run("pid_sampled", 1e-3, 0.1, controller_values=values)
+    assert error(result, exact) < 1e-7
+    assert result.outputs["x"][-1] > 1.2 * run("pid_sampled", 1e-3, 0.1).outputs["x"][-1]
