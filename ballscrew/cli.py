@@ -151,6 +151,17 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
     )
     add("--limit-voltage", metavar="V", help="amplifier voltage limit; 36 V is nominal")
     add("--limit-current", metavar="A", help="amplifier current limit")
+    add(
+        "--isolate",
+        action=argparse.BooleanOptionalAction,
+        help="run each FMU in a process of its own (default: those that are not ours)",
+    )
+    add(
+        "--time-limit",
+        default="60",
+        metavar="SECONDS",
+        help="for any one call of an FMU in a process of its own (default 60)",
+    )
     add("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
     add("--json", action="store_true", help="print the figures as JSON")
 
@@ -286,6 +297,9 @@ def _study(options: argparse.Namespace, controller: str) -> Study:
         raise BadRequest(f"--corrections is {options.corrections!r}, expected 0 or 1")
     _check_part("--controller", controller, CONTROLLERS)
     _check_part("--plant", options.plant, PLANTS)
+    time_limit = _number("--time-limit", options.time_limit)
+    if time_limit <= 0:
+        raise BadRequest(f"--time-limit is {options.time_limit} s, expected more than 0")
     values = _settings(options)
     mapping = dict(_pair("--map", text, "THEIRS=OURS") for text in options.map)
     from .orchestration.closed_loop import Study
@@ -312,6 +326,8 @@ def _study(options: argparse.Namespace, controller: str) -> Study:
         plant_values=values["plant"],
         controller_values=values["controller"],
         mapping=mapping,
+        isolate=options.isolate,
+        time_limit=time_limit,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -57,3 +58,17 @@ def fmu(name: str) -> Path:
 
         export_kernel(fmu_kernel(name), path)
     return path
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a file is, byte for byte, an FMU of this catalogue, wherever it lies."""
+    ready = kernel_cache.folder() / "fmus"
+    try:
+        size = path.stat().st_size
+        return any(
+            path == own or (own.stat().st_size == size and filecmp.cmp(path, own, shallow=False))
+            for own in (ready / f"{name}-{fingerprint()}.fmu" for name in NAMES)
+            if own.is_file()
+        )
+    except OSError:
+        return False

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import re
 import shutil
-import tempfile
-import zipfile
-from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
+
+from .archive import BadArchive, unpack_archive
 
 
 class FmuError(ValueError):
@@ -15,11 +18,60 @@ class FmuError(ValueError):
 
 
 @dataclass(frozen=True)
+class RealVariable:
+    """One variable of type Real.
+
+    Attributes
+    ----------
+    direct : bool
+        Whether this output may follow inputs at once; True where the FMU does not say.
+    """
+
+    name: str
+    reference: int
+    causality: str
+    unit: str
+    nominal: float
+    start: float | None
+    direct: bool
+
+
+@dataclass(frozen=True)
+class Description:
+    """What the master needs of a modelDescription.xml.
+
+    Attributes
+    ----------
+    message_reference : int, optional
+        Value reference of the String output ``message`` in which our FMUs say why a step failed.
+    """
+
+    guid: str
+    identifier: str
+    variables: tuple[RealVariable, ...]
+    message_reference: int | None
+    saves_state: bool
+    once_per_process: bool
+
+    def names(self, causality: str) -> list[str]:
+        return [v.name for v in self.variables if v.causality == causality]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Description:
+        variables = tuple(RealVariable(**v) for v in data["variables"])
+        return cls(**{**data, "variables": variables})
+
+
+@dataclass(frozen=True)
 class UnpackedFmu:
     """An FMU's description and the folder it was unpacked to; `remove` deletes the folder."""
 
     path: Path
-    description: Any
+    description: Description
     folder: Path
 
     def remove(self) -> None:
@@ -34,41 +86,81 @@ def unpack(path: Path | str) -> UnpackedFmu:
     FmuError
         If the file is missing, is no FMU, climbs out of its folder, or cannot run here.
     """
-    from fmpy import platform, read_model_description
-
     path = Path(path)
-    if not path.is_file():
-        raise FmuError(f"{path}: no such file")
     try:
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-            _check_names(path, names)
-            if "modelDescription.xml" not in names:
-                raise FmuError(f"{path}: holds no modelDescription.xml, so it is no FMU")
-            try:
-                description = read_model_description(str(path), validate=False)
-            except Exception as error:  # the parser raises many kinds
-                raise FmuError(f"{path}: modelDescription.xml cannot be read: {error}") from error
-            if description.fmiVersion != "2.0":
-                raise FmuError(f"{path}: is FMI {description.fmiVersion}, expected FMI 2.0")
-            if description.coSimulation is None:
-                raise FmuError(f"{path}: is for model exchange only, expected co-simulation")
-            binaries = f"binaries/{platform}/"
-            if not any(name.startswith(binaries) for name in names):
-                raise FmuError(f"{path}: has no binary for this platform ({platform})")
-            folder = Path(tempfile.mkdtemp(prefix="ballscrew-fmu-"))
-            try:
-                archive.extractall(folder)
-            except BaseException:
-                shutil.rmtree(folder, ignore_errors=True)
-                raise
-    except zipfile.BadZipFile as error:
-        raise FmuError(f"{path}: is not a zip file, so it is no FMU") from error
-    return UnpackedFmu(path, description, folder)
+        folder = unpack_archive(path)
+    except BadArchive as error:
+        raise FmuError(f"{path}: {error}") from error
+    try:
+        return UnpackedFmu(path, _read(path, folder), folder)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
-def _check_names(path: Path, names: list[str]) -> None:
-    for name in names:
-        parts = PurePosixPath(name.replace("\\", "/"))
-        if parts.is_absolute() or ".." in parts.parts or ":" in name:
-            raise FmuError(f"{path}: refuses to unpack {name!r}, which climbs out of its folder")
+def _read(path: Path, folder: Path) -> Description:
+    from fmpy import platform, read_model_description, sharedLibraryExtension
+
+    if not (folder / "modelDescription.xml").is_file():
+        raise FmuError(f"{path}: holds no modelDescription.xml, so it is no FMU")
+    try:
+        read = read_model_description(str(folder), validate=False)
+        if read.fmiVersion != "2.0":
+            raise FmuError(f"{path}: is FMI {read.fmiVersion}, expected FMI 2.0")
+        if read.coSimulation is None:
+            raise FmuError(f"{path}: is for model exchange only, expected co-simulation")
+        description = _described(read)
+    except FmuError:
+        raise
+    except (AttributeError, IndexError, KeyError, TypeError) as error:
+        raise FmuError(
+            f"{path}: modelDescription.xml lacks something that FMI requires ({error})"
+        ) from error
+    except Exception as error:  # the parser raises many kinds
+        reason = str(error) or type(error).__name__
+        raise FmuError(f"{path}: modelDescription.xml cannot be read: {reason}") from error
+    if not re.fullmatch(r"[A-Za-z_]\w*", description.identifier):
+        raise FmuError(
+            f"{path}: modelIdentifier is {description.identifier!r}, expected a name in C"
+        )
+    binary = f"binaries/{platform}/{description.identifier}{sharedLibraryExtension}"
+    if not (folder / binary).is_file():
+        there = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
+        raise FmuError(
+            f"{path}: has no binary for this platform, expected {binary}; it has binaries for "
+            f"{', '.join(there) or 'none'}"
+        )
+    return description
+
+
+def _described(read: Any) -> Description:
+    followers = {u.variable.name for u in read.outputs or () if u.dependencies}
+    silent = {u.variable.name for u in read.outputs or () if u.dependencies is None}
+    listed = {u.variable.name for u in read.outputs or ()}
+    variables = []
+    message = None
+    for v in read.modelVariables:
+        if v.type == "String" and v.name == "message" and v.causality == "output":
+            message = int(v.valueReference)
+        if v.type != "Real":
+            continue
+        nominal = abs(float(v.nominal)) if v.nominal else 1.0
+        variables.append(
+            RealVariable(
+                v.name,
+                int(v.valueReference),
+                str(v.causality),
+                str(v.unit or ""),
+                nominal if math.isfinite(nominal) and nominal > 0 else 1.0,
+                float(v.start) if v.start is not None else None,
+                v.name in followers or v.name in silent or v.name not in listed,
+            )
+        )
+    return Description(
+        str(read.guid),
+        str(read.coSimulation.modelIdentifier),
+        tuple(variables),
+        message,
+        bool(read.coSimulation.canGetAndSetFMUstate),
+        bool(read.coSimulation.canBeInstantiatedOnlyOncePerProcess),
+    )

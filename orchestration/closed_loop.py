@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
@@ -12,11 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from ..controllers import CONTROLLERS
-from ..fmus.catalogue import fmu, fmu_kernel
+from ..fmus.catalogue import fmu, fmu_kernel, is_ours
 from ..fmus.interface import TOLERANCE, interface_of
 from ..plant import PLANTS
 from ..solver.kernel_cache import write_atomically
 from .coupling import Coupling
+from .isolated import TIME_LIMIT, IsolatedParticipant
 from .master import CouplingError, LoopRun, Progress, run_loop
 from .metrics import metrics
 from .participant import FmuParticipant
@@ -48,6 +50,10 @@ class Study:
         Parameters that are not default.
     mapping : mapping of str to str
         Names of a stranger's ports, ``theirs -> ours``.
+    isolate : bool, optional
+        Whether FMUs run each in a process of its own. Default: those that are not of the catalogue.
+    time_limit : float
+        Longest time that one call of an FMU in a process of its own may take [s].
     """
 
     controller: str
@@ -61,6 +67,8 @@ class Study:
     plant_values: Mapping[str, float] | None = None
     controller_values: Mapping[str, float] | None = None
     mapping: Mapping[str, str] | None = None
+    isolate: bool | None = None
+    time_limit: float = TIME_LIMIT
 
 
 @dataclass(frozen=True)
@@ -154,9 +162,11 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
     """
     if study.coupling is Coupling.MONOLITHIC:
         return ClosedLoopResult(study, _monolithic(study, progress))
-    plant = FmuParticipant(_file(study.plant, PLANTS), "plant")
-    controller = FmuParticipant(_file(study.controller, CONTROLLERS), "controller")
-    try:
+    with contextlib.ExitStack() as opened:
+        plant = _opened(study, study.plant, "plant", PLANTS)
+        opened.callback(plant.close)
+        controller = _opened(study, study.controller, "controller", CONTROLLERS)
+        opened.callback(controller.close)
         for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
             _check_values(side.name, values or {}, side.parameters)
         run = run_loop(
@@ -173,9 +183,6 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
             mapping=study.mapping,
             progress=progress,
         )
-    finally:
-        plant.close()
-        controller.close()
     return ClosedLoopResult(study, run)
 
 
@@ -215,10 +222,14 @@ def _monolithic(study: Study, progress: Progress | None) -> LoopRun:
     )
 
 
-def _file(name: str, known: Mapping[str, str]) -> Path:
-    if name in known:
-        return fmu(name)
-    return Path(name)
+def _opened(
+    study: Study, name: str, side: str, known: Mapping[str, str]
+) -> FmuParticipant | IsolatedParticipant:
+    path = fmu(name) if name in known else Path(name)
+    isolate = not is_ours(path) if study.isolate is None else study.isolate
+    return (
+        IsolatedParticipant(path, side, study.time_limit) if isolate else FmuParticipant(path, side)
+    )
 
 
 def _check_values(side: str, values: Mapping[str, float], known: list[str]) -> None:

@@ -23,6 +23,7 @@ FINEST = 12  # adaptive steps go down to 2^-12 of the given one
 LEAST_SHARE = 1e-3  # of the error that is allowed in all, to any one step
 NEGLIGIBLE = 1e-7  # of the range: effects that add up to less are round-off
 RUNAWAY = 1e4  # times an output's nominal value
+UNBOUNDED = StepFailed("").advice
 
 
 class CouplingError(ValueError):
@@ -272,6 +273,7 @@ class _Record:
     contraction_sum: float = 0.0
     contraction_weight: float = 0.0
     stopped: str = ""
+    advice: str = UNBOUNDED
 
     def note_contraction(self, value: float, weight: float) -> None:
         if np.isfinite(value) and weight > 0:
@@ -319,6 +321,7 @@ def _march(
         except StepFailed as error:
             _drop(saved)
             record.stopped = f"{error} (in the step from t = {t:.6g} s)"
+            record.advice = error.advice
             break
         _step_companions(companions, reversible, t, h, before, after)
         low, high = np.minimum(low, report.outputs), np.maximum(high, report.outputs)
@@ -350,7 +353,9 @@ def _march(
             record.commands.append(loop.command(end, following, after, last=clock.done))
         except StepFailed as error:
             record.stopped = f"{error} (at t = {end:.6g} s)"
-            record.commands.append(loop.controller.last_command())
+            record.advice = error.advice
+            for kept in (main.outputs, record.times, record.references):
+                kept.pop()  # a row without its command is no row
             break
         if not np.isfinite(report.outputs).all():
             record.stopped = f"an output is not finite at t = {end:.6g} s"
@@ -451,6 +456,7 @@ def _concluded(
         clock.longest_used,
         safety=1.0 if main.loop.corrected and main.loop.averaged else 2.0,
         failure=failure,
+        advice=record.advice,
     )
     commands = np.array(record.commands)
     return LoopRun(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import functools
+import itertools
 import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,13 +30,28 @@ _STEP = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int
 )
 _STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-_OK = 1  # fmi2OK or fmi2Warning
+_OK, _DISCARD, _FATAL = 1, 2, 4  # fmi2Warning counts as OK
+_LOGGED: dict[int, str] = {}
+_LOG_NUMBERS = itertools.count(1)
 
 SAMPLE_TIME = "sample_time"
 
 
 class StepFailed(RuntimeError):
-    """A participant could not do a step; the message is its own, where it gave one."""
+    """A participant could not do a step; the message is its own, where it gave one.
+
+    Attributes
+    ----------
+    advice : str
+        What the user can do.
+    """
+
+    def __init__(self, message: str, advice: str = "") -> None:
+        super().__init__(message)
+        self.advice = advice or (
+            "use a smaller --step; if it ends the same way, the loop itself is unstable or a "
+            "parameter is wrong"
+        )
 
 
 class Writer(Protocol):
@@ -85,45 +103,21 @@ class FmuParticipant:
     """
 
     def __init__(self, source: Path | str | UnpackedFmu, name: str) -> None:
-        from fmpy.fmi2 import FMU2Slave
-
-        if isinstance(source, UnpackedFmu):
-            self._fmu = source
-        else:
-            self._fmu = unpack(source)
-            weakref.finalize(self, self._fmu.remove)
+        self._fmu = opened_source(self, source)
         self.name = name
         description = self._fmu.description
-        self._real = {v.name: v for v in description.modelVariables if v.type == "Real"}
-        self._message = next(
-            (
-                v.valueReference
-                for v in description.modelVariables
-                if v.type == "String" and v.name == "message" and v.causality == "output"
-            ),
-            None,
-        )
-        self.inputs: Sequence[str] = [n for n, v in self._real.items() if v.causality == "input"]
-        self.outputs: Sequence[str] = [n for n, v in self._real.items() if v.causality == "output"]
-        self.parameters: list[str] = [
-            n for n, v in self._real.items() if v.causality == "parameter"
-        ]
-        self.can_save = bool(description.coSimulation.canGetAndSetFMUstate)
+        self._real = {v.name: v for v in description.variables}
+        self.inputs: Sequence[str] = description.names("input")
+        self.outputs: Sequence[str] = description.names("output")
+        self.parameters = description.names("parameter")
+        self.can_save = description.saves_state
         self.sample_time = 0.0
-        self._slave = FMU2Slave(
-            guid=description.guid,
-            unzipDirectory=str(self._fmu.folder),
-            modelIdentifier=description.coSimulation.modelIdentifier,
-            instanceName=name,
-        )
-        self._open = False
-        try:
-            self._slave.instantiate()
-        except Exception as error:
-            raise FmuError(f"{self._fmu.path}: cannot be instantiated: {error}") from error
+        self._log = next(_LOG_NUMBERS)
+        self._status = 0  # the worst yet
+        self._slave = self._instantiated()
         self._open = True
-        end_cleanly(Path(self._slave.dll._name))
         library = self._slave.dll
+        end_cleanly(Path(library._name))
         self._set_real = _SIGNALS(("fmi2SetReal", library))
         self._get_real = _SIGNALS(("fmi2GetReal", library))
         self._do_step = _STEP(("fmi2DoStep", library))
@@ -132,12 +126,29 @@ class FmuParticipant:
         self._free_state = _STATE(("fmi2FreeFMUstate", library))
         self._component = ctypes.c_void_p(self._slave.component)
 
-    @property
-    def path(self) -> Path:
-        return self._fmu.path
+    def _instantiated(self) -> Any:
+        from fmpy import calloc, fmi2, free
+
+        callbacks = fmi2.fmi2CallbackFunctions()
+        callbacks.logger = _logger()
+        callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
+        callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
+        callbacks.componentEnvironment = self._log
+        try:
+            slave = fmi2.FMU2Slave(
+                guid=self._fmu.description.guid,
+                unzipDirectory=str(self._fmu.folder),
+                modelIdentifier=self._fmu.description.identifier,
+                instanceName=self.name,
+            )
+            slave.instantiate(callbacks=callbacks, loggingOn=True)
+        except Exception as error:
+            reason = _LOGGED.get(self._log) or str(error)
+            raise FmuError(f"{self._fmu.path}: cannot be instantiated: {reason}") from error
+        return slave
 
     def nominal(self, name: str) -> float:
-        return abs(float(self._real[name].nominal or 1.0))
+        return self._real[name].nominal
 
     def initialize(self, values: Mapping[str, float], stop: float) -> None:
         """Set parameters and start values, and go through initialization.
@@ -150,23 +161,25 @@ class FmuParticipant:
         try:
             self._slave.setupExperiment(startTime=0.0, stopTime=stop)
             for name, value in values.items():
-                self._slave.setReal([self._real[name].valueReference], [value])
+                self._slave.setReal([self._real[name].reference], [value])
             self._slave.enterInitializationMode()
             self._slave.exitInitializationMode()
             if SAMPLE_TIME in self.parameters:
                 self.sample_time = float(
-                    self._slave.getReal([self._real[SAMPLE_TIME].valueReference])[0]
+                    self._slave.getReal([self._real[SAMPLE_TIME].reference])[0]
                 )
         except Exception as error:
-            raise StepFailed(f"{self.name}: {self.message() or error}") from error
+            status = getattr(error, "status", _FATAL)
+            raise self._failed(status, f"cannot be initialized: {error}") from error
         if self.message():
             raise StepFailed(self.message())
 
     def message(self) -> str:
-        """What the FMU says of its failure, if it is one of ours; else empty."""
-        if self._message is None:
-            return ""
-        (text,) = self._slave.getString([self._message])
+        """What the FMU says of its failure: ours in an output for it, others in their log."""
+        reference = self._fmu.description.message_reference
+        if reference is None:
+            return _LOGGED.get(self._log, "")
+        (text,) = self._slave.getString([reference])
         return str(text.decode("utf-8", "replace"))
 
     def writer(self, names: Sequence[str]) -> Writer:
@@ -175,8 +188,8 @@ class FmuParticipant:
 
         def write(values: Vector) -> None:
             buffer[:] = values
-            if n and call(component, references, n, pointer) > _OK:
-                raise StepFailed(f"{self.name}: refuses the values of {', '.join(names)}")
+            if n and (status := call(component, references, n, pointer)) > _OK:
+                raise self._failed(status, f"refuses the values of {', '.join(names)}")
 
         return write
 
@@ -185,34 +198,41 @@ class FmuParticipant:
         call, component, n = self._get_real, self._component, len(names)
 
         def read() -> Vector:
-            if n and call(component, references, n, pointer) > _OK:
-                raise StepFailed(f"{self.name}: cannot give {', '.join(names)}")
+            if n and (status := call(component, references, n, pointer)) > _OK:
+                raise self._failed(status, f"cannot give {', '.join(names)}")
             return buffer.copy()
 
         return read
 
     def _bind(self, names: Sequence[str]) -> tuple[Any, Vector, Any]:
-        references = (ctypes.c_uint * len(names))(*(self._real[n].valueReference for n in names))
+        references = (ctypes.c_uint * len(names))(*(self._real[n].reference for n in names))
         buffer = np.zeros(len(names))
         return references, buffer, buffer.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
     def step(self, t: float, h: float) -> None:
         status = self._do_step(self._component, t, h, 1)
         if status > _OK:
-            raise StepFailed(
-                self.message()
-                or f"{self.name}: the step from t = {t:.9g} s failed with FMI status {status}"
-            )
+            raise self._failed(status, f"the step failed with FMI status {status}")
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
-        if self._get_state(self._component, ctypes.addressof(state)) > _OK:
-            raise StepFailed(f"{self.name}: cannot save its state")
+        status = self._get_state(self._component, ctypes.addressof(state))
+        if status > _OK:
+            raise self._failed(status, "cannot save its state")
         return state
 
     def restore(self, state: Any) -> None:
-        if self._set_state(self._component, state) > _OK:
-            raise StepFailed(f"{self.name}: cannot restore its state")
+        status = self._set_state(self._component, state)
+        if status > _OK:
+            raise self._failed(status, "cannot restore its state")
+
+    def _failed(self, status: int, what: str) -> StepFailed:
+        self._status = max(self._status, status)
+        reason = self.message() if status < _FATAL else _LOGGED.get(self._log, "")
+        if reason.startswith(f"{self.name}: "):  # ours put the instance's name first
+            return StepFailed(reason)
+        whose = f"{self.name} ({self._fmu.path.name})"
+        return StepFailed(f"{whose}: {what}{': ' if reason else ''}{' '.join(reason.split())}")
 
     def release(self, state: Any) -> None:
         self._free_state(self._component, ctypes.addressof(state))
@@ -221,9 +241,36 @@ class FmuParticipant:
         return FmuParticipant(self._fmu, self.name)
 
     def close(self) -> None:
-        if self._open:
-            self._open = False
-            try:
+        if not self._open:
+            return
+        self._open = False
+        _LOGGED.pop(self._log, None)
+        if self._status >= _FATAL:
+            return  # FMI allows no call any more
+        # what it computed is read already: a bad end changes nothing
+        with contextlib.suppress(Exception):
+            if self._status <= _OK:
                 self._slave.terminate()
-            finally:
-                self._slave.freeInstance()
+        self._slave.freeInstance()
+
+
+def opened_source(owner: object, source: Path | str | UnpackedFmu) -> UnpackedFmu:
+    """The FMU unpacked; a folder made for `owner` goes with it."""
+    if isinstance(source, UnpackedFmu):
+        return source
+    fmu = unpack(source)
+    weakref.finalize(owner, fmu.remove)
+    return fmu
+
+
+@functools.cache
+def _logger() -> Any:
+    """What FMUs call to log: keeps the last error of each instance."""
+    from fmpy import fmi2
+
+    @fmi2.fmi2CallbackLoggerTYPE
+    def log(environment: int, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
+        if status > _DISCARD and text:
+            _LOGGED[environment or 0] = text.decode("utf-8", "replace").strip()
+
+    return log

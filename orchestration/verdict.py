@@ -60,6 +60,7 @@ def judge(
     step: float,
     safety: float = 2.0,
     failure: str = "",
+    advice: str = "",
 ) -> Verdict:
     """The verdict on a run, from it and its companion.
 
@@ -77,6 +78,8 @@ def judge(
         difference is larger than the run's own error; 2 where it is the better.
     failure : str
         Why the companion, or the run, ended early.
+    advice : str
+        What to do about the failure.
     """
     rows = min(len(run), len(companion))
     scale = _scales(run[:rows])
@@ -91,11 +94,7 @@ def judge(
         f"this run had steps of {step:g} s"
     )
     if failure:
-        unstable = (
-            "use a smaller --step; if it ends the same way, the loop itself is unstable or a "
-            "parameter is wrong"
-        )
-        return Verdict(False, failure, unstable, estimate, contraction)
+        return Verdict(False, failure, advice, estimate, contraction)
     if np.isfinite(contraction) and contraction > WORST_CONTRACTION:
         return Verdict(
             False,

@@ -1,0 +1,69 @@
+"""Unpack a zip file that may be anybody's into a new folder, so that nothing lands beside it."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import zipfile
+from pathlib import Path, PurePosixPath
+
+LARGEST = 2 * 1024**3  # bytes that an archive may unpack to
+MOST = 100_000  # files in it
+
+
+class BadArchive(ValueError):
+    """The file is no archive that can be unpacked here; the message says why, without its name."""
+
+
+def unpack_archive(path: Path) -> Path:
+    """Unpack a zip file into a new temporary folder, which is the caller's to remove.
+
+    Raises
+    ------
+    BadArchive
+        If the file is missing, is no zip file, is damaged, names files outside its folder, or would
+        unpack to more than two gibibytes.
+    """
+    try:
+        if not path.is_file():
+            raise BadArchive("is a folder" if path.is_dir() else "no such file")
+        archive = zipfile.ZipFile(path)
+    except OSError as error:
+        raise BadArchive(f"cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # BadZipFile is none, but a name with a null character is one
+        if isinstance(error, BadArchive):
+            raise
+        raise BadArchive(f"cannot be read: {error}") from error
+    except Exception as error:  # zipfile meets damage with many kinds of errors
+        raise BadArchive("is not a zip file") from error
+    with archive:
+        entries = archive.infolist()
+        if not entries:
+            raise BadArchive("is an empty zip file")
+        for entry in entries:
+            _check_name(entry.filename)
+        size = sum(entry.file_size for entry in entries)
+        if size > LARGEST or len(entries) > MOST:
+            raise BadArchive(
+                f"would unpack to {size / 1024**3:.1f} GiB in {len(entries)} files, expected at "
+                f"most {LARGEST / 1024**3:.0f} GiB in {MOST}"
+            )
+        folder = Path(tempfile.mkdtemp(prefix="ballscrew-"))
+        try:
+            # extractall writes what a symbolic link in the archive points to as plain text
+            archive.extractall(folder)
+        except OSError as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise BadArchive(f"cannot be unpacked: {error.strerror or error}") from error
+        except BaseException as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            if not isinstance(error, Exception):
+                raise
+            raise BadArchive(f"is damaged: {error or type(error).__name__}") from error
+    return folder
+
+
+def _check_name(name: str) -> None:
+    parts = PurePosixPath(name.replace("\\", "/"))
+    if parts.is_absolute() or ".." in parts.parts or ":" in name:
+        raise BadArchive(f"holds {name!r}, which climbs out of its folder; nothing was unpacked")

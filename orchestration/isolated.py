@@ -1,0 +1,246 @@
+"""An FMU in a process of its own, so that its crash, its hang or its modules are not ours.
+
+The master's side. The other side is `isolated_host.py`, a fresh interpreter that runs an
+`FmuParticipant` and answers over a socket; what it prints goes to a file, of which a failure shows
+the last line. Requests that need no answer wait for the next one that does, so that a communication
+step costs few exchanges.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import weakref
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..fmus.reading import FmuError, UnpackedFmu
+from .isolated_host import OK, REFUSED, Request, receive, send
+from .participant import Reader, StepFailed, Writer, opened_source
+
+Vector = npt.NDArray[np.float64]
+
+TIME_LIMIT = 60.0  # s, for any one call
+_FAREWELL = 5.0  # s, to end in good order
+
+
+class IsolatedParticipant:
+    """An FMI 2.0 co-simulation FMU, run in another process.
+
+    Parameters
+    ----------
+    source : path-like or UnpackedFmu
+    name : str
+        Instance name; also what the FMU is called in messages.
+    time_limit : float
+        Longest time that any one call may take [s].
+
+    Raises
+    ------
+    FmuError
+        If the file is no FMU that can run here, or its process does not survive opening it.
+    """
+
+    def __init__(
+        self, source: Path | str | UnpackedFmu, name: str, time_limit: float = TIME_LIMIT
+    ) -> None:
+        self._fmu = opened_source(self, source)
+        self.name = name
+        self.time_limit = time_limit
+        description = self._fmu.description
+        self._nominal = {v.name: v.nominal for v in description.variables}
+        self.inputs: Sequence[str] = description.names("input")
+        self.outputs: Sequence[str] = description.names("output")
+        self.parameters = description.names("parameter")
+        self.can_save = description.saves_state
+        self.sample_time = 0.0
+        self._waiting: list[bytes] = []
+        self._bound = self._saved = 0
+        self._dead = ""
+        self._printed = tempfile.TemporaryFile()  # noqa: SIM115 (closed by _ended)
+        self._socket, self._process = _started(self._printed, self._fmu.folder)
+        self._socket.settimeout(time_limit)
+        self._end = weakref.finalize(self, _ended, self._socket, self._process, self._printed)
+        request = {
+            "path": str(self._fmu.path),
+            "folder": str(self._fmu.folder),
+            "description": description.to_dict(),
+            "name": name,
+        }
+        try:
+            self._ask(Request.OPEN, json.dumps(request).encode())
+        except StepFailed as error:
+            self._end()
+            raise FmuError(f"{self._fmu.path}: cannot be instantiated: {error}") from error
+        except BaseException:
+            self._end()
+            raise
+
+    def nominal(self, name: str) -> float:
+        return self._nominal[name]
+
+    def initialize(self, values: Mapping[str, float], stop: float) -> None:
+        """Set parameters and start values, and go through initialization.
+
+        Raises
+        ------
+        StepFailed
+            If the FMU refuses, or its process does not survive.
+        """
+        request = json.dumps({"values": dict(values), "stop": stop}).encode()
+        (self.sample_time,) = struct.unpack("<d", self._ask(Request.INITIALIZE, request))
+
+    def writer(self, names: Sequence[str]) -> Writer:
+        number = self._bind(Request.BIND_WRITER, names)
+
+        def write(values: Vector) -> None:
+            self._tell(Request.WRITE, number + np.asarray(values, dtype=float).tobytes())
+
+        return write
+
+    def reader(self, names: Sequence[str]) -> Reader:
+        number, size = self._bind(Request.BIND_READER, names), 8 * len(names)
+
+        def read() -> Vector:
+            data = self._ask(Request.READ, number)
+            if len(data) != size:
+                raise self._lost(f"gave {len(data)} bytes for {', '.join(names)}")
+            return np.frombuffer(data).copy()
+
+        return read
+
+    def _bind(self, request: Request, names: Sequence[str]) -> bytes:
+        number = struct.pack("<I", self._bound)
+        self._bound += 1
+        self._tell(request, number + json.dumps(list(names)).encode())
+        return number
+
+    def step(self, t: float, h: float) -> None:
+        self._ask(Request.STEP, struct.pack("<dd", t, h))
+
+    def save(self) -> Any:
+        state = struct.pack("<Q", self._saved)
+        self._saved += 1
+        self._tell(Request.SAVE, state)
+        return state
+
+    def restore(self, state: Any) -> None:
+        self._tell(Request.RESTORE, state)
+
+    def release(self, state: Any) -> None:
+        if not self._dead:
+            self._tell(Request.RELEASE, state)
+
+    def reopened(self) -> IsolatedParticipant:
+        return IsolatedParticipant(self._fmu, self.name, self.time_limit)
+
+    def close(self) -> None:
+        if self._end.alive and not self._dead:
+            self._socket.settimeout(min(self.time_limit, _FAREWELL))
+            with contextlib.suppress(OSError, StepFailed):
+                self._ask(Request.CLOSE)
+                self._process.wait(_FAREWELL)
+        self._end()
+
+    def _tell(self, request: Request, data: bytes = b"") -> None:
+        self._waiting.append(struct.pack("<BI", request, len(data)) + data)
+
+    def _ask(self, request: Request, data: bytes = b"") -> bytes:
+        """Send everything that waits and this request; return its answer."""
+        if self._dead:
+            raise StepFailed(self._dead)
+        self._tell(request, data)
+        packet = b"".join(self._waiting)
+        self._waiting.clear()
+        try:
+            send(self._socket, packet)
+            answer = receive(self._socket)
+        except TimeoutError:
+            limit = f"{self.time_limit:g} s"
+            what = f"gave no answer to {request.name.lower()} within {limit}"
+            raise self._lost(what, "if it is only slow, give it a longer --time-limit") from None
+        except (OSError, EOFError):
+            raise self._lost(self._how_it_ended()) from None
+        status, rest = answer[0], answer[1:]
+        if status == OK:
+            return rest
+        text = " ".join(rest.decode("utf-8", "replace").split())
+        if status == REFUSED:
+            raise FmuError(text)
+        raise StepFailed(text)
+
+    def _lost(
+        self, how: str, advice: str = "try that FMU alone: it failed by itself"
+    ) -> StepFailed:
+        self._dead = f"{self.name} ({self._fmu.path.name}) {how}"
+        _kill(self._process)
+        return StepFailed(self._dead, advice)
+
+    def _how_it_ended(self) -> str:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_FAREWELL)
+        code = self._process.returncode
+        if code is None:
+            how = "has given up the connection"
+        elif code < 0:
+            try:
+                how = f"was ended by {signal.Signals(-code).name}"
+            except ValueError:
+                how = f"was ended by signal {-code}"
+        else:
+            how = f"ended with exit code {code}"
+        self._printed.seek(max(0, self._printed.seek(0, 2) - 4096))
+        lines = self._printed.read().decode("utf-8", "replace").split("\n")
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        return f"{how}; its last words: {last[:200]}" if last else how
+
+
+def _started(printed: Any, folder: Path) -> tuple[socket.socket, subprocess.Popen[bytes]]:
+    """A host process, connected; it ends by itself when this process does."""
+    ours, theirs = socket.socketpair()
+    # Its own working directory and no user's modules on the path (-P): what lies around here is
+    # none of the FMU's business. This package is found where it is found now, after all else.
+    import ballscrew
+
+    where = str(Path(ballscrew.__file__).parents[1])
+    code = (
+        f"import sys; sys.path.append({where!r}); "
+        "from ballscrew.orchestration.isolated_host import main; "
+        f"main({theirs.fileno()})"
+    )
+    with theirs:
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-c", code],
+            stdin=subprocess.DEVNULL,
+            stdout=printed,
+            stderr=printed,
+            cwd=folder,
+            pass_fds=[theirs.fileno()],
+            start_new_session=True,  # Ctrl-C is the master's to handle
+        )
+    return ours, process
+
+
+def _ended(connection: socket.socket, process: subprocess.Popen[bytes], printed: Any) -> None:
+    connection.close()
+    _kill(process)
+    printed.close()
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End the process, with whatever it may have started itself."""
+    if process.poll() is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()

@@ -1,0 +1,157 @@
+"""The process that runs one FMU for `IsolatedParticipant`, and how the two talk.
+
+A packet is its length and then requests, each a kind, a length and its data. The last request of a
+packet is answered with a status and data; so is the first that fails, and the rest are dropped. No
+Python objects cross: the FMU's side is not believed.
+"""
+
+from __future__ import annotations
+
+import enum
+import json
+import os
+import select
+import socket
+import struct
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..fmus.reading import Description, FmuError, UnpackedFmu
+from .participant import FmuParticipant, StepFailed
+
+OK, FAILED, REFUSED = 0, 1, 2
+_LARGEST = 1 << 28  # bytes of a packet
+
+
+class Request(enum.IntEnum):
+    OPEN = 1
+    INITIALIZE = 2
+    BIND_WRITER = 3
+    BIND_READER = 4
+    WRITE = 5
+    READ = 6
+    STEP = 7
+    SAVE = 8
+    RESTORE = 9
+    RELEASE = 10
+    CLOSE = 11
+
+
+def send(connection: socket.socket, data: bytes) -> None:
+    connection.sendall(struct.pack("<I", len(data)) + data)
+
+
+def receive(connection: socket.socket) -> bytes:
+    """One packet.
+
+    Raises
+    ------
+    EOFError
+        If the other side is gone.
+    TimeoutError
+        If the connection has a time limit and it has passed.
+    """
+    (size,) = struct.unpack("<I", _exactly(connection, 4))
+    if size > _LARGEST:
+        raise EOFError
+    return _exactly(connection, size)
+
+
+def _exactly(connection: socket.socket, size: int) -> bytes:
+    data = connection.recv(size)
+    while len(data) < size:
+        more = connection.recv(size - len(data))
+        if not more:
+            raise EOFError
+        data += more
+    return data
+
+
+def main(descriptor: int) -> None:
+    """Answer requests until the other side is gone, then end at once."""
+    connection = socket.socket(fileno=descriptor)
+    threading.Thread(target=_end_with_master, args=(descriptor,), daemon=True).start()
+    host = _Host()
+    closed = False
+    while not closed:
+        try:
+            packet = receive(connection)
+        except (EOFError, OSError):
+            break
+        try:
+            answer = bytes([OK]) + host.answer(packet)
+        except StepFailed as error:
+            answer = bytes([FAILED]) + str(error).encode()
+        except FmuError as error:
+            answer = bytes([REFUSED]) + str(error).encode()
+        except Exception as error:
+            answer = bytes([FAILED]) + f"{type(error).__name__}: {error}".encode()
+        closed = host.closed
+        send(connection, answer)
+    # Not through the interpreter's end, where a stranger's library may still crash.
+    os._exit(0)
+
+
+def _end_with_master(descriptor: int) -> None:
+    """End this process when the master is gone, even while the FMU never returns."""
+    poll = select.poll()
+    poll.register(descriptor, getattr(select, "POLLRDHUP", select.POLLHUP))
+    poll.poll()
+    os._exit(1)
+
+
+class _Host:
+    def __init__(self) -> None:
+        self.closed = False
+        self._bound: dict[bytes, Any] = {}
+        self._states: dict[bytes, Any] = {}
+        self._actions: dict[int, Callable[[bytes], bytes | None]] = {
+            Request.OPEN: self._open,
+            Request.INITIALIZE: self._initialize,
+            Request.BIND_WRITER: self._bind_writer,
+            Request.BIND_READER: self._bind_reader,
+            Request.WRITE: lambda data: self._bound[data[:4]](np.frombuffer(data[4:])),
+            Request.READ: lambda data: self._bound[data]().tobytes(),
+            Request.STEP: lambda data: self._fmu.step(*struct.unpack("<dd", data)),
+            Request.SAVE: self._save,
+            Request.RESTORE: lambda data: self._fmu.restore(self._states[data]),
+            Request.RELEASE: lambda data: self._fmu.release(self._states.pop(data)),
+            Request.CLOSE: self._close,
+        }
+
+    def answer(self, packet: bytes) -> bytes:
+        """Do every request of a packet; return the answer to the last."""
+        at, result = 0, None
+        while at < len(packet):
+            kind, size = struct.unpack_from("<BI", packet, at)
+            at += 5 + size
+            result = self._actions[kind](packet[at - size : at])
+        return result or b""
+
+    def _open(self, data: bytes) -> None:
+        request = json.loads(data)
+        description = Description.from_dict(request["description"])
+        unpacked = UnpackedFmu(Path(request["path"]), description, Path(request["folder"]))
+        self._fmu = FmuParticipant(unpacked, request["name"])
+
+    def _initialize(self, data: bytes) -> bytes:
+        request = json.loads(data)
+        self._fmu.initialize(request["values"], request["stop"])
+        return struct.pack("<d", self._fmu.sample_time)
+
+    def _bind_writer(self, data: bytes) -> None:
+        self._bound[data[:4]] = self._fmu.writer(json.loads(data[4:]))
+
+    def _bind_reader(self, data: bytes) -> None:
+        self._bound[data[:4]] = self._fmu.reader(json.loads(data[4:]))
+
+    def _save(self, data: bytes) -> None:
+        self._states[data] = self._fmu.save()
+
+    def _close(self, _data: bytes) -> None:
+        self.closed = True
+        self._fmu.close()

@@ -1,0 +1,163 @@
+"""Strangers' FMUs in processes of their own: crashes, hangs, clashes, and many of them."""
+
+import contextlib
+import csv
+import os
+import time
+
+import numpy as np
+import pytest
+from strangers import proportional
+
+from ballscrew.cli import main
+from ballscrew.fmus.catalogue import fmu, is_ours
+from ballscrew.fmus.reading import FmuError
+from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.isolated import IsolatedParticipant
+from ballscrew.orchestration.participant import StepFailed
+
+SEGFAULT = "import ctypes; ctypes.string_at(0)"
+
+
+def run(path, out, *more):
+    return main(["run", "--controller", str(path), "--stop", "0.1", "--out", str(out), *more])
+
+
+def rows(out):
+    with (out / "trajectory.csv").open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def one_line_on_stopping(captured):
+    """The line that says why: the first one on standard error, with nothing of Python in it."""
+    assert "Traceback" not in captured.err
+    return captured.err.splitlines()[0]
+
+
+def test_a_segfault_ends_the_run_with_a_line_and_what_was_computed(tmp_path, capsys):
+    crash = proportional(tmp_path, "Crash", in_step=f"if current_time > 0.05: {SEGFAULT}")
+    assert run(crash, tmp_path / "out") == 1
+    line = one_line_on_stopping(capsys.readouterr())
+    assert "controller (Crash.fmu) was ended by SIGSEGV" in line
+    assert "0.051 s" in line
+    times = [float(row["time"]) for row in rows(tmp_path / "out")]
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(0.05, abs=2e-3)
+    assert (tmp_path / "out" / "metrics.json").is_file()
+
+
+def test_a_hang_ends_at_the_time_limit_with_a_line_and_what_was_computed(tmp_path, capsys):
+    hang = proportional(tmp_path, "Hang", in_step="while current_time > 0.05: pass")
+    start = time.monotonic()
+    assert run(hang, tmp_path / "out", "--time-limit", "2") == 1
+    assert time.monotonic() - start < 30
+    line = one_line_on_stopping(capsys.readouterr())
+    assert "controller (Hang.fmu) gave no answer to step within 2 s" in line
+    assert float(rows(tmp_path / "out")[-1]["time"]) == pytest.approx(0.05, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("at_start", "words"),
+    [
+        (SEGFAULT, "was ended by SIGSEGV"),
+        ("raise RuntimeError('no licence')", "no licence"),
+        ("import os; os._exit(7)", "ended with exit code 7"),
+        (
+            "import sys; print('the last words', file=sys.stderr, flush=True); " + SEGFAULT,
+            "the last words",
+        ),
+        ("while True: pass", "gave no answer to open within 3 s"),
+    ],
+)
+def test_an_fmu_that_does_not_open_is_a_bad_request(tmp_path, capsys, at_start, words):
+    bad = proportional(tmp_path, "Bad", at_start=at_start)
+    assert run(bad, tmp_path / "out", "--time-limit", "3") == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert "Bad.fmu" in line
+    assert words in line
+
+
+def test_an_exception_in_a_step_is_told_with_its_text(tmp_path, capsys):
+    bad = proportional(tmp_path, "Raises", in_step="1 / (current_time < 0.05)")
+    assert run(bad, tmp_path / "out") == 1
+    line = one_line_on_stopping(capsys.readouterr())
+    assert "Raises.fmu" in line
+    assert "division by zero" in line
+
+
+def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkeypatch):
+    """One interpreter would give the second the first one's module, or the user's own."""
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "plant.py").write_text("raise ImportError('the plant.py of the user')")
+    monkeypatch.chdir(tmp_path / "here")
+    courses = []
+    for gain in (1.0, 0.5):
+        path = proportional(
+            tmp_path / str(gain),
+            f"Gain{int(10 * gain)}",
+            head="import plant\n",
+            in_step="self.x_d = plant.GAIN * self.x_d",
+            modules={"plant": f"GAIN = {gain}\n"},
+        )
+        courses.append(run_study(Study(str(path), stop=0.02)).run.commands["u"])
+    np.testing.assert_allclose(courses[0][0], 400 * 0.08, rtol=1e-12)
+    np.testing.assert_allclose(courses[1][0], 400 * 0.04, rtol=1e-12)
+
+
+def test_a_hundred_instances_live_side_by_side(tmp_path):
+    path = proportional(tmp_path, "Many")
+    with contextlib.ExitStack() as opened:
+        many = [IsolatedParticipant(path, f"c{k}") for k in range(100)]
+        for one in many:
+            opened.callback(one.close)
+        for k, one in enumerate(many):
+            one.initialize({}, 1.0)
+            one.writer(["x_d"])(np.array([1e-3 * k]))
+            one.step(0.0, 1e-3)
+        for k, one in enumerate(many):
+            assert one.reader(["u"])()[0] == 400.0 * (1e-3 * k)
+
+
+def test_isolated_and_not_isolated_runs_are_the_same_to_the_last_bit(tmp_path):
+    study = Study("iol", stop=0.1)
+    alone = run_study(Study("iol", stop=0.1, isolate=True)).run
+    together = run_study(study).run
+    for name, course in together.outputs.items():
+        np.testing.assert_array_equal(alone.outputs[name], course)
+    np.testing.assert_array_equal(alone.commands["u"], together.commands["u"])
+
+
+def test_what_is_ours_is_known_by_content_not_by_name(tmp_path):
+    copy = tmp_path / "anything.fmu"
+    copy.write_bytes(fmu("nctf").read_bytes())
+    assert is_ours(copy)
+    fake = proportional(tmp_path, "Fake").rename(tmp_path / "nctf.fmu")
+    assert not is_ours(fake)
+
+
+def test_no_process_outlives_its_participant_nor_a_failed_opening(tmp_path):
+    def children():
+        with open(f"/proc/{os.getpid()}/task/{os.getpid()}/children") as stream:
+            return set(stream.read().split())
+
+    before = children()
+    one = IsolatedParticipant(fmu("pid"), "one")
+    assert children() - before
+    one.close()
+    one.close()
+    hang = proportional(tmp_path, "Sleeper", at_start="import time; time.sleep(1000)")
+    with pytest.raises(FmuError, match="within 1 s"):
+        IsolatedParticipant(hang, "two", time_limit=1.0)
+    assert children() <= before
+
+
+def test_a_dead_participant_says_so_again_and_closes(tmp_path):
+    one = IsolatedParticipant(
+        proportional(tmp_path, "Dies", in_step="import os; os._exit(3)"), "one"
+    )
+    one.initialize({}, 1.0)
+    for _ in range(2):
+        with pytest.raises(StepFailed, match=r"one \(Dies.fmu\) ended with exit code 3"):
+            one.step(0.0, 1e-3)
+    one.close()
