@@ -23,6 +23,8 @@ from .plant import PLANTS
 
 if TYPE_CHECKING:
     from .orchestration.closed_loop import Study
+    from .orchestration.reference_signal import Reference
+    from .orchestration.system import SystemStudy
 
 TRUSTED, NOT_TRUSTED, BAD_REQUEST = 0, 1, 2
 COUPLINGS = ("jacobi", "gauss-seidel", "tangent", "monolithic")
@@ -37,6 +39,7 @@ _RUN_EXAMPLES = """examples:
   ballscrew run --controller iol --set controller.sigma0_hat=66966.331 --out out
   ballscrew run --controller mine.fmu --map position=x --map voltage=u --out out
   ballscrew run --controller iol --coupling monolithic --out reference
+  ballscrew run --system loop.ssp --set plant.sigma0=6e4 --out out
 """
 
 
@@ -84,12 +87,18 @@ def _parser() -> argparse.ArgumentParser:
     export = commands.add_parser(
         "export",
         help="write the components as FMUs",
-        epilog="example:\n  ballscrew export --out fmus --only plant iol\n",
+        epilog="examples:\n  ballscrew export --out fmus --only plant iol\n"
+        "  ballscrew export --ssp --out loops\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     export.add_argument("--out", required=True, type=Path, metavar="DIR")
     export.add_argument(
         "--only", nargs="+", metavar="NAME", help=f"some of {', '.join([*PLANTS, *CONTROLLERS])}"
+    )
+    export.add_argument(
+        "--ssp",
+        action="store_true",
+        help="instead, write one .ssp per closed loop: both FMUs, wired, with a parameter set",
     )
     export.set_defaults(action=_export)
 
@@ -99,11 +108,14 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_RUN_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    run.add_argument(
+    what = run.add_mutually_exclusive_group(required=True)
+    what.add_argument(
         "--controller",
-        required=True,
         metavar="NAME|FMU",
         help=f"{', '.join(CONTROLLERS)}, or the path of an FMU",
+    )
+    what.add_argument(
+        "--system", type=Path, metavar="SSP", help="an .ssp with a plant and what commands it"
     )
     _add_loop_options(run)
     run.set_defaults(action=_run)
@@ -122,15 +134,15 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_loop_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--plant", default="plant", metavar="FMU", help="path of an FMU in place of our plant")
+    add("--plant", metavar="FMU", help="path of an FMU in place of our plant")
     goal = parser.add_mutually_exclusive_group()
     goal.add_argument(
-        "--setpoint", default="0.08", metavar="METRES", help="desired position [m] (default 0.08)"
+        "--setpoint", metavar="METRES", help="desired position [m] (default 0.08, or the .ssp's)"
     )
     goal.add_argument(
         "--reference", type=Path, metavar="CSV", help="file with the columns time [s] and x_d [m]"
     )
-    add("--stop", default="20", metavar="SECONDS", help="end of the run [s] (default 20)")
+    add("--stop", metavar="SECONDS", help="end of the run [s] (default 20, or the .ssp's)")
     add("--step", default="1e-3", metavar="SECONDS", help="communication step [s] (default 1e-3)")
     add("--coupling", metavar="NAME", help=f"{', '.join(COUPLINGS)} (default: by rule, and said)")
     add("--corrections", metavar="0|1", help="corrections of each step by rollback")
@@ -170,17 +182,24 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    names = options.only or [*PLANTS, *CONTROLLERS]
+    known = [*CONTROLLERS] if options.ssp else [*PLANTS, *CONTROLLERS]
+    names = options.only or known
     for name in names:
-        if name not in PLANTS and name not in CONTROLLERS:
-            raise BadRequest(
-                f"no component {name!r}; there are {', '.join([*PLANTS, *CONTROLLERS])}"
-            )
+        if name not in known:
+            what = "closed loop" if options.ssp else "component"
+            raise BadRequest(f"no {what} {name!r}; there are {', '.join(known)}")
     _prepare(options.out)
     from .fmus.catalogue import fmu
+    from .fmus.system_export import export_system
     from .solver.kernel_cache import write_atomically
 
     for name in names:
+        if options.ssp:
+            target = options.out / f"{name}.ssp"
+            loop = (fmu("plant"), fmu(name), target)
+            _write(partial(export_system, *loop, name=name))
+            print(target)
+            continue
         target = options.out / f"{name}.fmu"
         data = fmu(name).read_bytes()
         _write(partial(write_atomically, target, data))
@@ -189,12 +208,18 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    study = _study(options, options.controller)
+    study = _system_study(options) if options.system else _study(options, options.controller)
     _prepare(options.out)
-    from .orchestration.closed_loop import finite_or_null, run_study
+    from .orchestration.closed_loop import Study, finite_or_null, run_study
 
-    progress = _Progress(study.stop)
-    result = _guarded(lambda: run_study(study, progress))
+    if isinstance(study, Study):
+        progress = _Progress(study.stop)
+        result = _guarded(lambda: run_study(study, progress))
+    else:
+        from .orchestration.system import run_system
+
+        progress = _Progress(study.stop)
+        result = _guarded(lambda: run_system(study, progress))
     progress.finish()
     _write(lambda: result.save(options.out))
     figures = result.figures()
@@ -202,6 +227,8 @@ def _run(options: argparse.Namespace) -> int:
         print(json.dumps(finite_or_null(figures)))
     else:
         _print_figures(figures, options.out)
+    for note in result.notes:
+        print(f"note: {note}", file=sys.stderr)
     if not result.trusted:
         print(f"{figures['verdict']}: {figures['verdict_reason']}", file=sys.stderr)
         if figures["advice"]:
@@ -240,6 +267,7 @@ def _guarded(action: Any) -> Any:
     """Run and turn what the user can mend into one line."""
     from .fmus.catalogue import UnknownComponent
     from .fmus.reading import FmuError
+    from .fmus.system_reading import BadSystem
     from .orchestration.closed_loop import BadParameter
     from .orchestration.master import CouplingError
     from .orchestration.participant import StepFailed
@@ -249,6 +277,7 @@ def _guarded(action: Any) -> Any:
         return action()
     except (
         FmuError,
+        BadSystem,
         WiringError,
         CouplingError,
         BadParameter,
@@ -282,12 +311,65 @@ def _prepare(folder: Path) -> None:
 
 
 def _study(options: argparse.Namespace, controller: str) -> Study:
-    stop, step = _number("--stop", options.stop), _number("--step", options.step)
+    plant = options.plant or "plant"
+    stop = _stop(options) or 20.0
+    loop = _loop_options(options, stop)
+    _check_part("--controller", controller, CONTROLLERS)
+    _check_part("--plant", plant, PLANTS)
+    values = _settings(options)
+    mapping = dict(_pair("--map", text, "THEIRS=OURS") for text in options.map)
+    from .orchestration.closed_loop import Study
+    from .orchestration.reference_signal import Reference
+
+    return Study(
+        controller=controller,
+        plant=plant,
+        reference=_reference(options) or Reference.constant(0.08),
+        stop=stop,
+        plant_values=values["plant"],
+        controller_values=values["controller"],
+        mapping=mapping,
+        **loop,
+    )
+
+
+def _system_study(options: argparse.Namespace) -> SystemStudy:
+    for name in ("plant", "map", "limit_voltage", "limit_current"):
+        if getattr(options, name):
+            raise BadRequest(
+                f"--{name.replace('_', '-')} makes no sense with --system, whose file says what is "
+                "connected; use --set ELEMENT.VARIABLE=VALUE"
+            )
+    stop = _stop(options)
+    loop = _loop_options(options, stop)
+    if options.coupling == "monolithic":
+        raise BadRequest("--coupling monolithic needs equations, and an .ssp does not give them")
+    values = {}
+    for text in options.set:
+        name, value = _pair("--set", text, "ELEMENT.VARIABLE=VALUE")
+        if "." not in name:
+            raise BadRequest(f"--set {text!r}: expected ELEMENT.VARIABLE=VALUE")
+        values[name] = _number(f"--set {name}", value)
+    from .orchestration.system import SystemStudy
+
+    return SystemStudy(options.system, _reference(options), stop, values=values, **loop)
+
+
+def _stop(options: argparse.Namespace) -> float | None:
+    if options.stop is None:
+        return None
+    stop = _number("--stop", options.stop)
     if stop <= 0:
         raise BadRequest(f"--stop is {options.stop} s, expected more than 0")
-    if not 0 < step <= stop:
+    return stop
+
+
+def _loop_options(options: argparse.Namespace, stop: float | None) -> dict[str, Any]:
+    """What runs by name and by file have in common, checked."""
+    step = _number("--step", options.step)
+    if step <= 0 or (stop is not None and step > stop):
         raise BadRequest(f"--step is {options.step} s, expected more than 0 and at most --stop")
-    if stop / step > 1e9:
+    if stop is not None and stop / step > 1e9:
         raise BadRequest(f"--step {options.step} makes {stop / step:.3g} steps; use a larger one")
     if options.coupling is not None and options.coupling not in COUPLINGS:
         raise BadRequest(
@@ -295,40 +377,32 @@ def _study(options: argparse.Namespace, controller: str) -> Study:
         )
     if options.corrections not in (None, "0", "1"):
         raise BadRequest(f"--corrections is {options.corrections!r}, expected 0 or 1")
-    _check_part("--controller", controller, CONTROLLERS)
-    _check_part("--plant", options.plant, PLANTS)
     time_limit = _number("--time-limit", options.time_limit)
     if time_limit <= 0:
         raise BadRequest(f"--time-limit is {options.time_limit} s, expected more than 0")
-    values = _settings(options)
-    mapping = dict(_pair("--map", text, "THEIRS=OURS") for text in options.map)
-    from .orchestration.closed_loop import Study
     from .orchestration.coupling import Coupling
+
+    return {
+        "step": step,
+        "coupling": Coupling(options.coupling) if options.coupling else None,
+        "corrections": None if options.corrections is None else int(options.corrections),
+        "adaptive": options.adaptive,
+        "isolate": options.isolate,
+        "time_limit": time_limit,
+    }
+
+
+def _reference(options: argparse.Namespace) -> Reference | None:
     from .orchestration.reference_signal import BadReference, Reference
 
     try:
-        reference = (
-            Reference.read(options.reference)
-            if options.reference
-            else Reference.constant(_number("--setpoint", options.setpoint))
-        )
+        if options.reference:
+            return Reference.read(options.reference)
     except BadReference as error:
         raise BadRequest(str(error)) from error
-    return Study(
-        controller=controller,
-        plant=options.plant,
-        reference=reference,
-        stop=stop,
-        step=step,
-        coupling=Coupling(options.coupling) if options.coupling else None,
-        corrections=None if options.corrections is None else int(options.corrections),
-        adaptive=options.adaptive,
-        plant_values=values["plant"],
-        controller_values=values["controller"],
-        mapping=mapping,
-        isolate=options.isolate,
-        time_limit=time_limit,
-    )
+    if options.setpoint is None:
+        return None
+    return Reference.constant(_number("--setpoint", options.setpoint))
 
 
 def _check_part(option: str, name: str, known: dict[str, str]) -> None:
@@ -387,8 +461,8 @@ def _number(option: str, text: str) -> float:
 class _Progress:
     """One line on standard error, rewritten; silent where nobody watches."""
 
-    def __init__(self, stop: float) -> None:
-        self.stop = stop
+    def __init__(self, stop: float | None) -> None:
+        self.stop = stop  # None where only the file knows it
         self.started = time.monotonic()
         self.shown = 0.0
         self.active = sys.stderr.isatty()
@@ -398,11 +472,12 @@ class _Progress:
         if not self.active or clock - self.shown < 0.2:
             return
         self.shown = clock
-        done = now / self.stop
+        end = f" of {self.stop:g}" if self.stop else ""
+        done = now / self.stop if self.stop else 0.0
         left = (clock - self.started) * (1 - done) / done if done > 0 and not name else None
         rest = f", about {left:.0f} s left" if left is not None else ""
         head = f"{name}: " if name else ""
-        print(f"\r\033[K{head}t = {now:.2f} of {self.stop:g} s{rest}", end="", file=sys.stderr)
+        print(f"\r\033[K{head}t = {now:.2f}{end} s{rest}", end="", file=sys.stderr)
 
     def finish(self) -> None:
         if self.active and self.shown:

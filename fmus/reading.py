@@ -18,16 +18,18 @@ class FmuError(ValueError):
 
 
 @dataclass(frozen=True)
-class RealVariable:
-    """One variable of type Real.
+class NumberVariable:
+    """One variable of type Real, Integer or Boolean.
 
     Attributes
     ----------
+    type : str
     direct : bool
         Whether this output may follow inputs at once; True where the FMU does not say.
     """
 
     name: str
+    type: str
     reference: int
     causality: str
     unit: str
@@ -48,13 +50,14 @@ class Description:
 
     guid: str
     identifier: str
-    variables: tuple[RealVariable, ...]
+    variables: tuple[NumberVariable, ...]
     message_reference: int | None
     saves_state: bool
     once_per_process: bool
 
     def names(self, causality: str) -> list[str]:
-        return [v.name for v in self.variables if v.causality == causality]
+        """Names of the Real variables of a causality."""
+        return [v.name for v in self.variables if v.causality == causality and v.type == "Real"]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -62,7 +65,7 @@ class Description:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Description:
-        variables = tuple(RealVariable(**v) for v in data["variables"])
+        variables = tuple(NumberVariable(**v) for v in data["variables"])
         return cls(**{**data, "variables": variables})
 
 
@@ -142,17 +145,18 @@ def _described(read: Any) -> Description:
     for v in read.modelVariables:
         if v.type == "String" and v.name == "message" and v.causality == "output":
             message = int(v.valueReference)
-        if v.type != "Real":
+        if v.type not in ("Real", "Integer", "Boolean"):
             continue
         nominal = abs(float(v.nominal)) if v.nominal else 1.0
         variables.append(
-            RealVariable(
+            NumberVariable(
                 v.name,
+                v.type,
                 int(v.valueReference),
                 str(v.causality),
                 str(v.unit or ""),
                 nominal if math.isfinite(nominal) and nominal > 0 else 1.0,
-                float(v.start) if v.start is not None else None,
+                float(v.start) if v.start is not None and v.type != "Boolean" else None,
                 v.name in followers or v.name in silent or v.name not in listed,
             )
         )

@@ -10,18 +10,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from ..controllers import CONTROLLERS
-from ..fmus.catalogue import fmu, fmu_kernel, is_ours
+from ..fmus.catalogue import fmu, fmu_kernel
 from ..fmus.interface import TOLERANCE, interface_of
 from ..plant import PLANTS
 from ..solver.kernel_cache import write_atomically
 from .coupling import Coupling
-from .isolated import TIME_LIMIT, IsolatedParticipant
+from .isolated import TIME_LIMIT, open_fmu
 from .master import CouplingError, LoopRun, Progress, run_loop
 from .metrics import metrics
-from .participant import FmuParticipant
 from .reference_signal import Reference
 from .whole_loop import run_monolithic
 
@@ -70,6 +69,18 @@ class Study:
     isolate: bool | None = None
     time_limit: float = TIME_LIMIT
 
+    @property
+    def label(self) -> str:
+        """What to call the loop in tables and pictures."""
+        return Path(self.controller).stem
+
+
+class Labelled(Protocol):
+    """A study, as far as results need it."""
+
+    @property
+    def label(self) -> str: ...
+
 
 @dataclass(frozen=True)
 class ClosedLoopResult:
@@ -77,12 +88,15 @@ class ClosedLoopResult:
 
     Attributes
     ----------
-    study : Study
+    study : Study or SystemStudy
     run : LoopRun
+    notes : tuple of str
+        What the user should know beside the verdict.
     """
 
-    study: Study
+    study: Labelled
     run: LoopRun
+    notes: tuple[str, ...] = ()
 
     @property
     def trusted(self) -> bool:
@@ -91,7 +105,7 @@ class ClosedLoopResult:
     def figures(self) -> dict[str, Any]:
         """Everything of ``metrics.json``."""
         run, verdict = self.run, self.run.verdict
-        figures: dict[str, Any] = {"controller": Path(self.study.controller).stem}
+        figures: dict[str, Any] = {"controller": self.study.label}
         if {"x"} <= set(run.outputs) and {"u"} <= set(run.commands):
             figures |= metrics(run).to_dict()
         return figures | {
@@ -108,6 +122,7 @@ class ClosedLoopResult:
             "verdict_reason": verdict.reason,
             "advice": verdict.advice,
             "stopped": run.stopped,
+            "notes": list(self.notes),
             "end_time": float(run.time[-1]),
         }
 
@@ -163,12 +178,13 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
     if study.coupling is Coupling.MONOLITHIC:
         return ClosedLoopResult(study, _monolithic(study, progress))
     with contextlib.ExitStack() as opened:
-        plant = _opened(study, study.plant, "plant", PLANTS)
+        plant = open_fmu(_file(study.plant, PLANTS), "plant", study.isolate, study.time_limit)
         opened.callback(plant.close)
-        controller = _opened(study, study.controller, "controller", CONTROLLERS)
+        path = _file(study.controller, CONTROLLERS)
+        controller = open_fmu(path, "controller", study.isolate, study.time_limit)
         opened.callback(controller.close)
         for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
-            _check_values(side.name, values or {}, side.parameters)
+            check_values(side.name, values or {}, side.parameters)
         run = run_loop(
             plant,
             controller,
@@ -202,7 +218,7 @@ def _monolithic(study: Study, progress: Progress | None) -> LoopRun:
     for side, name, values in sides:
         ranges = dict(interface_of(fmu_kernel(name), name).layout.ranges)
         ranges.pop(TOLERANCE, None)  # the one solver has its own two
-        _check_values(side, values or {}, list(ranges))
+        check_values(side, values or {}, list(ranges))
         for parameter, value in (values or {}).items():
             low, high = ranges[parameter]
             if (low is not None and value < low) or (high is not None and value > high):
@@ -222,17 +238,18 @@ def _monolithic(study: Study, progress: Progress | None) -> LoopRun:
     )
 
 
-def _opened(
-    study: Study, name: str, side: str, known: Mapping[str, str]
-) -> FmuParticipant | IsolatedParticipant:
-    path = fmu(name) if name in known else Path(name)
-    isolate = not is_ours(path) if study.isolate is None else study.isolate
-    return (
-        IsolatedParticipant(path, side, study.time_limit) if isolate else FmuParticipant(path, side)
-    )
+def _file(name: str, known: Mapping[str, str]) -> Path:
+    return fmu(name) if name in known else Path(name)
 
 
-def _check_values(side: str, values: Mapping[str, float], known: list[str]) -> None:
+def check_values(side: str, values: Mapping[str, float], known: list[str]) -> None:
+    """Make sure that every value has a variable.
+
+    Raises
+    ------
+    BadParameter
+        Naming the nearest.
+    """
     import difflib
 
     for name in values:

@@ -25,9 +25,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.reading import FmuError, UnpackedFmu
+from ..fmus.catalogue import is_ours
+from ..fmus.reading import Description, FmuError, UnpackedFmu
 from .isolated_host import OK, REFUSED, Request, receive, send
-from .participant import Reader, StepFailed, Writer, opened_source
+from .participant import FmuParticipant, Reader, StepFailed, Writer, opened_source
 
 Vector = npt.NDArray[np.float64]
 
@@ -59,7 +60,7 @@ class IsolatedParticipant:
         self.name = name
         self.time_limit = time_limit
         description = self._fmu.description
-        self._nominal = {v.name: v.nominal for v in description.variables}
+        self._variables = {v.name: v for v in description.variables}
         self.inputs: Sequence[str] = description.names("input")
         self.outputs: Sequence[str] = description.names("output")
         self.parameters = description.names("parameter")
@@ -87,8 +88,15 @@ class IsolatedParticipant:
             self._end()
             raise
 
+    @property
+    def description(self) -> Description:
+        return self._fmu.description
+
     def nominal(self, name: str) -> float:
-        return self._nominal[name]
+        return self._variables[name].nominal
+
+    def follows_at_once(self, name: str) -> bool:
+        return self._variables[name].direct
 
     def initialize(self, values: Mapping[str, float], stop: float) -> None:
         """Set parameters and start values, and go through initialization.
@@ -204,6 +212,20 @@ class IsolatedParticipant:
         lines = self._printed.read().decode("utf-8", "replace").split("\n")
         last = next((line.strip() for line in reversed(lines) if line.strip()), "")
         return f"{how}; its last words: {last[:200]}" if last else how
+
+
+def open_fmu(
+    path: Path, name: str, isolate: bool | None = None, time_limit: float = TIME_LIMIT
+) -> FmuParticipant | IsolatedParticipant:
+    """Open an FMU in a process of its own if asked, or if not told and it is not of our catalogue.
+
+    Raises
+    ------
+    FmuError
+    """
+    if is_ours(path) if isolate is None else not isolate:
+        return FmuParticipant(path, name)
+    return IsolatedParticipant(path, name, time_limit)
 
 
 def _started(printed: Any, folder: Path) -> tuple[socket.socket, subprocess.Popen[bytes]]:

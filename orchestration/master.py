@@ -98,6 +98,7 @@ def run_loop(
     plant_values: Mapping[str, float] | None = None,
     controller_values: Mapping[str, float] | None = None,
     mapping: Mapping[str, str] | None = None,
+    wiring: Wiring | None = None,
     progress: Progress | None = None,
 ) -> LoopRun:
     """Run a closed loop of two participants.
@@ -119,6 +120,9 @@ def run_loop(
         Let the defect's effect choose the steps.
     mapping : mapping of str to str, optional
         Names of ports, ``theirs -> ours``.
+    wiring : Wiring, optional
+        Who is connected to whom. Default: ports of the same name, or as mapped; where it is given,
+        `mapping` only names the results.
     progress : function, optional
         Called with the present time now and then.
 
@@ -133,7 +137,7 @@ def run_loop(
     StepFailed
         If a part refuses its parameters or initial values.
     """
-    wiring = wire(plant, controller, mapping)
+    wiring = wiring or wire(plant, controller, mapping)
     reversible = plant.can_save and controller.can_save
     ours = dict(mapping or {})
     names = [ours.get(n, n) for n in plant.outputs]

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.process_end import end_cleanly
-from ..fmus.reading import FmuError, UnpackedFmu, unpack
+from ..fmus.reading import Description, FmuError, UnpackedFmu, unpack
 
 Vector = npt.NDArray[np.float64]
 
@@ -76,6 +76,7 @@ class Participant(Protocol):
     sample_time: float
 
     def nominal(self, name: str) -> float: ...
+    def follows_at_once(self, name: str) -> bool: ...
     def initialize(self, values: Mapping[str, float], stop: float) -> None: ...
     def writer(self, names: Sequence[str]) -> Writer: ...
     def reader(self, names: Sequence[str]) -> Reader: ...
@@ -106,7 +107,8 @@ class FmuParticipant:
         self._fmu = opened_source(self, source)
         self.name = name
         description = self._fmu.description
-        self._real = {v.name: v for v in description.variables}
+        self._real = {v.name: v for v in description.variables if v.type == "Real"}
+        self._numbers = {v.name: v for v in description.variables}
         self.inputs: Sequence[str] = description.names("input")
         self.outputs: Sequence[str] = description.names("output")
         self.parameters = description.names("parameter")
@@ -125,6 +127,10 @@ class FmuParticipant:
         self._set_state = _STATE(("fmi2SetFMUstate", library))
         self._free_state = _STATE(("fmi2FreeFMUstate", library))
         self._component = ctypes.c_void_p(self._slave.component)
+
+    @property
+    def description(self) -> Description:
+        return self._fmu.description
 
     def _instantiated(self) -> Any:
         from fmpy import calloc, fmi2, free
@@ -150,6 +156,10 @@ class FmuParticipant:
     def nominal(self, name: str) -> float:
         return self._real[name].nominal
 
+    def follows_at_once(self, name: str) -> bool:
+        """Whether an output may follow inputs without a step, as far as the FMU says."""
+        return self._real[name].direct
+
     def initialize(self, values: Mapping[str, float], stop: float) -> None:
         """Set parameters and start values, and go through initialization.
 
@@ -161,7 +171,13 @@ class FmuParticipant:
         try:
             self._slave.setupExperiment(startTime=0.0, stopTime=stop)
             for name, value in values.items():
-                self._slave.setReal([self._real[name].reference], [value])
+                variable = self._numbers[name]
+                setters = {
+                    "Real": self._slave.setReal,
+                    "Integer": self._slave.setInteger,
+                    "Boolean": self._slave.setBoolean,
+                }
+                setters[variable.type]([variable.reference], [value])
             self._slave.enterInitializationMode()
             self._slave.exitInitializationMode()
             if SAMPLE_TIME in self.parameters:

@@ -76,7 +76,7 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
     import matplotlib as mpl
 
     run = result.run
-    name = Path(result.study.controller).stem
+    name = result.study.label
     badge = run.verdict.word
     title = f"{name}, {run.coupling.value} coupling: {badge}"
     with mpl.rc_context(_STYLE):
@@ -165,7 +165,7 @@ def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -
         ends = []
         for k, result in enumerate(results):
             run = result.run
-            label = Path(result.study.controller).stem
+            label = result.study.label
             if not result.trusted:
                 label += " (not converged)"
             style = {

@@ -44,3 +44,38 @@ def proportional(
     path = folder / f"{name}.fmu"
     FmuBuilder.build_FMU(script, dest=path, project_files=files)
     return path
+
+
+FEEDTHROUGH = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+
+
+class {name}(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.a = 0.0
+        self.gain = 1.0
+        self.register_variable(Real("a", causality=Fmi2Causality.input))
+        self.register_variable(
+            Real(
+                "gain",
+                causality=Fmi2Causality.parameter,
+                variability=Fmi2Variability.tunable,
+            )
+        )
+        self.register_variable(
+            Real("b", causality=Fmi2Causality.output, getter=lambda: self.gain * self.a)
+        )
+
+    def do_step(self, current_time, step_size):
+        return True
+"""
+
+
+def feedthrough(folder: Path, name: str) -> Path:
+    """A part whose output follows its input at once: b = gain * a."""
+    folder.mkdir(parents=True, exist_ok=True)
+    script = folder / f"script_{name.lower()}.py"
+    script.write_text(FEEDTHROUGH.format(name=name))
+    FmuBuilder.build_FMU(script, dest=folder / f"{name}.fmu")
+    return folder / f"{name}.fmu"

@@ -1,0 +1,353 @@
+"""Run a closed loop that an .ssp describes, ours or a stranger's."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..fmus.law_ports import gain_port, rate_port, reference_port
+from ..fmus.system_reading import (
+    BadSystem,
+    SystemConnection,
+    SystemPort,
+    SystemStructure,
+    read_system,
+)
+from .closed_loop import BadParameter, ClosedLoopResult, check_values
+from .coupling import Coupling
+from .group import Feed, Group
+from .isolated import TIME_LIMIT, IsolatedParticipant, open_fmu
+from .master import Progress, run_loop
+from .participant import FmuParticipant, Participant
+from .reference_signal import Reference
+from .wiring import Wiring
+
+STOP = 20.0
+SET_POINT = "x_d"
+
+Fmus = Mapping[str, FmuParticipant | IsolatedParticipant]
+
+
+@dataclass(frozen=True)
+class SystemStudy:
+    """What to run.
+
+    Parameters
+    ----------
+    system : path-like
+        An .ssp file.
+    reference : Reference, optional
+        For the system's set-point. Default: its start value, held.
+    stop : float, optional
+        [s] Default: the file's own, else 20 s.
+    step : float
+        Communication step [s].
+    coupling, corrections, adaptive
+        As in `run_loop`. With ``jacobi`` and ``gauss-seidel`` wired feedback-law ports are signals
+        like any others, as other masters have them.
+    values : mapping of str to float
+        Parameters and start values as ``element.variable``, over those of the file.
+    isolate, time_limit
+        As in `Study`.
+    """
+
+    system: Path | str
+    reference: Reference | None = None
+    stop: float | None = None
+    step: float = 1e-3
+    coupling: Coupling | None = None
+    corrections: int | None = None
+    adaptive: bool = False
+    values: Mapping[str, float] = field(default_factory=dict)
+    isolate: bool | None = None
+    time_limit: float = TIME_LIMIT
+
+    @property
+    def label(self) -> str:
+        """What to call the loop in tables and pictures."""
+        return Path(self.system).stem
+
+
+def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLoopResult:
+    """Run an .ssp: one of its elements as the plant, the others as what commands it.
+
+    The plant is the element with feedback-law inputs, else the one called ``plant``, else the one
+    whose outputs do not follow its inputs at once, else the first.
+
+    Raises
+    ------
+    BadSystem, FmuError, CouplingError, WiringError, BadParameter
+        If the file or the study makes no sense; the message says why.
+    StepFailed
+        If a part refuses its initial values.
+    """
+    system = read_system(study.system)
+    with contextlib.ExitStack() as opened:
+        opened.callback(system.remove)
+        if system.start != 0.0:
+            raise BadSystem(f"{system.path}: starts at t = {system.start:g} s, expected 0")
+        stop = study.stop or system.stop or STOP
+        if study.step > stop:
+            raise BadParameter(
+                f"the step is {study.step:g} s, expected at most the {stop:g} s to run"
+            )
+        fmus = {}
+        for element in system.elements:
+            fmus[element.name] = open_fmu(
+                element.fmu, element.name, study.isolate, study.time_limit
+            )
+            opened.callback(fmus[element.name].close)
+        values = _values(system, study, fmus)
+        loop = _loop(system, fmus, study)
+        reference = study.reference or Reference.constant(loop.set_point(system, values, fmus))
+        run = run_loop(
+            loop.plant,
+            loop.controller,
+            reference,
+            stop,
+            study.step,
+            coupling=study.coupling,
+            corrections=study.corrections,
+            adaptive=study.adaptive,
+            plant_values=_of_side(loop.plant, [loop.plant_name], values),
+            controller_values=_of_side(
+                loop.controller, [n for n in fmus if n != loop.plant_name], values
+            ),
+            mapping=loop.names,
+            wiring=loop.wiring,
+            progress=progress,
+        )
+    notes = [f"{name} names nothing in the system and was ignored" for name in system.ignored]
+    return ClosedLoopResult(study, run, tuple(notes))
+
+
+def _values(system: SystemStructure, study: SystemStudy, fmus: Fmus) -> dict[str, dict[str, float]]:
+    """Start values by element: the file's, and the study's over them."""
+    values = {e.name: dict(e.start_values) for e in system.elements}
+    for given in system.inputs:
+        if given.start is not None:
+            for c in given.drives:
+                start = c.factor * given.start + c.offset
+                values[c.target.element].setdefault(c.target.connector, start)
+    for name, value in study.values.items():
+        element = max((e for e in values if name.startswith(e + ".")), key=len, default="")
+        if not element:
+            wanted = name.rpartition(".")[0]
+            near = difflib.get_close_matches(wanted, values, n=1, cutoff=0.5)
+            hint = f" (nearest: {near[0]})" if near else ""
+            raise BadParameter(
+                f"the system has no element {wanted!r}{hint}; it has {', '.join(values)}"
+            )
+        variable = name[len(element) + 1 :]
+        described = fmus[element].description.variables
+        known = [v.name for v in described if v.causality in ("parameter", "input")]
+        check_values(element, {variable: value}, known)
+        values[element][variable] = value
+    for element, own in values.items():
+        for name, value in own.items():
+            if not math.isfinite(value):
+                raise BadParameter(f"{element}: {name} = {value}, expected a finite number")
+    return values
+
+
+def _of_side(
+    side: Participant, elements: Sequence[str], values: Mapping[str, Mapping[str, float]]
+) -> dict[str, float]:
+    if isinstance(side, Group):
+        return {f"{e}.{name}": v for e in elements for name, v in values[e].items()}
+    return dict(values[elements[0]])
+
+
+@dataclass(frozen=True)
+class _Loop:
+    """A system cut into a plant and the rest.
+
+    Attributes
+    ----------
+    names : dict of str to str
+        What results call the plant's ports.
+    goal : tuple of SystemConnection
+        What the set-point drives.
+    """
+
+    plant_name: str
+    plant: Participant
+    controller: Participant
+    wiring: Wiring
+    names: dict[str, str]
+    goal: tuple[SystemConnection, ...]
+
+    def set_point(
+        self, system: SystemStructure, values: Mapping[str, Mapping[str, float]], fmus: Fmus
+    ) -> float:
+        """The set-point's start value, in its own unit; not a number where there is none."""
+        if not self.goal:
+            return math.nan
+        target = self.goal[0].target
+        given = values[target.element].get(target.connector)
+        if given is None:
+            variables = fmus[target.element].description.variables
+            given = next(v.start for v in variables if v.name == target.connector) or 0.0
+        return (given - self.goal[0].offset) / (self.goal[0].factor or math.nan)
+
+
+def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
+    if len(fmus) < 2:
+        raise BadSystem(f"{system.path}: has one element; a closed loop has two or more")
+    plant = _plant(fmus)
+    rest = [n for n in fmus if n != plant]
+    goal = _goal(system, fmus, rest)
+    if study.reference and not goal:
+        raise BadSystem(
+            f"{system.path}: has no input that a set-point could drive; set start values instead"
+        )
+    inside = [c for c in system.connections if plant not in (c.source.element, c.target.element)]
+    measured = [c for c in system.connections if c.source.element == plant != c.target.element]
+    commands = [c for c in system.connections if c.target.element == plant != c.source.element]
+    own = [c for c in system.connections if plant == c.source.element == c.target.element]
+    if not commands:
+        raise BadSystem(f"{system.path}: nothing drives {plant!r}, which is taken as the plant")
+
+    plain = len(rest) == 1 and not inside and _plain([*measured, *goal], once=True)
+    alone = _plain(commands, once=False) and not own
+    controller = (
+        fmus[rest[0]]
+        if plain
+        else _grouped("controller", {n: fmus[n] for n in rest}, inside, measured, goal)
+    )
+    side = fmus[plant] if alone else _grouped("plant", {plant: fmus[plant]}, own, commands, ())
+
+    def theirs(port: SystemPort) -> str:
+        return port.connector if plain else str(port)
+
+    def ours(port: SystemPort) -> str:
+        return port.connector if alone else str(port)
+
+    signals = tuple(
+        dict.fromkeys(
+            (ours(c.source), c.target.connector if plain else str(c.source)) for c in measured
+        )
+    )
+    references = tuple(dict.fromkeys(c.target.connector if plain else str(c.source) for c in goal))
+    law = study.coupling in (None, Coupling.TANGENT) and alone
+    main = _commands_of(commands, measured) if law else commands
+    accepts = law and _accepts_law(fmus[plant], main, measured)
+    if not accepts:
+        main = commands
+    wiring = Wiring(
+        commands=tuple(
+            (theirs(c.source), c.target.connector if alone else str(c.source)) for c in main
+        ),
+        signals=signals,
+        references=references,
+        accepts_law=accepts,
+        reports_law=accepts and plain and _reports_law(main, measured, commands),
+    )
+    names = {f"{plant}.{port}": port for port in fmus[plant].outputs}
+    names |= {str(c.source): c.target.connector for c in main} if not alone else {}
+    return _Loop(plant, side, controller, wiring, names, goal)
+
+
+def _plant(fmus: Fmus) -> str:
+    def rank(name: str) -> tuple[bool, bool, bool]:
+        fmu = fmus[name]
+        law = any(gain_port(u, y) in fmu.inputs for u in fmu.inputs for y in fmu.outputs)
+        silent = bool(fmu.outputs) and not any(fmu.follows_at_once(y) for y in fmu.outputs)
+        return law, name == "plant", silent
+
+    return max(fmus, key=rank)  # the first of equals
+
+
+def _goal(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> tuple[SystemConnection, ...]:
+    """What the set-point drives: the system's input, else an input that nothing drives."""
+    candidates: dict[str, tuple[SystemConnection, ...]] = {
+        i.name: i.drives
+        for i in system.inputs
+        if i.drives and all(c.target.element in rest for c in i.drives)
+    }
+    if not candidates:
+        driven = {c.target for c in system.connections}
+        free = [SystemPort(e, p) for e in rest for p in fmus[e].inputs]
+        candidates = {
+            str(port): (SystemConnection(SystemPort("", port.connector), port),)
+            for port in free
+            if port not in driven
+        }
+    if len(candidates) == 1:
+        return next(iter(candidates.values()))
+    named = [c for n, c in candidates.items() if n.rpartition(".")[2] == SET_POINT]
+    return named[0] if len(named) == 1 else ()
+
+
+def _plain(connections: Sequence[SystemConnection], once: bool) -> bool:
+    """Whether the connections only join ports; with `once`, none of them to two."""
+    joined = all(c.factor == 1.0 and c.offset == 0.0 for c in connections)
+    return joined and (not once or len({c.source for c in connections}) == len(connections))
+
+
+def _grouped(
+    name: str,
+    members: Fmus,
+    inside: Sequence[SystemConnection],
+    outside: Sequence[SystemConnection],
+    goal: Sequence[SystemConnection],
+) -> Group:
+    feeds = [
+        Feed(str(c.source), c.target.element, c.target.connector, c.factor, c.offset)
+        for c in (*inside, *outside, *goal)
+    ]
+    return Group(
+        name, members, feeds, list(dict.fromkeys(str(c.source) for c in (*outside, *goal)))
+    )
+
+
+def _commands_of(
+    commands: Sequence[SystemConnection], measured: Sequence[SystemConnection]
+) -> list[SystemConnection]:
+    """The commands without the law ports of any of them."""
+    signals = {c.source.connector for c in measured}
+    inputs = {c.target.connector for c in commands}
+    law = {
+        port
+        for u in inputs
+        for port in (
+            rate_port(u),
+            *(gain_port(u, y) for y in signals),
+            *(reference_port(u, y) for y in signals),
+        )
+    }
+    return [c for c in commands if c.target.connector not in law]
+
+
+def _law(command: SystemConnection, measured: Sequence[SystemConnection]) -> list[tuple[str, str]]:
+    """The law's ports of a command, on the plant's side and on the controller's."""
+    source, target = command.source.connector, command.target.connector
+    return [
+        (rate_port(source), rate_port(target)),
+        *(
+            (port(source, c.target.connector), port(target, c.source.connector))
+            for c in measured
+            for port in (gain_port, reference_port)
+        ),
+    ]
+
+
+def _accepts_law(
+    plant: Participant, main: Sequence[SystemConnection], measured: Sequence[SystemConnection]
+) -> bool:
+    return bool(main) and all(
+        port in plant.inputs for command in main for _, port in _law(command, measured)
+    )
+
+
+def _reports_law(
+    main: Sequence[SystemConnection],
+    measured: Sequence[SystemConnection],
+    commands: Sequence[SystemConnection],
+) -> bool:
+    joined = {(c.source.connector, c.target.connector) for c in commands}
+    return all(pair in joined for command in main for pair in _law(command, measured))
