@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := $(shell find ballscrew solver plant controllers fmus orchestration -name '*.py') pyproject.toml
+SOURCES := $(shell find ballscrew solver plant controllers fmus orchestration rig diagnosis -name '*.py') pyproject.toml
 
 .PHONY: demo test prove lint bench clean
 
@@ -30,6 +30,7 @@ lint: $(VENV)/installed
 
 prove: $(VENV)/installed
 	$(BIN)/python proofs/trusted_loops.py
+	$(BIN)/python proofs/fuzz.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/master.py

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .orchestration.system import SystemStudy
 
 TRUSTED, NOT_TRUSTED, BAD_REQUEST = 0, 1, 2
+LONGEST_LINE = 600  # characters of a complaint; what a stranger's file says may be endless
 COUPLINGS = ("jacobi", "gauss-seidel", "tangent", "monolithic")
 
 _EXAMPLES = """examples:
@@ -69,6 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _complain(message: str) -> int:
     line = " ".join(message.split())
+    if len(line) > LONGEST_LINE:
+        line = f"{line[:LONGEST_LINE]} ..."
     print(f"ballscrew: {line}", file=sys.stderr)
     return BAD_REQUEST
 

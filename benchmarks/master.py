@@ -13,12 +13,23 @@ import tempfile
 import time
 from pathlib import Path
 
+from other_masters import TimedLoop, side_by_side
+
 from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.export import export
 from ballscrew.orchestration.coupling import Coupling, Loop
-from ballscrew.orchestration.participant import FmuParticipant
+from ballscrew.orchestration.isolated import open_fmu
 from ballscrew.orchestration.wiring import wire
 from ballscrew.solver.component import Component, Input, Output, State, symbol
+
+COLUMNS = {
+    "ours": "ours",
+    "corrected": "ours, corrected",
+    "isolated": "ours, isolated",
+    "libcosim": "libcosim, 1 core",
+    "ecos": "ecos, 1 core",
+    "container": "container, 1 core",
+}
 
 
 def trivial_pair(folder: Path) -> tuple[Path, Path]:
@@ -43,13 +54,20 @@ def trivial_pair(folder: Path) -> tuple[Path, Path]:
     return export(plant, folder / "plant.fmu"), export(controller, folder / "controller.fmu")
 
 
-def step_cost(plant: Path, controller: Path, h: float, corrected: bool, seconds: float) -> float:
+def step_cost(
+    plant: Path,
+    controller: Path,
+    h: float,
+    corrected: bool,
+    seconds: float,
+    isolate: bool = False,
+) -> float:
     """Microseconds per communication step of the tangent coupling, best of three."""
     import numpy as np
 
     best = float("inf")
     for _ in range(3):
-        p, c = FmuParticipant(plant, "plant"), FmuParticipant(controller, "controller")
+        p, c = (open_fmu(path, path.stem, isolate) for path in (plant, controller))
         p.initialize({}, seconds)
         c.initialize({}, seconds)
         goal = np.array([0.08])
@@ -83,23 +101,29 @@ def start_cost() -> tuple[float, float]:
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
-        pair = trivial_pair(Path(folder))
-        base = {c: step_cost(*pair, 1e-3, c, 5.0) for c in (False, True)}
-        print(f"{'loop':<34}{'us/step':>10}{'ratio to trivial pair':>24}")
-        for label, name, h, corrected in (
-            ("trivial pair", "", 1e-3, False),
-            ("trivial pair, corrected", "", 1e-3, True),
-            ("iol at 1e-3 s", "iol", 1e-3, False),
-            ("iol at 1e-3 s, corrected", "iol", 1e-3, True),
-            ("nctf at 1e-4 s", "nctf", 1e-4, False),
-            ("nctf at 1e-4 s, corrected", "nctf", 1e-4, True),
-        ):
-            cost = (
-                step_cost(fmu("plant"), fmu(name), h, corrected, 5.0 if h > 5e-4 else 1.0)
-                if name
-                else base[corrected]
+        trivial = trivial_pair(Path(folder))
+        loops = {
+            "trivial pair": TimedLoop(*trivial, 1e-3, 5.0),
+            "iol at 1e-3 s": TimedLoop(fmu("plant"), fmu("iol"), 1e-3, 5.0),
+            "nctf at 1e-4 s": TimedLoop(fmu("plant"), fmu("nctf"), 1e-4, 1.0),
+        }
+        costs = side_by_side(
+            lambda loop: step_cost(loop.plant, loop.controller, loop.step, False, loop.stop), loops
+        )
+        for name, loop in loops.items():
+            costs[name]["corrected"] = step_cost(
+                loop.plant, loop.controller, loop.step, True, loop.stop
             )
-            print(f"{label:<34}{cost:>10.1f}{cost / base[corrected]:>24.2f}")
+            costs[name]["isolated"] = step_cost(
+                loop.plant, loop.controller, loop.step, False, 0.2 * loop.stop, isolate=True
+            )
+    columns = [c for c in COLUMNS if c in next(iter(costs.values()))]
+    print("microseconds per communication step, feedback law wired; in brackets: ratio to the same")
+    print("master's trivial pair")
+    print(f"{'loop':<16}" + "".join(f"{COLUMNS[c]:>22}" for c in columns))
+    for name, row in costs.items():
+        cells = [f"{row[c]:.1f} ({row[c] / costs['trivial pair'][c]:.2f})" for c in columns]
+        print(f"{name:<16}" + "".join(f"{cell:>22}" for cell in cells))
     cold, warm = start_cost()
     print(f"\nfirst step in a fresh process: {cold:.2f} s cold (compiles), {warm:.2f} s warm")
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 from .archive import BadArchive, unpack_archive
 
@@ -107,9 +108,10 @@ def _read(path: Path, folder: Path) -> Description:
     if not (folder / "modelDescription.xml").is_file():
         raise FmuError(f"{path}: holds no modelDescription.xml, so it is no FMU")
     try:
+        version = _fmi_version(folder / "modelDescription.xml")
+        if version != "2.0":
+            raise FmuError(f"{path}: is FMI {version}, expected FMI 2.0")
         read = read_model_description(str(folder), validate=False)
-        if read.fmiVersion != "2.0":
-            raise FmuError(f"{path}: is FMI {read.fmiVersion}, expected FMI 2.0")
         if read.coSimulation is None:
             raise FmuError(f"{path}: is for model exchange only, expected co-simulation")
         description = _described(read)
@@ -134,6 +136,12 @@ def _read(path: Path, folder: Path) -> Description:
             f"{', '.join(there) or 'none'}"
         )
     return description
+
+
+def _fmi_version(description: Path) -> str:
+    """What the root element says, before a parser of that version looks at the rest."""
+    _, root = next(ET.iterparse(description, events=("start",)))
+    return str(root.get("fmiVersion", "of no version"))
 
 
 def _described(read: Any) -> Description:

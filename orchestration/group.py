@@ -66,7 +66,7 @@ class Group:
         inputs: Sequence[str],
     ) -> None:
         self.name = name
-        self.inputs = list(inputs)
+        self.inputs: Sequence[str] = list(inputs)
         self.can_save = all(p.can_save for p in members.values())
         self.sample_time = 0.0
         self._feeds = list(feeds)

@@ -56,7 +56,7 @@ class IsolatedParticipant:
     def __init__(
         self, source: Path | str | UnpackedFmu, name: str, time_limit: float = TIME_LIMIT
     ) -> None:
-        self._fmu = opened_source(self, source)
+        self._fmu, self._clean = opened_source(self, source)
         self.name = name
         self.time_limit = time_limit
         description = self._fmu.description
@@ -68,6 +68,7 @@ class IsolatedParticipant:
         self.sample_time = 0.0
         self._waiting: list[bytes] = []
         self._bound = self._saved = 0
+        self._stepping = False
         self._dead = ""
         self._printed = tempfile.TemporaryFile()  # noqa: SIM115 (closed by _ended)
         self._socket, self._process = _started(self._printed, self._fmu.folder)
@@ -83,9 +84,11 @@ class IsolatedParticipant:
             self._ask(Request.OPEN, json.dumps(request).encode())
         except StepFailed as error:
             self._end()
+            self._clean()
             raise FmuError(f"{self._fmu.path}: cannot be instantiated: {error}") from error
         except BaseException:
             self._end()
+            self._clean()
             raise
 
     @property
@@ -135,7 +138,9 @@ class IsolatedParticipant:
         return number
 
     def step(self, t: float, h: float) -> None:
-        self._ask(Request.STEP, struct.pack("<dd", t, h))
+        """Move on; a failure shows when something is read."""
+        self._tell(Request.STEP, struct.pack("<dd", t, h))
+        self._stepping = True
 
     def save(self) -> Any:
         state = struct.pack("<Q", self._saved)
@@ -160,6 +165,7 @@ class IsolatedParticipant:
                 self._ask(Request.CLOSE)
                 self._process.wait(_FAREWELL)
         self._end()
+        self._clean()
 
     def _tell(self, request: Request, data: bytes = b"") -> None:
         self._waiting.append(struct.pack("<BI", request, len(data)) + data)
@@ -176,10 +182,12 @@ class IsolatedParticipant:
             answer = receive(self._socket)
         except TimeoutError:
             limit = f"{self.time_limit:g} s"
-            what = f"gave no answer to {request.name.lower()} within {limit}"
+            call = Request.STEP if self._stepping else request
+            what = f"gave no answer to {call.name.lower()} within {limit}"
             raise self._lost(what, "if it is only slow, give it a longer --time-limit") from None
         except (OSError, EOFError):
             raise self._lost(self._how_it_ended()) from None
+        self._stepping = False
         status, rest = answer[0], answer[1:]
         if status == OK:
             return rest

@@ -7,7 +7,7 @@ import ctypes
 import functools
 import itertools
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -104,7 +104,7 @@ class FmuParticipant:
     """
 
     def __init__(self, source: Path | str | UnpackedFmu, name: str) -> None:
-        self._fmu = opened_source(self, source)
+        self._fmu, self._clean = opened_source(self, source)
         self.name = name
         description = self._fmu.description
         self._real = {v.name: v for v in description.variables if v.type == "Real"}
@@ -116,7 +116,11 @@ class FmuParticipant:
         self.sample_time = 0.0
         self._log = next(_LOG_NUMBERS)
         self._status = 0  # the worst yet
-        self._slave = self._instantiated()
+        try:
+            self._slave = self._instantiated()
+        except BaseException:
+            self._clean()
+            raise
         self._open = True
         library = self._slave.dll
         end_cleanly(Path(library._name))
@@ -261,6 +265,7 @@ class FmuParticipant:
             return
         self._open = False
         _LOGGED.pop(self._log, None)
+        self._clean()
         if self._status >= _FATAL:
             return  # FMI allows no call any more
         # what it computed is read already: a bad end changes nothing
@@ -270,13 +275,14 @@ class FmuParticipant:
         self._slave.freeInstance()
 
 
-def opened_source(owner: object, source: Path | str | UnpackedFmu) -> UnpackedFmu:
-    """The FMU unpacked; a folder made for `owner` goes with it."""
+def opened_source(
+    owner: object, source: Path | str | UnpackedFmu
+) -> tuple[UnpackedFmu, Callable[[], object]]:
+    """The FMU unpacked, and how to remove a folder made for `owner`, which ends with it anyway."""
     if isinstance(source, UnpackedFmu):
-        return source
+        return source, lambda: None
     fmu = unpack(source)
-    weakref.finalize(owner, fmu.remove)
-    return fmu
+    return fmu, weakref.finalize(owner, fmu.remove)
 
 
 @functools.cache
@@ -284,9 +290,8 @@ def _logger() -> Any:
     """What FMUs call to log: keeps the last error of each instance."""
     from fmpy import fmi2
 
-    @fmi2.fmi2CallbackLoggerTYPE
     def log(environment: int, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
         if status > _DISCARD and text:
             _LOGGED[environment or 0] = text.decode("utf-8", "replace").strip()
 
-    return log
+    return fmi2.fmi2CallbackLoggerTYPE(log)

@@ -214,12 +214,14 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
 
     plain = len(rest) == 1 and not inside and _plain([*measured, *goal], once=True)
     alone = _plain(commands, once=False) and not own
-    controller = (
+    controller: Participant = (
         fmus[rest[0]]
         if plain
         else _grouped("controller", {n: fmus[n] for n in rest}, inside, measured, goal)
     )
-    side = fmus[plant] if alone else _grouped("plant", {plant: fmus[plant]}, own, commands, ())
+    side: Participant = fmus[plant]
+    if not alone:
+        side = _grouped("plant", {plant: side}, own, commands, ())
 
     def theirs(port: SystemPort) -> str:
         return port.connector if plain else str(port)
@@ -291,7 +293,7 @@ def _plain(connections: Sequence[SystemConnection], once: bool) -> bool:
 
 def _grouped(
     name: str,
-    members: Fmus,
+    members: Mapping[str, Participant],
     inside: Sequence[SystemConnection],
     outside: Sequence[SystemConnection],
     goal: Sequence[SystemConnection],

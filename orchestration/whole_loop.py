@@ -13,7 +13,7 @@ from ..solver.connect import CONTROLLER, PLANT
 from ..solver.kernel import IntegrationError, Kernel, Model
 from ..solver.stored import stored_kernel
 from .coupling import Coupling
-from .master import LoopRun, Progress, step_that_meets
+from .master import RUNAWAY, LoopRun, Progress, step_that_meets
 from .reference_signal import Reference
 from .verdict import ACCURACY, Verdict
 
@@ -121,6 +121,7 @@ def _simulate(
     points = int(np.ceil(stop / step - _ROUND_OFF))
     times = np.minimum(np.arange(points + 1) * step, stop)
     rows = []
+    nominal = np.array([o.nominal for o in kernel.outputs])
     inputs = [i.name for i in kernel.inputs if i.role == "reference"]
     stopped = ""
     for k, t in enumerate(times):
@@ -133,7 +134,12 @@ def _simulate(
         if period > 0 and abs(t / period - round(t / period)) < _ROUND_OFF:
             model.sample(t)
         rows.append(list(model.outputs(t, model.x).values()))
-        if k == points or not np.isfinite(rows[-1]).all():
+        left = np.abs(rows[-1]) > RUNAWAY * nominal
+        if not np.isfinite(rows[-1]).all() or left.any():
+            name = kernel.outputs[int(np.argmax(np.abs(rows[-1]) / nominal))].name
+            stopped = f"the loop runs away: {name} leaves every bound at t = {t:.6g} s"
+            break
+        if k == points:
             break
         try:
             model.advance(t, end)

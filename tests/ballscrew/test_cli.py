@@ -148,6 +148,9 @@ def test_help_and_version_load_none_of_the_heavy_libraries():
         ([*RUN, "--out", "OUT", "--reference", "none.csv"], "none.csv: cannot be read"),
         ([*RUN, "--out", "OUT", "--setpoint", "far"], "expected a number"),
         ([*RUN, "--out", __file__], "is a file, expected a folder"),
+        ([*RUN, "--out", "/proc/nowhere/at/all"], "cannot be made"),
+        ([*RUN, "--out", "OUT", "--time-limit", "0"], "--time-limit is 0 s, expected more than 0"),
+        (["run", "--controller", str(Path(__file__).parent), "--out", "OUT"], "is a folder"),
         (["export", "--out", "OUT", "--only", "plnt"], "no component 'plnt'; there are plant"),
         (["swap", "--out", "OUT", "--controllers", "iol", "x"], "'x' is neither one of"),
         (["fly"], "invalid choice"),
@@ -165,30 +168,63 @@ def test_what_makes_no_sense_gets_one_clear_line_and_exit_code_two(
     assert "Traceback" not in heard.err
 
 
-@pytest.mark.parametrize("kind", ["text", "empty zip", "climbing", "no binary", "fmi 3", "bad xml"])
-def test_files_that_are_no_fmu_are_refused_in_one_line(tmp_path, capsys, fmus, kind):
+def without_binaries(name, data):
+    return None if name.startswith("binaries/linux64") else data
+
+
+def garbage_for_binaries(name, data):
+    return b"no library" if name.startswith("binaries/linux64") else data
+
+
+def in_description(old, new):
+    def change(name, data):
+        return data.replace(old, new) if name == "modelDescription.xml" else data
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (b"hello", "is not a zip file"),
+        (b"", "is not a zip file"),
+        (lambda name, data: None, "is an empty zip file"),
+        ("../../evil.py", "'../../evil.py', which climbs out of its folder"),
+        ("/tmp/evil.py", "'/tmp/evil.py', which climbs out of its folder"),
+        ("..\\evil.py", "which climbs out of its folder"),
+        (
+            without_binaries,
+            "no binary for this platform, expected binaries/linux64/pid.so; it has "
+            "binaries for win64",
+        ),
+        (garbage_for_binaries, "cannot be instantiated"),
+        (in_description(b' fmiVersion="2.0"', b""), "is FMI of no version"),
+        (in_description(b'fmiVersion="2.0"', b'fmiVersion="1.0"'), "is FMI 1.0, expected FMI 2.0"),
+        (in_description(b'fmiVersion="2.0"', b'fmiVersion="9.0"'), "is FMI 9.0, expected FMI 2.0"),
+        (in_description(b"</ModelVariables>", b""), "modelDescription.xml cannot be read"),
+        (in_description(b"CoSimulation", b"Cosimulation"), "expected co-simulation"),
+        (in_description(b'Identifier="pid"', b'Identifier="../pid"'), "expected a name in C"),
+    ],
+)
+def test_files_that_are_no_fmu_are_refused_in_one_line(tmp_path, capsys, fmus, change, message):
     import zipfile
 
     path = tmp_path / "bad.fmu"
-    if kind == "text":
-        path.write_text("hello")
+    if isinstance(change, bytes):
+        path.write_bytes(change)
     else:
         with zipfile.ZipFile(fmus["pid"]) as good, zipfile.ZipFile(path, "w") as bad:
-            if kind == "climbing":
-                bad.writestr("../../evil.py", "")
-            for name in good.namelist() if kind != "empty zip" else []:
-                data = good.read(name)
-                if kind == "no binary" and name.startswith("binaries"):
-                    continue
-                if name == "modelDescription.xml" and kind == "fmi 3":
-                    data = data.replace(b'fmiVersion="2.0"', b'fmiVersion="9.0"')
-                if name == "modelDescription.xml" and kind == "bad xml":
-                    data = data[: len(data) // 2]
-                bad.writestr(name, data)
+            if isinstance(change, str):
+                bad.writestr(change, "")
+            for name in good.namelist():
+                data = good.read(name) if isinstance(change, str) else change(name, good.read(name))
+                if data is not None:
+                    bad.writestr(name, data)
     out = tmp_path / "out"
     assert main(["run", "--controller", str(path), "--out", str(out)]) == 2
     heard = capsys.readouterr().err
-    assert "bad.fmu" in heard
+    assert f"{path}: " in heard
+    assert message in heard
     assert heard.count("\n") == 1
     assert not (tmp_path.parent / "evil.py").exists()
 
@@ -198,6 +234,32 @@ def test_existing_results_stay_whole_when_a_request_is_refused(tmp_path):
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     assert main([*RUN, "--out", str(tmp_path), "--set", "plant.Fc=-1"]) == 2
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+def test_a_result_that_cannot_be_written_is_one_line_and_leaves_the_rest_whole(tmp_path, capsys):
+    (tmp_path / "trajectory.csv").mkdir()
+    assert main([*RUN, "--out", str(tmp_path)]) == 2
+    heard = capsys.readouterr().err
+    assert "cannot write" in heard
+    assert "trajectory.csv" in heard
+    assert heard.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["trajectory.csv"]
+
+
+@pytest.mark.parametrize("coupling", ["tangent", "monolithic"])
+def test_a_run_that_runs_away_stops_says_when_and_where_and_keeps_what_it_had(
+    tmp_path, capsys, coupling
+):
+    """The linearizing controller with a friction stiffness that is ten per cent wrong."""
+    arguments = ["run", "--controller", "iol", "--set", "plant.sigma0=6e4", "--stop", "0.5"]
+    more = ["--coupling", coupling, "--step", "1e-4", "--out", str(tmp_path)]
+    assert main([*arguments, *more]) == 1
+    line = capsys.readouterr().err.splitlines()[0]
+    assert "at t = 0.0" in line
+    assert "leaves every bound" in line or "not finite" in line
+    rows = (tmp_path / "trajectory.csv").read_text().splitlines()
+    assert len(rows) > 100
+    assert float(rows[-1].split(",")[0]) < 0.1
 
 
 def test_a_users_own_plant_py_is_never_met(tmp_path):
@@ -222,7 +284,7 @@ def test_the_wheel_holds_every_module(tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         held = {n for n in archive.namelist() if n.startswith("ballscrew/")}
     expected = {"ballscrew/py.typed"}
-    for part in ("solver", "plant", "controllers", "fmus", "orchestration"):
+    for part in ("solver", "plant", "controllers", "fmus", "orchestration", "rig", "diagnosis"):
         expected |= {f"ballscrew/{part}/{p.name}" for p in (root / part).glob("*.py")}
     expected |= {f"ballscrew/{p.name}" for p in (root / "ballscrew").glob("*.py")}
     assert held == expected

@@ -1,0 +1,283 @@
+"""Write a closed loop of two FMUs as one .ssp (System Structure and Parameterization 1.0).
+
+Both sides carry their feedback-law ports, so that any master which connects signals runs the loop
+with an error of second order.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from .. import __version__
+from ..solver.kernel_cache import write_atomically
+from .law_ports import gain_port, rate_port, reference_port
+from .reading import unpack
+from .system_xml import BASE_UNITS, unit_name
+
+PLANT, CONTROLLER = "plant", "controller"
+# One name for both sides' sets: masters that choose a set by name then find both.
+PARAMETERS = "parameters"
+
+_STANDARD = "http://ssp-standard.org/SSP1/"
+_NAMESPACES = {
+    "xmlns:ssc": _STANDARD + "SystemStructureCommon",
+    "xmlns:ssd": _STANDARD + "SystemStructureDescription",
+    "xmlns:ssv": _STANDARD + "SystemStructureParameterValues",
+}
+_FIXED_TIME = (1980, 1, 1, 0, 0, 0)
+
+_Connection = tuple[str, str, str]  # from element, to element, name of both connectors
+_Units = dict[str, dict[str, str]]  # attributes of each unit's BaseUnit
+
+
+class CannotConnect(ValueError):
+    """Two FMUs make no closed loop; the message says what is missing."""
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One element of the system: its Real variables, their units, and the FMU's bytes."""
+
+    name: str
+    path: Path
+    fmu: bytes
+    variables: dict[str, Any]
+    units: _Units
+
+    def names(self, causality: str) -> list[str]:
+        return [n for n, v in self.variables.items() if v.causality == causality]
+
+
+def export_system(
+    plant: Path | str,
+    controller: Path | str,
+    path: Path | str,
+    *,
+    name: str,
+    setpoint: float = 0.08,
+    stop: float = 20.0,
+) -> Path:
+    """Write a closed loop of two FMUs as one .ssp, the same bytes for the same FMUs.
+
+    Ports of the same name meet: the plant's outputs and the controller's inputs, the controller's
+    outputs, law ports among them, and the plant's inputs. SSP has no place for a master's step
+    size; the master is told otherwise.
+
+    Parameters
+    ----------
+    plant, controller : path-like
+        FMI 2.0 co-simulation FMUs; they become the elements ``plant`` and ``controller``.
+    path : path-like
+        The .ssp to write; replaced as a whole or not at all.
+    name : str
+        Name of the system.
+    setpoint : float
+        [m] Start of every input of the controller that the plant does not drive.
+    stop : float
+        [s] End of the default experiment, which starts at zero.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    FmuError
+        If a file is no FMU that can run here.
+    CannotConnect
+        If the two do not meet, or the name or a number makes no sense.
+    OSError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    if not name:
+        raise CannotConnect("the system has no name")
+    if not math.isfinite(setpoint):
+        raise CannotConnect(f"the set-point is {setpoint}, expected a finite number")
+    if not (math.isfinite(stop) and stop > 0):
+        raise CannotConnect(f"the stop time is {stop} s, expected a positive number")
+    sides = (_side(PLANT, plant), _side(CONTROLLER, controller))
+    connections = _connections(*sides)
+    driven = {port for _, to, port in connections if to == CONTROLLER}
+    references = [n for n in sides[1].names("input") if n not in driven]
+    files = {
+        "SystemStructure.ssd": _structure(name, sides, connections, stop),
+        f"resources/{PLANT}.fmu": sides[0].fmu,
+        f"resources/{PLANT}.ssv": _parameter_set(sides[0], {}),
+        f"resources/{CONTROLLER}.fmu": sides[1].fmu,
+        f"resources/{CONTROLLER}.ssv": _parameter_set(
+            sides[1], dict.fromkeys(references, setpoint)
+        ),
+    }
+    write_atomically(path, _archive(files))
+    return path
+
+
+def _side(name: str, path: Path | str) -> _Side:
+    from fmpy import read_model_description
+
+    unpacked = unpack(path)
+    try:
+        description = read_model_description(str(unpacked.folder), validate=False)
+        # An Integer, a Boolean or a String is no signal of this loop, and SSP wants connectors only
+        # where something is connected.
+        variables = {v.name: v for v in description.modelVariables if v.type == "Real"}
+        units: _Units = {}
+        for unit in description.unitDefinitions or []:
+            base = unit.baseUnit
+            if base is None:
+                continue
+            units[unit.name] = {k: str(p) for k in BASE_UNITS if (p := int(getattr(base, k) or 0))}
+            for key, neutral in (("factor", 1.0), ("offset", 0.0)):
+                value = float(getattr(base, key) or neutral)
+                if value != neutral:
+                    units[unit.name][key] = repr(value)
+        return _Side(name, Path(path), Path(path).read_bytes(), variables, units)
+    finally:
+        unpacked.remove()
+
+
+def _connections(plant: _Side, controller: _Side) -> list[_Connection]:
+    """What drives what; ports of the same name, and gains only where their references are too."""
+    measured = [n for n in plant.names("output") if n in controller.names("input")]
+    shared = [n for n in controller.names("output") if n in plant.names("input")]
+    pairs = {
+        (gain_port(command, signal), reference_port(command, signal))
+        for command in plant.names("input")
+        for signal in plant.names("output")
+    }
+    # A gain without the signals it was computed at would be multiplied by the whole signal.
+    alone = {p for pair in pairs for p in pair if not set(pair) <= set(shared)}
+    commands = [n for n in shared if n not in alone]
+    if not measured:
+        raise CannotConnect(
+            f"{controller.path}: measures nothing of {plant.path}: its inputs are "
+            f"{', '.join(controller.names('input')) or 'none'}, the plant's outputs are "
+            f"{', '.join(plant.names('output')) or 'none'}"
+        )
+    law = {p for pair in pairs for p in pair} | {rate_port(n) for n in plant.names("input")}
+    for name in plant.names("input"):
+        if name not in law and name not in commands:
+            raise CannotConnect(
+                f"nothing drives the input {name!r} of {plant.path}: {controller.path} has the "
+                f"outputs {', '.join(controller.names('output')) or 'none'}"
+            )
+    return [
+        *((PLANT, CONTROLLER, n) for n in measured),
+        *((CONTROLLER, PLANT, n) for n in commands),
+    ]
+
+
+def _structure(
+    name: str, sides: tuple[_Side, _Side], connections: list[_Connection], stop: float
+) -> bytes:
+    root = _root("ssd:SystemStructureDescription", name, "ssd", "ssc")
+    # No connectors of the system itself: libcosim and ecos refuse a connection that lacks an
+    # element's name on either end. Parameter sets per element: neither reads the system's.
+    system = ET.SubElement(root, "ssd:System", name=name)
+    elements = ET.SubElement(system, "ssd:Elements")
+    for side in sides:
+        _write_component(elements, side)
+    listed = ET.SubElement(system, "ssd:Connections")
+    for source, target, port in connections:
+        ET.SubElement(
+            listed,
+            "ssd:Connection",
+            startElement=source,
+            startConnector=port,
+            endElement=target,
+            endConnector=port,
+        )
+    _write_units(root, "ssd:Units", _all_units(sides))
+    ET.SubElement(root, "ssd:DefaultExperiment", startTime="0.0", stopTime=repr(float(stop)))
+    return _text(root)
+
+
+def _write_component(parent: ET.Element, side: _Side) -> None:
+    component = ET.SubElement(
+        parent,
+        "ssd:Component",
+        name=side.name,
+        type="application/x-fmu-sharedlibrary",
+        source=f"resources/{side.name}.fmu",
+        implementation="CoSimulation",
+    )
+    connectors = ET.SubElement(component, "ssd:Connectors")
+    for kind in ("input", "output", "parameter"):
+        for name in side.names(kind):
+            connector = ET.SubElement(connectors, "ssd:Connector", name=name, kind=kind)
+            ET.SubElement(connector, "ssc:Real", _unit_of(side, name))
+    bindings = ET.SubElement(component, "ssd:ParameterBindings")
+    ET.SubElement(bindings, "ssd:ParameterBinding", source=f"resources/{side.name}.ssv")
+
+
+def _parameter_set(side: _Side, inputs: dict[str, float]) -> bytes:
+    """Every parameter at its default, and the starts of inputs that nothing drives."""
+    values = {n: side.variables[n].start for n in side.names("parameter")}
+    values |= {n: repr(float(value)) for n, value in inputs.items()}
+    root = _root("ssv:ParameterSet", PARAMETERS, "ssv", "ssc")
+    parameters = ET.SubElement(root, "ssv:Parameters")
+    for name, value in values.items():
+        if value is None:
+            continue
+        parameter = ET.SubElement(parameters, "ssv:Parameter", name=name)
+        ET.SubElement(parameter, "ssv:Real", {"value": value} | _unit_of(side, name))
+    used = {unit_name(side.variables[n]) for n in values}
+    _write_units(root, "ssv:Units", {n: base for n, base in side.units.items() if n in used})
+    return _text(root)
+
+
+def _unit_of(side: _Side, name: str) -> dict[str, str]:
+    unit = unit_name(side.variables[name])
+    return {"unit": unit} if unit in side.units else {}
+
+
+def _all_units(sides: tuple[_Side, _Side]) -> _Units:
+    first, second = sides
+    for name in first.units.keys() & second.units.keys():
+        if first.units[name] != second.units[name]:
+            raise CannotConnect(
+                f"unit {name!r} means {first.units[name]} in {first.path} and "
+                f"{second.units[name]} in {second.path}"
+            )
+    return first.units | second.units
+
+
+def _write_units(root: ET.Element, tag: str, units: _Units) -> None:
+    if not units:
+        return
+    listed = ET.SubElement(root, tag)
+    for name, base in sorted(units.items()):
+        ET.SubElement(ET.SubElement(listed, "ssc:Unit", name=name), "ssc:BaseUnit", base)
+
+
+def _root(tag: str, name: str, *prefixes: str) -> ET.Element:
+    """The root element; libcosim and ecos look for these prefixes by their letters."""
+    spaces = {f"xmlns:{p}": _NAMESPACES[f"xmlns:{p}"] for p in prefixes}
+    tool = f"ballscrew {__version__}"
+    return ET.Element(tag, spaces | {"version": "1.0", "name": name, "generationTool": tool})
+
+
+def _text(root: ET.Element) -> bytes:
+    ET.indent(root)
+    text: str = ET.tostring(root, "unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
+
+
+def _archive(files: dict[str, bytes]) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, data in files.items():
+            entry = zipfile.ZipInfo(name, _FIXED_TIME)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            entry.create_system = 3
+            archive.writestr(entry, data)
+    return stream.getvalue()

@@ -1,0 +1,199 @@
+"""The parameter bindings of an SSP system: which value reaches which variable of which FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from xml.etree import ElementTree as ET
+
+from .system_network import Component, Network, System, SystemPort, called, unit_in
+from .system_xml import (
+    SSD,
+    SSM,
+    SSV,
+    BadSystem,
+    Scaled,
+    Scaling,
+    Unit,
+    check_root,
+    number,
+    parsed,
+    plain_type,
+    scaling_of,
+    truth,
+    units_of,
+)
+
+_SET = "application/x-ssp-parameter-set"
+_MAPPING = "application/x-ssp-parameter-mapping"
+
+
+@dataclass(frozen=True)
+class _Parameter:
+    """A value of a parameter set; `value` is None where it is no number."""
+
+    name: str
+    type: str
+    value: float | None
+    unit: Unit | None
+
+
+class Bindings:
+    """The parameter sets of a system, resolved.
+
+    Attributes
+    ----------
+    values : dict
+        Start values of variables, by component.
+    starts : dict
+        Of the whole system's own inputs and parameters.
+    ignored : list of str
+        Names that nothing answers to.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self._network = network
+        self.values: dict[str, dict[str, float]] = {
+            path: {} for path, place in network.places.items() if isinstance(place, Component)
+        }
+        self.starts: dict[str, float] = {}
+        self.ignored: list[str] = []
+
+    def bind(self, place: Component | System) -> None:
+        """Apply parameter sets, inner ones first, so that those further out have the last word."""
+        if isinstance(place, System):
+            for child in place.children.values():
+                self.bind(child)
+        for node in place.node.iterfind(f"{SSD}ParameterBindings/{SSD}ParameterBinding"):
+            self._bind(place, node)
+
+    def _bind(self, place: Component | System, node: ET.Element) -> None:
+        where = f"a parameter binding of {called(place.path)}"
+        holder = node.find(SSD + "ParameterValues")
+        root, source = self._document(node, holder, SSV + "ParameterSet", _SET, where)
+        units = self._network.units | units_of(root.find(SSV + "Units"))
+        prefix = node.get("prefix", "")
+        parameters = [
+            _parameter(entry, prefix, units, source)
+            for entry in root.iterfind(f"{SSV}Parameters/{SSV}Parameter")
+        ]
+        mapping = node.find(SSD + "ParameterMapping")
+        entries: list[ET.Element] = []
+        if mapping is not None:
+            found, _ = self._document(mapping, mapping, SSM + "ParameterMapping", _MAPPING, where)
+            entries = list(found.iterfind(SSM + "MappingEntry"))
+        named = {p.name for p in parameters}
+        self.ignored += [
+            f"{entry.get('source')} of a mapping of {called(place.path)}"
+            for entry in entries
+            if entry.get("source") not in named
+        ]
+        for parameter in parameters:
+            renamed = [e for e in entries if e.get("source") == parameter.name]
+            for entry in renamed:
+                scaling = scaling_of(entry, f"{source}: the mapping of {parameter.name!r}")
+                self._set(place, entry.get("target", ""), parameter, scaling, source)
+            # A mapping renames what it lists; the rest keeps its names.
+            if not renamed:
+                self._set(place, parameter.name, parameter, Scaling(), source)
+
+    def _document(
+        self, node: ET.Element, holder: ET.Element | None, tag: str, kind: str, where: str
+    ) -> tuple[ET.Element, str]:
+        """A parameter set or mapping, from its own file or from within, and what to call it."""
+        if node.get("type", kind) != kind:
+            raise BadSystem(f"{where} is of type {node.get('type')}, expected {kind}")
+        if node.get("sourceBase", "SSD") != "SSD":
+            raise BadSystem(f"{where} lies in an FMU (sourceBase), which is not known here")
+        if node.get("source") is not None:
+            file = self._network.file(node.get("source"), where)
+            return parsed(file, tag), file.name
+        inner = next(iter(holder), None) if holder is not None else None
+        if inner is None:
+            raise BadSystem(f"{where} has neither a source nor a {tag.rpartition('}')[2]} in it")
+        check_root(inner, tag, f"{where}: its content")
+        return inner, where
+
+    def _set(
+        self,
+        place: Component | System,
+        name: str,
+        parameter: _Parameter,
+        scaling: Scaling,
+        source: str,
+    ) -> None:
+        port = _found(place, name)
+        if port is None:
+            within = f" in {place.path}" if place.path else ""
+            self.ignored.append(f"{name}{within} ({source})")
+            return
+        where = f"{source}: parameter {parameter.name!r} for {port}"
+        if parameter.value is None:
+            raise BadSystem(f"{where} is a {parameter.type}; only numbers can be set here")
+        begun = Scaled(1.0, 0.0, parameter.unit)
+        value = begun.through(scaling, self._network.connector(port).unit, where)
+        for reached, scaled in self._reached(port, value):
+            self._store(reached, parameter, scaled, where)
+
+    def _reached(self, port: SystemPort, value: Scaled) -> Iterator[tuple[SystemPort, Scaled]]:
+        """The ports at which a value arrives that is set at this one, itself included."""
+        yield port, value
+        if isinstance(self._network.places[port.element], System):
+            for target, edge in self._network.edges.items():
+                if edge.source == port:
+                    yield from self._reached(target, self._network.link(value, target))
+
+    def _store(self, port: SystemPort, parameter: _Parameter, scaled: Scaled, where: str) -> None:
+        assert parameter.value is not None
+        exact = scaled.factor == 1.0 and scaled.offset == 0.0
+        connector = self._network.connector(port)
+        wanted = connector.type or parameter.type
+        if wanted == "Real" and parameter.type in ("Real", "Integer"):
+            text = repr(scaled.factor * float(parameter.value) + scaled.offset)
+            value: float = number(text, where)
+        elif wanted == parameter.type and exact:
+            value = parameter.value
+        else:
+            raise BadSystem(
+                f"{where} is a {parameter.type}{'' if exact else ', scaled'}, but {port} is a "
+                f"{wanted}"
+            )
+        if isinstance(self._network.places[port.element], Component):
+            self.values[port.element][port.connector] = value
+        elif connector.kind not in ("input", "parameter"):
+            raise BadSystem(f"{where} sets a system's {connector.kind}, which its FMUs compute")
+        elif not port.element:
+            self.starts[port.connector] = value
+
+
+def _found(place: Component | System, name: str) -> SystemPort | None:
+    """The port that a hierarchical name means, seen from an element."""
+    if isinstance(place, Component):
+        return SystemPort(place.path, name) if name in place.variables else None
+    if name in place.connectors:
+        return SystemPort(place.path, name)
+    for child, below in place.children.items():
+        if name.startswith(child + "."):
+            port = _found(below, name.removeprefix(child + "."))
+            if port is not None:
+                return port
+    return None
+
+
+def _parameter(node: ET.Element, prefix: str, units: dict[str, Unit], source: str) -> _Parameter:
+    name = prefix + node.get("name", "")
+    what = f"{source}: parameter {name!r}"
+    for child in node:
+        kind, text = plain_type(child.tag.removeprefix(SSV)), child.get("value")
+        if kind == "Real":
+            return _Parameter(name, kind, number(text, what), unit_in(child, units))
+        if kind == "Integer":
+            value = number(text, what)
+            if not value.is_integer():
+                raise BadSystem(f"{what} is {text!r}, expected an integer")
+            return _Parameter(name, kind, int(value), None)
+        if kind == "Boolean":
+            return _Parameter(name, kind, truth(text, what), None)
+        if kind in ("String", "Enumeration", "Binary"):
+            return _Parameter(name, kind, None, None)
+    raise BadSystem(f"{what} has no value")

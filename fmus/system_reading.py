@@ -1,0 +1,193 @@
+"""Read an .ssp (System Structure and Parameterization), which may be anybody's, into plain data.
+
+Nested systems are flattened, connections followed through them to the FMUs' ports, units converted,
+and parameter sets resolved to the variables that they set.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from .archive import BadArchive, unpack_archive
+from .system_network import Component, Network, SystemConnection, SystemOutput, SystemPort
+from .system_parameters import Bindings
+from .system_xml import SSD, BadSystem, number, parsed, units_of
+
+__all__ = [
+    "BadSystem",
+    "SystemConnection",
+    "SystemElement",
+    "SystemInput",
+    "SystemOutput",
+    "SystemPort",
+    "SystemStructure",
+    "read_system",
+]
+
+DESCRIPTION = "SystemStructure.ssd"
+
+
+@dataclass(frozen=True)
+class SystemElement:
+    """One FMU of the system.
+
+    Attributes
+    ----------
+    name : str
+        Names of the systems it lies in and its own, joined with dots.
+    fmu : Path
+        The file, in the folder that the system was unpacked to.
+    start_values : dict of str to float
+        What parameter sets say of its variables, in the variables' units: a float for a Real, an
+        int for an Integer, a bool for a Boolean.
+    """
+
+    name: str
+    fmu: Path
+    start_values: dict[str, float]
+
+
+@dataclass(frozen=True)
+class SystemInput:
+    """An input of the whole system; in `drives` the source's element is the empty string.
+
+    Attributes
+    ----------
+    unit : str
+        Empty if the system does not say.
+    start : float, optional
+        What parameter sets say of it, in its own unit.
+    """
+
+    name: str
+    unit: str
+    start: float | None
+    drives: tuple[SystemConnection, ...]
+
+
+@dataclass(frozen=True)
+class SystemStructure:
+    """A system; `remove` deletes the folder it was unpacked to.
+
+    Attributes
+    ----------
+    path : Path
+        The file it was read from.
+    elements, connections : tuple
+        FMUs, and the signals between them; each port is driven at most once.
+    inputs, outputs : tuple
+        Of the system as a whole.
+    start, stop : float
+        [s] The default experiment; `stop` is None if it gives none.
+    ignored : tuple of str
+        Parameters that name nothing in the system. The standard says to ignore them, since one set
+        may serve several systems; a user wants to know, since one may be misspelt.
+    """
+
+    path: Path
+    name: str
+    folder: Path
+    elements: tuple[SystemElement, ...]
+    connections: tuple[SystemConnection, ...]
+    inputs: tuple[SystemInput, ...]
+    outputs: tuple[SystemOutput, ...]
+    start: float
+    stop: float | None
+    ignored: tuple[str, ...]
+
+    def remove(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def read_system(path: Path | str) -> SystemStructure:
+    """Check, unpack and read an .ssp, SSP 1.0 or 2.0.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    SystemStructure
+        `remove` it when done.
+
+    Raises
+    ------
+    BadSystem
+        If the file is missing, is no .ssp, climbs out of its folder, contradicts itself, or needs
+        something that is not known here; the message says which.
+    """
+    path = Path(path)
+    try:
+        folder = unpack_archive(path)
+    except BadArchive as error:
+        raise BadSystem(f"{path}: {error}") from error
+    try:
+        return _read(path, folder)
+    except BadSystem as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        # names in the file may hold line breaks
+        raise BadSystem(f"{path}: {' '.join(str(error).split())}") from error
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _read(path: Path, folder: Path) -> SystemStructure:
+    if not (folder / DESCRIPTION).is_file():
+        raise BadSystem(f"holds no {DESCRIPTION}, so it is no .ssp")
+    root = parsed(folder / DESCRIPTION, SSD + "SystemStructureDescription")
+    system = root.find(SSD + "System")
+    if system is None:
+        raise BadSystem(f"{DESCRIPTION} holds no System")
+    start, stop = _experiment(root.find(SSD + "DefaultExperiment"))
+    network = Network(folder, units_of(root.find(SSD + "Units")))
+    top = network.add_system(system, "")
+    network.check_rings()
+    connections, outputs = network.signals()
+    bindings = Bindings(network)
+    bindings.bind(top)
+    elements = tuple(
+        SystemElement(place.path, place.fmu, bindings.values[place.path])
+        for place in network.places.values()
+        if isinstance(place, Component)
+    )
+    if not elements:
+        raise BadSystem(f"{DESCRIPTION} holds no component")
+    inputs = tuple(
+        SystemInput(
+            name,
+            connector.unit.name if connector.unit else "",
+            bindings.starts.get(name),
+            tuple(c for c in connections if c.source == SystemPort("", name)),
+        )
+        for name, connector in top.connectors.items()
+        if connector.kind == "input"
+    )
+    return SystemStructure(
+        path=path,
+        name=root.get("name") or system.get("name") or path.stem,
+        folder=folder,
+        elements=elements,
+        connections=tuple(c for c in connections if c.source.element),
+        inputs=inputs,
+        outputs=outputs,
+        start=start,
+        stop=stop,
+        ignored=tuple(bindings.ignored),
+    )
+
+
+def _experiment(node: ET.Element | None) -> tuple[float, float | None]:
+    if node is None:
+        return 0.0, None
+    start = number(node.get("startTime", "0"), "the start time")
+    if node.get("stopTime") is None:
+        return start, None
+    stop = number(node.get("stopTime"), "the stop time")
+    if stop <= start:
+        raise BadSystem(f"the stop time {stop:g} s is not after the start time {start:g} s")
+    return start, stop

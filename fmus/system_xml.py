@@ -1,0 +1,241 @@
+"""The XML of System Structure and Parameterization: safe parsing, numbers, units and scalings."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
+
+# Versions 1.0 and 2.0 have the same namespaces.
+SSC, SSD, SSM, SSV = (
+    "{http://ssp-standard.org/SSP1/SystemStructure" + part + "}"
+    for part in ("Common", "Description", "ParameterMapping", "ParameterValues")
+)
+VERSIONS = ("1.0", "2.0")
+BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+class BadSystem(ValueError):
+    """The file is no system that can run here; the message says what is wrong with it."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: base value = factor * value + offset; `exponents` is None where nobody defines it."""
+
+    name: str
+    exponents: tuple[int, ...] | None
+    factor: float = 1.0
+    offset: float = 0.0
+
+    @classmethod
+    def defined(cls, name: str, base: dict[str, str]) -> Unit:
+        """A unit from the attributes of its BaseUnit."""
+        what = f"unit {name!r}"
+        exponents = [
+            number(base.get(key, "0"), f"the exponent of {key} of {what}") for key in BASE_UNITS
+        ]
+        factor = number(base.get("factor", "1"), f"the factor of {what}")
+        if factor == 0:
+            raise BadSystem(f"the factor of {what} is 0")
+        return cls(
+            name,
+            tuple(round(e) for e in exponents),
+            factor,
+            number(base.get("offset", "0"), f"the offset of {what}"),
+        )
+
+    def same_as(self, other: Unit) -> bool:
+        """Whether values are the same numbers in both; where nobody defines one, by name."""
+        if self.exponents is None or other.exponents is None:
+            return self.name == other.name
+        return replace(self, name="") == replace(other, name="")
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """What a connection or a mapping does to a value: target = factor * source + offset.
+
+    Attributes
+    ----------
+    converts : bool
+        Whether units are converted first.
+    """
+
+    factor: float = 1.0
+    offset: float = 0.0
+    converts: bool = True
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A value along a chain: factor * (value at the chain's start) + offset, in a unit."""
+
+    factor: float
+    offset: float
+    unit: Unit | None
+
+    def through(self, scaling: Scaling, unit: Unit | None, where: str) -> Scaled:
+        """The value one link on, where it is in `unit`, or in the unit it had if that is None.
+
+        Raises
+        ------
+        BadSystem
+            If the units cannot be converted.
+        """
+        factor, offset, before = self.factor, self.offset, self.unit
+        after = unit or (before if scaling.converts else None)
+        if scaling.converts and before is not None and unit is not None:
+            ratio, shift = _conversion(before, unit, where)
+            factor, offset = ratio * factor, ratio * offset + shift
+        return Scaled(scaling.factor * factor, scaling.factor * offset + scaling.offset, after)
+
+
+def _conversion(before: Unit, after: Unit, where: str) -> tuple[float, float]:
+    for unit in (before, after):
+        if unit.exponents is None and before.name != after.name:
+            raise BadSystem(
+                f"{where}: the unit {unit.name!r} is not defined, so {before.name!r} cannot be "
+                f"converted to {after.name!r}"
+            )
+    if before.exponents is None or after.exponents is None:
+        return 1.0, 0.0
+    if before.exponents != after.exponents:
+        raise BadSystem(
+            f"{where}: {before.name!r} cannot be converted to {after.name!r}: they measure "
+            "different things"
+        )
+    return before.factor / after.factor, (before.offset - after.offset) / after.factor
+
+
+def parsed(file: Path, tag: str) -> ET.Element:
+    """The root element of a file, which must be `tag` in a version that is known here.
+
+    Raises
+    ------
+    BadSystem
+        If it cannot be read, is no XML, declares a document type, or is something else.
+    """
+
+    def refuse(*_: object) -> None:
+        # entities can grow without bound or reach for other files, and SSP needs none
+        raise BadSystem(f"{file.name} declares a document type, which SSP files have no use for")
+
+    checker = expat.ParserCreate()
+    checker.StartDoctypeDeclHandler = refuse
+    try:
+        data = file.read_bytes()
+        checker.Parse(data, True)
+        root = ET.fromstring(data)
+    except OSError as error:
+        raise BadSystem(f"{file.name} cannot be read: {error.strerror or error}") from error
+    except (expat.ExpatError, ET.ParseError, LookupError, ValueError) as error:
+        if isinstance(error, BadSystem):
+            raise
+        raise BadSystem(f"{file.name} is no XML: {error}") from error
+    check_root(root, tag, file.name)
+    return root
+
+
+def check_root(root: ET.Element, tag: str, where: str) -> None:
+    """Check an element's name and the version that it gives.
+
+    Raises
+    ------
+    BadSystem
+    """
+    if root.tag != tag:
+        raise BadSystem(f"{where} is a {root.tag}, expected {tag}")
+    version = root.get("version", "").strip()
+    if version not in VERSIONS:
+        raise BadSystem(
+            f"{where} is SSP version {version or 'nothing'}, expected {' or '.join(VERSIONS)}"
+        )
+
+
+def number(text: str | None, what: str) -> float:
+    """A finite number.
+
+    Raises
+    ------
+    BadSystem
+    """
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or "_" in str(text):
+        raise BadSystem(f"{what} is {text!r}, expected a finite number")
+    return value
+
+
+def truth(text: str | None, what: str) -> bool:
+    """An XML Boolean.
+
+    Raises
+    ------
+    BadSystem
+    """
+    if text not in ("true", "false", "1", "0"):
+        raise BadSystem(f"{what} is {text!r}, expected true or false")
+    return text in ("true", "1")
+
+
+def units_of(node: ET.Element | None) -> dict[str, Unit]:
+    """The units that a Units element defines, by name."""
+    units = {}
+    for unit in node if node is not None else ():
+        name, base = unit.get("name", ""), unit.find(SSC + "BaseUnit")
+        if base is not None:
+            units[name] = Unit.defined(name, dict(base.attrib))
+    return units
+
+
+def scaling_of(node: ET.Element, where: str) -> Scaling:
+    """The transformation of a connection or of a mapping entry.
+
+    Raises
+    ------
+    BadSystem
+        If it is not linear.
+    """
+    converts = not truth(
+        node.get("suppressUnitConversion", "false"), f"{where}: suppressUnitConversion"
+    )
+    for child in node:
+        # by its bare name: some tools write it in a namespace that is not the standard's
+        name = child.tag.rpartition("}")[2]
+        if name == "LinearTransformation":
+            factor = number(child.get("factor", "1"), f"{where}: the factor")
+            offset = number(child.get("offset", "0"), f"{where}: the offset")
+            return Scaling(factor, offset, converts)
+        if name.endswith("Transformation"):
+            raise BadSystem(f"{where} has a {name}; only a LinearTransformation is known here")
+    return Scaling(1.0, 0.0, converts)
+
+
+def plain_type(name: str) -> str:
+    """A type of SSP 2.0 by the name that 1.0 has for it."""
+    if name.startswith("Float"):
+        return "Real"
+    return "Integer" if name.startswith(("Int", "UInt")) else name
+
+
+def unit_name(variable: Any) -> str:
+    """The unit of an FMU's variable as fmpy read it, or of its declared type; empty if none."""
+    declared = variable.declaredType
+    return str(variable.unit or (declared.unit if declared is not None else None) or "")
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """A hint that ends a message about an unknown name."""
+    names = list(names)
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    if close:
+        return f"; nearest: {', '.join(close)}"
+    return f"; there are {', '.join(sorted(names)[:20]) or 'none'}"

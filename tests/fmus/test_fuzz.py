@@ -1,0 +1,43 @@
+"""A sample of the proof in proofs/fuzz.py: damaged and hostile files, from reading to running."""
+
+import pytest
+from fuzz import DESCRIPTIONS, good_files, outcome
+from mutations import mutated
+
+from ballscrew.fmus.reading import FmuError, unpack
+from ballscrew.fmus.system_reading import BadSystem, read_system
+
+
+@pytest.fixture(scope="module")
+def good():
+    return good_files()
+
+
+def test_two_thousand_damaged_files_are_read_or_refused_and_nothing_lands_beside_them(
+    good, tmp_path, monkeypatch
+):
+    (tmp_path / "in" / "tmp").mkdir(parents=True)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "in" / "tmp"))
+    refused = 0
+    for seed in range(2000):
+        suffix = "ssp" if seed % 5 == 0 else "fmu"
+        path = tmp_path / "in" / f"bad.{suffix}"
+        path.write_bytes(mutated(good[suffix], DESCRIPTIONS[suffix], seed).data)
+        try:
+            (read_system if suffix == "ssp" else unpack)(path).remove()
+        except (FmuError, BadSystem) as error:
+            refused += 1
+            named = str(error).startswith(str(path))
+        else:
+            named = True
+        assert named, seed
+        assert not list((tmp_path / "in" / "tmp").iterdir()), seed
+    assert {p.name for p in tmp_path.iterdir()} == {"in"}
+    assert {p.name for p in (tmp_path / "in").iterdir()} == {"tmp", "bad.fmu", "bad.ssp"}
+    assert 500 < refused < 1900  # the mutations neither all miss nor all kill
+
+
+def test_damaged_files_bring_no_traceback_no_hang_and_one_line(good):
+    outcomes = [outcome(seed, good) for seed in range(2000, 2050)]
+    assert [o for o in outcomes if o.complaint] == []
+    assert {o.code for o in outcomes} >= {0, 2}

@@ -1,0 +1,588 @@
+"""Systems (.ssp) as others write them: nested, scaled, in other units, broken, hostile."""
+
+import io
+import tempfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from ballscrew.fmus.system_export import export_system
+from ballscrew.fmus.system_reading import (
+    BadSystem,
+    SystemConnection,
+    SystemPort,
+    read_system,
+)
+
+STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
+UNITS = """
+  <ssd:Units>
+    <ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>
+    <ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>
+    <ssc:Unit name="N"><ssc:BaseUnit kg="1" m="1" s="-2"/></ssc:Unit>
+    <ssc:Unit name="K"><ssc:BaseUnit K="1"/></ssc:Unit>
+    <ssc:Unit name="degC"><ssc:BaseUnit K="1" offset="273.15"/></ssc:Unit>
+  </ssd:Units>"""
+FMU_UNITS = """
+  <UnitDefinitions>
+    <Unit name="m"><BaseUnit m="1"/></Unit>
+    <Unit name="mm"><BaseUnit m="1" factor="0.001"/></Unit>
+  </UnitDefinitions>"""
+
+
+def an_fmu(*variables, version="2.0"):
+    """An FMU that can only say what it has: ``input Real x m`` or ``parameter Integer n``."""
+    lines = []
+    for k, text in enumerate(variables):
+        causality, kind, name, *unit = text.split()
+        attributes = f' unit="{unit[0]}"' if unit else ""
+        start = "" if causality == "output" else ' start="0"'
+        variability = "fixed" if causality == "parameter" else "discrete"
+        lines.append(
+            f'<ScalarVariable name="{name}" valueReference="{k}" causality="{causality}" '
+            f'variability="{variability}"><{kind}{attributes}{start}/></ScalarVariable>'
+        )
+    return f"""<?xml version="1.0"?>
+<fmiModelDescription fmiVersion="{version}" modelName="m" guid="g"
+    modelIdentifier="m" numberOfContinuousStates="0" numberOfEventIndicators="0">
+  <CoSimulation modelIdentifier="m"/>{FMU_UNITS}
+  <ModelVariables>{"".join(lines)}</ModelVariables>
+  <ModelStructure/>
+</fmiModelDescription>"""
+
+
+TWO = {
+    "resources/a.fmu": an_fmu(
+        "output Real y m",
+        "input Real x m",
+        "parameter Real gain",
+        "parameter Integer n",
+        "parameter Boolean on",
+        "parameter String file",
+        "output Integer count",
+    ),
+    "resources/b.fmu": an_fmu("input Real x", "output Real y", "parameter Real length m"),
+}
+ELEMENTS = """
+    <ssd:Elements>
+      <ssd:Component name="a" source="resources/a.fmu"/>
+      <ssd:Component name="b" source="resources/b.fmu"/>
+    </ssd:Elements>"""
+
+
+def described(system, *, version="1.0", rest=UNITS, prolog="", tag="SystemStructureDescription"):
+    spaces = " ".join(
+        f'xmlns:{prefix}="{STANDARD}{part}"'
+        for prefix, part in (
+            ("ssc", "Common"),
+            ("ssd", "Description"),
+            ("ssm", "ParameterMapping"),
+            ("ssv", "ParameterValues"),
+        )
+    )
+    return f"""<?xml version="1.0" encoding="UTF-8"?>{prolog}
+<ssd:{tag} {spaces} version="{version}" name="rig">
+  <ssd:System name="top">{system}
+  </ssd:System>{rest}
+</ssd:{tag}>"""
+
+
+def packed(path, system, files=None, **options):
+    """Write an .ssp; `system` is the inside of its System, or None for no description at all."""
+    files = dict(TWO if files is None else files)
+    if system is not None:
+        files["SystemStructure.ssd"] = described(system, **options)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in files.items():
+            if name.endswith(".fmu"):
+                stream = io.BytesIO()
+                with zipfile.ZipFile(stream, "w") as inner:
+                    inner.writestr("modelDescription.xml", content)
+                content = stream.getvalue()
+            archive.writestr(name, content)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def a_temporary_folder_of_its_own(tmp_path, monkeypatch):
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Write an .ssp and read it; its folder is removed when the test is over."""
+    kept = []
+
+    def run(system, files=None, **options):
+        kept.append(read_system(packed(tmp_path / "system.ssp", system, files, **options)))
+        return kept[-1]
+
+    yield run
+    for system in kept:
+        system.remove()
+
+
+def connected(inside="", start="a.y", end="b.x", attributes="", before=""):
+    (from_element, from_port), (to_element, to_port) = (
+        name.rpartition(".")[::2] for name in (start, end)
+    )
+    ends = [
+        f'{which}Element="{element}"'
+        for which, element in (("start", from_element), ("end", to_element))
+        if element
+    ]
+    return f"""{before}{ELEMENTS}
+    <ssd:Connections>
+      <ssd:Connection {" ".join(ends)} startConnector="{from_port}" endConnector="{to_port}"
+                      {attributes}>{inside}</ssd:Connection>
+    </ssd:Connections>"""
+
+
+def parameters(content, attributes="", mapping="", units=""):
+    return f"""
+    <ssd:ParameterBindings><ssd:ParameterBinding {attributes}>
+      <ssd:ParameterValues><ssv:ParameterSet version="1.0" name="set">
+        <ssv:Parameters>{content}</ssv:Parameters>{units}
+      </ssv:ParameterSet></ssd:ParameterValues>{mapping}
+    </ssd:ParameterBinding></ssd:ParameterBindings>"""
+
+
+def real(name, value, unit=""):
+    unit = f' unit="{unit}"' if unit else ""
+    return f'<ssv:Parameter name="{name}"><ssv:Real value="{value}"{unit}/></ssv:Parameter>'
+
+
+def mapped(*entries):
+    return (
+        '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">'
+        f"{''.join(entries)}</ssm:ParameterMapping></ssd:ParameterMapping>"
+    )
+
+
+def values(system, element):
+    return {e.name: e.start_values for e in system.elements}[element]
+
+
+# what is read
+
+
+def test_our_own_export_comes_back(tmp_path, fmus):
+    path = export_system(fmus["plant"], fmus["nctf"], tmp_path / "loop.ssp", name="nctf")
+    system = read_system(path)
+    try:
+        assert (system.name, system.start, system.stop) == ("nctf", 0.0, 20.0)
+        assert [e.name for e in system.elements] == ["plant", "controller"]
+        for element, own in zip(system.elements, ("plant", "nctf"), strict=True):
+            assert element.fmu.read_bytes() == fmus[own].read_bytes()
+        assert values(system, "plant")["sigma0"] == 66967.231
+        assert values(system, "controller")["x_d"] == 0.08
+        ends = {(str(c.source), str(c.target)) for c in system.connections}
+        assert ("plant.x", "controller.x") in ends
+        assert ("controller.u_gain_i", "plant.u_gain_i") in ends
+        assert all((c.factor, c.offset) == (1.0, 0.0) for c in system.connections)
+        assert len(system.connections) == 14
+        assert (system.inputs, system.outputs, system.ignored) == ((), (), ())
+    finally:
+        system.remove()
+    assert not system.folder.exists()
+
+
+NESTED = """
+    <ssd:Connectors>
+      <ssd:Connector name="goal" kind="input"><ssc:Real unit="mm"/></ssd:Connector>
+      <ssd:Connector name="seen" kind="output"><ssc:Real unit="degC"/></ssd:Connector>
+    </ssd:Connectors>
+    <ssd:ParameterBindings><ssd:ParameterBinding source="start.ssv" prefix="inner."/>
+    </ssd:ParameterBindings>
+    <ssd:Elements>
+      <ssd:Component name="a" source="resources/a.fmu"/>
+      <ssd:System name="inner">
+        <ssd:Connectors>
+          <ssd:Connector name="in" kind="input"/>
+          <ssd:Connector name="size" kind="parameter"><ssc:Real unit="mm"/></ssd:Connector>
+          <ssd:Connector name="out" kind="output"><ssc:Real unit="K"/></ssd:Connector>
+        </ssd:Connectors>
+        <ssd:Elements>
+          <ssd:Component name="b" source="resources/b.fmu" type="application/x-fmu-sharedlibrary">
+            <ssd:Connectors>
+              <ssd:Connector name="x" kind="input"><ssc:Real unit="mm"/></ssd:Connector>
+              <ssd:Connector name="y" kind="output"><ssc:Real unit="degC"/></ssd:Connector>
+            </ssd:Connectors>
+          </ssd:Component>
+        </ssd:Elements>
+        <ssd:Connections>
+          <ssd:Connection startConnector="in" endElement="b" endConnector="x">
+            <ssc:LinearTransformation factor="2" offset="5"/>
+          </ssd:Connection>
+          <ssd:Connection startConnector="size" endElement="b" endConnector="length"/>
+          <ssd:Connection startElement="b" startConnector="y" endConnector="out"/>
+        </ssd:Connections>
+      </ssd:System>
+    </ssd:Elements>
+    <ssd:Connections>
+      <ssd:Connection startConnector="goal" endElement="a" endConnector="x"/>
+      <ssd:Connection startElement="a" startConnector="y" endElement="inner" endConnector="in"/>
+      <ssd:Connection startConnector="seen" endElement="inner" endConnector="out"/>
+    </ssd:Connections>"""
+START = f"""<v:ParameterSet xmlns:v="{STANDARD}ParameterValues" version="1.0" name="start">
+  <v:Parameters>
+    <v:Parameter name="size"><v:Real value="250"/></v:Parameter>
+    <v:Parameter name="b.x"><v:Real value="7"/></v:Parameter>
+  </v:Parameters>
+</v:ParameterSet>"""
+
+
+def test_a_nested_system_of_a_stranger_is_flattened_with_units_and_transformations(read):
+    system = read(
+        NESTED,
+        TWO | {"start.ssv": START},
+        rest=UNITS + '<ssd:DefaultExperiment startTime="1" stopTime="3.5"/>',
+    )
+    assert [e.name for e in system.elements] == ["a", "inner.b"]
+    assert (system.start, system.stop) == (1.0, 3.5)
+    # metres to millimetres, then the transformation
+    assert system.connections == (
+        SystemConnection(SystemPort("a", "y"), SystemPort("inner.b", "x"), 2000.0, 5.0),
+    )
+    (goal,) = system.inputs
+    assert (goal.name, goal.unit, goal.start) == ("goal", "mm", None)
+    assert goal.drives == (
+        SystemConnection(SystemPort("", "goal"), SystemPort("a", "x"), 0.001, 0.0),
+    )
+    # degrees to kelvin and back, and the connection is written from its far end
+    (seen,) = system.outputs
+    assert (seen.name, seen.unit) == ("seen", "degC")
+    assert seen.driven_by.source == SystemPort("inner.b", "y")
+    assert (seen.driven_by.factor, seen.driven_by.offset) == (1.0, 0.0)
+    # the parameter goes through the inner system's connector, 250 mm
+    assert values(system, "inner.b") == {"length": 0.25, "x": 7.0}
+
+
+def test_ssp_2_0_is_read_with_its_own_names_of_types(read):
+    connectors = """<ssd:Connectors>
+      <ssd:Connector name="goal" kind="input"><ssc:Float64 unit="m"/></ssd:Connector>
+    </ssd:Connectors>"""
+    system = read(connected(start="goal", end="a.x", before=connectors), version="2.0")
+    assert [str(c.target) for c in system.inputs[0].drives] == ["a.x"]
+
+
+@pytest.mark.parametrize(
+    ("attributes", "scale"), [("", 1000.0), ('suppressUnitConversion="true"', 1.0)]
+)
+def test_units_are_converted_unless_the_connection_forbids_it(read, attributes, scale):
+    files = TWO | {"resources/b.fmu": an_fmu("input Real x mm")}
+    system = read(connected(attributes=attributes), files)
+    assert system.connections[0].factor == scale
+
+
+def test_a_later_parameter_binding_and_an_outer_one_have_the_last_word(read):
+    inner = parameters(real("gain", 1) + real("x", 1))
+    later = parameters(real("x", 2)).replace("<ssd:ParameterBindings>", "")
+    both = inner.replace("</ssd:ParameterBindings>", "") + later
+    elements = f"""<ssd:Elements>
+      <ssd:Component name="a" source="resources/a.fmu">{both}</ssd:Component></ssd:Elements>"""
+    system = read(parameters(real("a.gain", 3)) + elements)
+    assert values(system, "a") == {"gain": 3.0, "x": 2.0}
+
+
+def test_a_parameter_mapping_renames_converts_and_scales(read):
+    mapping = mapped(
+        '<ssm:MappingEntry source="p.l" target="a.x">'
+        '<ssc:LinearTransformation factor="2" offset="1"/></ssm:MappingEntry>',
+        '<ssm:MappingEntry source="p.l" target="b.length"/>',
+        '<ssm:MappingEntry source="p.gone" target="b.x"/>',
+    )
+    content = real("l", 500, "mm") + real("other", 1)
+    system = read(parameters(content, 'prefix="p."', mapping) + ELEMENTS)
+    assert values(system, "a") == {"x": 2.0}  # 500 mm = 0.5 m
+    system_b = {"length": 500.0 * 0.001}
+    files = TWO | {"resources/b.fmu": an_fmu("parameter Real length m", "input Real x")}
+    assert values(read(parameters(content, 'prefix="p."', mapping) + ELEMENTS, files), "b") == (
+        system_b
+    )
+    assert len(system.ignored) == 2
+    assert all(any(name in text for text in system.ignored) for name in ("p.gone", "p.other"))
+
+
+def test_parameters_and_mappings_come_from_files_of_their_own_too(read):
+    ssm = (
+        f'<ssm:ParameterMapping xmlns:ssm="{STANDARD}ParameterMapping" version="1.0">'
+        '<ssm:MappingEntry source="size" target="a.gain"/></ssm:ParameterMapping>'
+    )
+    binding = """<ssd:ParameterBindings><ssd:ParameterBinding source="extra/start%20values.ssv">
+      <ssd:ParameterMapping source="extra/names.ssm"/></ssd:ParameterBinding>
+    </ssd:ParameterBindings>"""
+    files = TWO | {"extra/start values.ssv": START, "extra/names.ssm": ssm}
+    system = read(binding + ELEMENTS, files)
+    assert values(system, "a") == {"gain": 250.0}
+    assert values(system, "b") == {"x": 7.0}
+
+
+def test_integers_and_booleans_keep_their_kind(read):
+    content = (
+        '<ssv:Parameter name="a.n"><ssv:Integer value="3"/></ssv:Parameter>'
+        '<ssv:Parameter name="a.on"><ssv:Boolean value="true"/></ssv:Parameter>'
+        '<ssv:Parameter name="a.gain"><ssv:Integer value="4"/></ssv:Parameter>'
+    )
+    found = values(read(parameters(content) + ELEMENTS), "a")
+    assert found == {"n": 3, "on": True, "gain": 4.0}
+    assert [type(v) for v in found.values()] == [int, bool, float]
+
+
+def test_a_set_for_several_systems_is_read_and_says_what_it_did_not_use(read):
+    content = real("a.gain", 1) + real("a.gian", 2)
+    content += '<ssv:Parameter name="c.name"><ssv:String value="x"/></ssv:Parameter>'
+    system = read(parameters(content) + ELEMENTS)
+    assert values(system, "a") == {"gain": 1.0}
+    assert [text.split()[0] for text in system.ignored] == ["a.gian", "c.name"]
+
+
+def test_the_start_of_a_system_s_input_reaches_the_ports_that_it_drives(read):
+    connectors = """<ssd:Connectors>
+      <ssd:Connector name="goal" kind="input"><ssc:Real unit="mm"/></ssd:Connector>
+    </ssd:Connectors>"""
+    before = connectors + parameters(real("goal", 80))
+    system = read(connected(start="goal", end="a.x", before=before))
+    assert system.inputs[0].start == 80.0
+    assert values(system, "a") == {"x": 0.08}
+
+
+# what is refused
+
+
+def refusal(tmp_path, system, files=None, **options):
+    """The message, which is one line, names the file, and leaves nothing behind."""
+    path = packed(tmp_path / "system.ssp", system, files, **options)
+    with pytest.raises(BadSystem) as caught:
+        read_system(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ")
+    assert "\n" not in text
+    assert list(Path(tempfile.gettempdir()).iterdir()) == []
+    return text
+
+
+BOMB = """<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>"""
+FOREIGN = """<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>"""
+
+
+def test_a_file_that_is_missing_or_no_zip_is_refused(tmp_path):
+    with pytest.raises(BadSystem, match=r"gone\.ssp: no such file"):
+        read_system(tmp_path / "gone.ssp")
+    (tmp_path / "text.ssp").write_text("no zip")
+    with pytest.raises(BadSystem, match=r"text\.ssp: .*not a zip file"):
+        read_system(tmp_path / "text.ssp")
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"system": None}, "holds no SystemStructure.ssd"),
+        ({"system": ELEMENTS, "tag": "Wrong"}, "Wrong, expected"),
+        ({"system": ELEMENTS, "version": "3.0"}, "is SSP version 3.0, expected 1.0 or 2.0"),
+        ({"system": "<ssd:Elements>"}, "SystemStructure.ssd is no XML"),
+        ({"system": "<unknown:Elements/>"}, "SystemStructure.ssd is no XML"),
+        ({"system": "&b;" + ELEMENTS, "prolog": BOMB}, "declares a document type"),
+        ({"system": "&a;" + ELEMENTS, "prolog": FOREIGN}, "declares a document type"),
+        ({"system": ""}, "holds no component"),
+        (
+            {"system": ELEMENTS, "rest": '<ssd:DefaultExperiment stopTime="INF"/>'},
+            "the stop time is 'INF', expected a finite number",
+        ),
+        (
+            {"system": ELEMENTS, "rest": '<ssd:DefaultExperiment startTime="2" stopTime="1"/>'},
+            "the stop time 1 s is not after the start time 2 s",
+        ),
+        (
+            {
+                "system": '<ssd:Elements><ssd:System name="s">' * 60
+                + "</ssd:System></ssd:Elements>" * 60
+            },
+            "systems lie more than 50 deep",
+        ),
+    ],
+)
+def test_what_is_no_system_is_refused(tmp_path, options, text):
+    assert text in refusal(tmp_path, **options)
+
+
+def test_an_archive_that_climbs_out_or_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
+    files = TWO | {"../outside.txt": "x"}
+    assert "climbs out of its folder" in refusal(tmp_path, ELEMENTS, files)
+    assert not (tmp_path.parent / "outside.txt").exists()
+    monkeypatch.setattr("ballscrew.fmus.archive.LARGEST", 1000)
+    assert "would unpack to" in refusal(tmp_path, ELEMENTS, TWO | {"zeros": "0" * 2000})
+
+
+@pytest.mark.parametrize(
+    ("attributes", "text"),
+    [
+        ('source="resources/c.fmu"', "which is not in the archive; nearest: resources/"),
+        ('source="../../a.fmu"', "expected a file in the archive"),
+        ('source="resources/%2e%2e/%2e%2e/a.fmu"', "expected a file in the archive"),
+        ('source="/etc/passwd"', "expected a file in the archive"),
+        ('source="file:///etc/passwd"', "expected a file in the archive"),
+        ('source="https://example.org/a.fmu"', "expected a file in the archive"),
+        ('source="//host/a.fmu"', "expected a file in the archive"),
+        ('source="#other"', "expected a file in the archive"),
+        ("", "element 'c' has no source"),
+        ('source="x.ssp" type="application/x-ssp-package"', "is of type application/x-ssp-package"),
+        ('source="resources/a.fmu" implementation="ModelExchange"', "expected co-simulation"),
+        ('source="text.fmu"', "text.fmu is no FMU that can be read"),
+        ('source="old.fmu"', "old.fmu is FMI 1.0, expected FMI 2.0"),
+    ],
+)
+def test_an_element_without_an_fmu_that_can_run_is_refused(tmp_path, attributes, text):
+    files = TWO | {"text.fmu": "no XML", "old.fmu": an_fmu(version="1.0")}
+    system = f'<ssd:Elements><ssd:Component name="c" {attributes}/></ssd:Elements>'
+    assert text in refusal(tmp_path, system, files)
+
+
+def test_a_signal_dictionary_is_refused_by_name(tmp_path):
+    system = """<ssd:Elements><ssd:SignalDictionaryReference name="bus" dictionary="d"/>
+      </ssd:Elements>"""
+    assert "element 'bus' is a SignalDictionaryReference" in refusal(tmp_path, system)
+
+
+def test_a_message_is_one_line_whatever_the_names_in_the_file(tmp_path):
+    system = '<ssd:Elements><ssd:Component name="c" source="two&#10;lines.fmu"/></ssd:Elements>'
+    assert "'two\\nlines.fmu', which is not in the archive" in refusal(tmp_path, system)
+    system = (
+        '<ssd:Elements><ssd:Component name="c" source="x" type="two&#10;lines"/></ssd:Elements>'
+    )
+    assert "is of type two lines;" in refusal(tmp_path, system)
+
+
+def test_two_elements_of_one_name_are_refused(tmp_path):
+    twice = ELEMENTS.replace('name="b"', 'name="a"')
+    assert "two elements are called 'a'" in refusal(tmp_path, twice)
+
+
+MANY = """<ssd:Connectors>
+  <ssd:Connector name="in" kind="input"><ssc:Real/></ssd:Connector>
+  <ssd:Connector name="out" kind="output"><ssc:Real/></ssd:Connector>
+  <ssd:Connector name="both" kind="inout"><ssc:Real/></ssd:Connector>
+</ssd:Connectors>"""
+
+
+@pytest.mark.parametrize(
+    ("connection", "text"),
+    [
+        ({"start": "bb.y"}, "names the element 'bb', which does not exist; nearest: b"),
+        ({"start": "a.z"}, "names the connector 'z' of 'a', which does not exist"),
+        ({"end": "b.xx"}, "names the connector 'xx' of 'b', which does not exist; nearest: x"),
+        ({"end": "b.y"}, "joins a.y and b.y, which both give a value"),
+        ({"start": "a.x"}, "joins a.x and b.x, which both take a value"),
+        ({"start": "both"}, "joins both of kind inout"),
+        ({"start": "in", "end": "out"}, "the system's output out is its input in"),
+        ({"start": "a.y", "end": "b.length"}, "only outputs and inputs can be joined"),
+        ({"start": "a.count"}, "a.count is of type Integer; only Real signals"),
+        ({"attributes": 'suppressUnitConversion="maybe"'}, "expected true or false"),
+        ({"inside": '<ssc:LinearTransformation factor="nan"/>'}, "the factor is 'nan'"),
+        *(
+            ({"inside": f"<ssc:{kind}/>"}, f"has a {kind}; only a LinearTransformation")
+            for kind in (
+                "BooleanMappingTransformation",
+                "IntegerMappingTransformation",
+                "EnumerationMappingTransformation",
+            )
+        ),
+    ],
+)
+def test_a_connection_that_makes_no_sense_is_refused(tmp_path, connection, text):
+    assert text in refusal(tmp_path, connected(before=MANY, **connection))
+
+
+def test_a_transformation_in_a_namespace_of_its_own_is_not_dropped(read):
+    inside = '<ssd:LinearTransformation factor="3"/>'
+    assert read(connected(inside)).connections[0].factor == 3.0
+
+
+def test_two_connections_into_one_input_are_refused(tmp_path):
+    system = connected(before=MANY).replace(
+        "</ssd:Connections>",
+        '<ssd:Connection startConnector="in" endElement="b" endConnector="x"/></ssd:Connections>',
+    )
+    assert "b.x is driven twice, by a.y and in" in refusal(tmp_path, system)
+
+
+def test_a_ring_of_connections_without_an_fmu_is_refused(tmp_path):
+    inner = f"""{MANY}<ssd:Connections>
+      <ssd:Connection startConnector="in" endConnector="out"/></ssd:Connections>"""
+    system = f"""<ssd:Elements><ssd:System name="s">{inner}</ssd:System></ssd:Elements>
+      <ssd:Connections><ssd:Connection startElement="s" startConnector="out" endElement="s"
+        endConnector="in"/></ssd:Connections>"""
+    assert "run in a ring" in refusal(tmp_path, system)
+
+
+def component(name, connector):
+    return f"""<ssd:Elements><ssd:Component name="{name}" source="resources/{name}.fmu">
+      <ssd:Connectors>{connector}</ssd:Connectors></ssd:Component></ssd:Elements>
+      <ssd:Connectors><ssd:Connector name="g" kind="input"/></ssd:Connectors>
+      <ssd:Connections><ssd:Connection startConnector="g" endElement="{name}" endConnector="x"/>
+      </ssd:Connections>"""
+
+
+@pytest.mark.parametrize(
+    ("connector", "text"),
+    [
+        ('kind="output"><ssc:Real/>', "a.x is of kind output, but in a.fmu it is input"),
+        ('kind="input"><ssc:Integer/>', "a.x is of type Integer, but in a.fmu it is Real"),
+        ('kind="input"><ssc:Real unit="mm"/>', "a.x is in 'mm', but in a.fmu it is in 'm'"),
+        ('kind="input"><ssc:Dimension size="3"/>', "a.x is an array"),
+    ],
+)
+def test_a_connector_that_contradicts_its_fmu_is_refused(tmp_path, connector, text):
+    entry = f'<ssd:Connector name="x" {connector}</ssd:Connector>'
+    assert text in refusal(tmp_path, component("a", entry))
+
+
+@pytest.mark.parametrize(
+    ("unit", "text"),
+    [
+        ("N", "'N' cannot be converted to 'm': they measure different things"),
+        ("ell", "the unit 'ell' is not defined, so 'ell' cannot be converted to 'm'"),
+    ],
+)
+def test_units_that_cannot_be_converted_are_refused(tmp_path, unit, text):
+    connectors = f"""<ssd:Connectors><ssd:Connector name="g" kind="input"><ssc:Real unit="{unit}"/>
+      </ssd:Connector></ssd:Connectors>"""
+    assert text in refusal(tmp_path, connected(start="g", end="a.x", before=connectors))
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (real("a.gain", "NaN"), "parameter 'a.gain' is 'NaN', expected a finite number"),
+        (real("a.gain", "1 2"), "parameter 'a.gain' is '1 2', expected a finite number"),
+        (real("a.n", 1.5), "is a Real, but a.n is a Integer"),
+        (real("b.length", 1, "N"), "'N' cannot be converted to 'm'"),
+        (
+            '<ssv:Parameter name="a.file"><ssv:String value="x"/></ssv:Parameter>',
+            "is a String; only numbers can be set here",
+        ),
+        ('<ssv:Parameter name="a.on"><ssv:Boolean value="on"/></ssv:Parameter>', "true or false"),
+        ('<ssv:Parameter name="a.n"><ssv:Integer value="1.5"/></ssv:Parameter>', "an integer"),
+        ('<ssv:Parameter name="a.n"/>', "parameter 'a.n' has no value"),
+    ],
+)
+def test_a_parameter_value_that_cannot_be_set_is_refused(tmp_path, content, text):
+    assert text in refusal(tmp_path, parameters(content) + ELEMENTS)
+
+
+@pytest.mark.parametrize(
+    ("binding", "text"),
+    [
+        ('source="gone.ssv"', "which is not in the archive"),
+        ('source="resources/a.fmu"', "a.fmu is no XML"),
+        ('source="start.ssv" sourceBase="component"', "lies in an FMU"),
+        ('source="start.ssv" type="text/csv"', "is of type text/csv"),
+        ("", "has neither a source nor a ParameterSet in it"),
+    ],
+)
+def test_a_parameter_binding_that_cannot_be_read_is_refused(tmp_path, binding, text):
+    system = f"""<ssd:ParameterBindings><ssd:ParameterBinding {binding}/></ssd:ParameterBindings>
+      {ELEMENTS}"""
+    assert text in refusal(tmp_path, system, TWO | {"start.ssv": START})

@@ -1,0 +1,135 @@
+"""A loop of two FMUs as any master understands it, and how to have it run in a process of its own.
+
+The hosts are the scripts ``*_host.py`` in ``tests/strangers``. Each is started with two paths, the
+job to read and the result to write, both JSON, and knows nothing of this project.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import fmpy
+
+HOSTS = Path(__file__).parents[1] / "strangers"
+OUTPUTS = ("x", "v", "z", "i")
+TIMEOUT = 120  # seconds; a host that takes longer hangs
+
+
+class HostFailed(AssertionError):
+    """A host did not end in good order; the message is what it wrote."""
+
+
+@dataclass(frozen=True)
+class WiredLoop:
+    """What to run.
+
+    Attributes
+    ----------
+    fmus : dict of str to str
+        Path by instance name.
+    connections : list of ((instance, output), (instance, input))
+    starts : list of (instance, variable, value)
+    outputs : list of str
+        Of the plant, to be recorded at every communication point.
+    step : float
+        Communication step [s].
+    steps : int
+    """
+
+    fmus: dict[str, str]
+    connections: list[tuple[tuple[str, str], tuple[str, str]]]
+    starts: list[tuple[str, str, float]]
+    outputs: list[str]
+    step: float
+    steps: int
+
+
+def wired(
+    plant: Path,
+    controller: Path,
+    step: float,
+    stop: float,
+    *,
+    law: bool,
+    goal: float = 0.08,
+    outputs: tuple[str, ...] = OUTPUTS,
+) -> WiredLoop:
+    """Connect what has the same name on both sides; without `law`, of the commands only ``u``."""
+    fmus = {"plant": plant, "controller": controller}
+    ports = {name: _real_ports(path) for name, path in fmus.items()}
+    connections = []
+    for source, sink in (("plant", "controller"), ("controller", "plant")):
+        for name in ports[source]["output"]:
+            if name in ports[sink]["input"] and (law or source == "plant" or name == "u"):
+                connections.append(((source, name), (sink, name)))
+    return WiredLoop(
+        {name: str(path) for name, path in fmus.items()},
+        connections,
+        [("controller", "x_d", goal)],
+        list(outputs),
+        step,
+        round(stop / step),
+    )
+
+
+def _real_ports(path: Path) -> dict[str, list[str]]:
+    variables = fmpy.read_model_description(str(path)).modelVariables
+    return {
+        causality: [v.name for v in variables if v.causality == causality and v.type == "Real"]
+        for causality in ("input", "output")
+    }
+
+
+def run_in(host: str, loop: WiredLoop, **options: Any) -> Any:
+    """What the script ``<host>_host.py`` computes for this loop.
+
+    Raises
+    ------
+    HostFailed
+        If it ends with another exit code than 0, by its own fault or an FMU's, or hangs.
+    """
+    return ask(HOSTS / f"{host}_host.py", asdict(loop) | options)
+
+
+def ask(script: Path, job: dict[str, Any]) -> Any:
+    """Run a script on a job in a fresh process; raises as `run_in` does."""
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / "job.json", Path(folder) / "result.json"]
+        paths[0].write_text(json.dumps(job))
+        command = [sys.executable, str(script), *map(str, paths)]
+        try:
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                text=True,
+                timeout=TIMEOUT,
+                cwd=folder,
+                env=os.environ | {"TMPDIR": folder},  # hosts unpack FMUs, and not all clean up
+            )
+        except subprocess.TimeoutExpired as error:
+            raise HostFailed(f"{script.name} is not done after {TIMEOUT} s") from error
+        if done.returncode or not paths[1].is_file():
+            raise HostFailed(
+                f"{script.name} ended with exit code {done.returncode}:\n"
+                f"{done.stdout[-2000:]}{done.stderr[-4000:]}"
+            )
+        return json.loads(paths[1].read_text())
+
+
+@functools.cache
+def missing_for_ecos() -> str:
+    """What to install before ecospy can be imported; empty if it can."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import ecospy"], capture_output=True, text=True, timeout=TIMEOUT
+    )
+    if "libtbb.so.12" in done.stderr:
+        return "ecospy needs libtbb.so.12; install Debian's libtbb12"
+    return ""
