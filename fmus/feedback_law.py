@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from ..solver.component import TIME, Component, Input, Output, symbol
+from ..solver.component import TIME, Component, Input, Mode, Output, symbol
 from .law_ports import gain_port, rate_port, reference_port
 
 STEP_START = "t_step"
@@ -54,18 +54,36 @@ def report_law(controller: Component) -> Component:
     if not measurements:
         return controller
     ports: list[Output] = []
+    moded: dict[str, dict[str, sp.Expr]] = {m.name: {} for m in controller.modes}
     for command in controller.all_outputs:
-        gains = [sp.diff(command.value, symbol(y.name)) for y in measurements]
-        rate = sp.diff(command.value, TIME) + sum(
-            sp.diff(command.value, symbol(s.name)) * controller.derivative(s.name)
-            for s in controller.all_states
-        )
-        values = [*gains, *(symbol(y.name) for y in measurements), rate]
+        described = _law_ports(command, measurements)
+        values = _law_values(controller, None, command, measurements)
         ports += [
             Output(port.name, port.unit, port.meaning, value, nominal=port.nominal)
-            for port, value in zip(_law_ports(command, measurements), values, strict=True)
+            for port, value in zip(described, values, strict=True)
         ]
-    return replace(controller, outputs=(*controller.outputs, *ports))
+        for mode in controller.modes:
+            values = _law_values(controller, mode, command, measurements)
+            names = (port.name for port in described)
+            moded[mode.name] |= dict(zip(names, values, strict=True))
+    modes = tuple(
+        replace(mode, outputs={**mode.outputs, **moded[mode.name]}) for mode in controller.modes
+    )
+    return replace(controller, outputs=(*controller.outputs, *ports), modes=modes)
+
+
+def _law_values(
+    controller: Component, mode: Mode | None, command: Output, measurements: Sequence[Input]
+) -> list[sp.Expr]:
+    """Gains, references and rate of a command, in a mode or in a component without modes."""
+    value = sp.sympify(mode.outputs.get(command.name, command.value) if mode else command.value)
+    derivatives = {s.name: controller.derivative(s.name) for s in controller.all_states}
+    derivatives |= dict(mode.derivatives) if mode else {}
+    rate = sp.diff(value, TIME) + sum(
+        sp.diff(value, symbol(name)) * derivative for name, derivative in derivatives.items()
+    )
+    gains = [sp.diff(value, symbol(y.name)) for y in measurements]
+    return [*gains, *(symbol(y.name) for y in measurements), rate]
 
 
 @dataclass(frozen=True)

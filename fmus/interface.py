@@ -42,6 +42,8 @@ class Layout:
 
     model: str
     inputs: int
+    discrete: int
+    modes: int
     held: int
     parameters: int
     states: int
@@ -76,7 +78,7 @@ class Interface:
 
 def interface_of(kernel: Kernel, model: str) -> Interface:
     """The FMI variables of a component and their places."""
-    held = len(kernel.inputs) + len(kernel.discrete)
+    held = len(kernel.inputs) + len(kernel.discrete) + bool(kernel.modes)
     n, parameters = len(kernel.states), held
     states = parameters + len(kernel.parameters)
     outputs = states + n
@@ -175,6 +177,8 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
     layout = Layout(
         model=model,
         inputs=len(kernel.inputs),
+        discrete=len(kernel.discrete),
+        modes=len(kernel.modes),
         held=held,
         parameters=parameters,
         states=states,

@@ -56,11 +56,11 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._x = self.memory[at["states"] : at["states"] + n]
         self._y = self.memory[at["outputs"] : at["starts"]]
         self._info = self.memory[at["info"] : at["time"]]
-        self._discrete = self._held[at["inputs"] :]
+        self._discrete = self._held[at["inputs"] : at["inputs"] + at["discrete"]]
         self._update = np.zeros(len(self._discrete))
         self._nominal = np.array(at["nominal"])
         self._atol = np.zeros(n)
-        self._work = np.zeros(self.equations.work_size(n))
+        self._work = np.zeros(self.equations.WORK)
         self._stale = True
 
     # -- variables ---------------------------------------------------------------------------
@@ -129,9 +129,25 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._discrete[:] = self.memory[first + n : first + n + len(self._discrete)]
         self._scale_tolerances()
         self._info[:] = 0.0
+        if at["modes"]:
+            self._held[-1] = 0.0
+            self._settle()
         if at["sample_time"] >= 0:  # samples count from t = 0, wherever the run begins
             past = self.memory[at["time"]] / self.memory[at["sample_time"]]
             self.memory[at["samples"]] = math.ceil(past - ROUND_OFF)
+
+    def _settle(self) -> None:
+        """Enter the mode that the start values and parameters lead to."""
+        time = self.memory[self.layout["time"]]
+        try:
+            status = self.equations.settle(
+                time, self._x, self._held, self._p, self._work, self._info
+            )
+        except (ArithmeticError, ValueError) as error:
+            self._fail(f"the first mode cannot be found: {error}")
+            return
+        if status != self.equations.DONE:
+            self._fail(f"events follow each other without end at t = {time:.9g} s")
 
     def _scale_tolerances(self) -> None:
         np.multiply(self._nominal, self.memory[self.layout["tolerance"]], out=self._atol)
@@ -176,12 +192,12 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         )
         if status != self.equations.DONE:
             reached = self._info[self.equations.REACHED]
-            what = (
-                f"{MAX_STEPS} internal steps were not enough"
-                if status == self.equations.TOO_MANY_STEPS
-                else "the internal step became too small"
-            )
-            self._fail(f"{what} at t = {reached:.9g} s; the solution leaves every bound there")
+            what = {
+                self.equations.TOO_MANY_STEPS: f"{MAX_STEPS} internal steps were not enough",
+                self.equations.CHATTER: "events follow each other without end",
+            }.get(status, "the internal step became too small")
+            rest = "" if status == self.equations.CHATTER else "; the solution leaves every bound"
+            self._fail(f"{what} at t = {reached:.9g} s{rest}")
         return bool(status == self.equations.DONE)
 
     def _advance_sampled(self, t0: float, step_size: float) -> bool:

@@ -8,13 +8,14 @@ another.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from . import stepper
-from .component import TIME, Component, symbol
+from .component import TIME, Component, Mode, Output, symbol
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
 
 # The stepper's text comes first and the equations after it, in one module whose name is a hash of
@@ -24,9 +25,12 @@ _FOOTER = """
 
 rhs = njit(error_model="numpy")(rhs)
 jac = njit(error_model="numpy")(jac)
+indicate = njit(error_model="numpy")(indicate)
+kind = njit(error_model="numpy")(kind)
+react = njit(error_model="numpy")(react)
 out = njit(cache=True, error_model="numpy")(out)
 sample = njit(cache=True, error_model="numpy")(sample)
-integrate = build(rhs, jac)
+integrate, settle_events = build(rhs, jac, indicate, kind, react, MOST_EVENTS)
 
 
 @njit(cache=True, error_model="numpy")
@@ -45,16 +49,31 @@ def advance(t0, t1, x, u, p, atol, rtol, work, info, max_steps):
 
 
 @njit(cache=True, error_model="numpy")
-def trajectory(times, X, u, p, atol, rtol, work, info, max_steps):
+def settle(t, x, u, p, work, info):
+    return settle_events(t, x, u, p, work, info)
+
+
+@njit(cache=True, error_model="numpy")
+def indicators(t, x, u, p, g):
+    indicate(t, x, u, p, g)
+
+
+@njit(cache=True, error_model="numpy")
+def trajectory(times, X, Y, u, p, atol, rtol, work, info, max_steps):
+    out(times[0], X[0], u, p, Y[0])
     for k in range(1, times.shape[0]):
         X[k] = X[k - 1]
-        status = integrate(
+        info[STATUS] = integrate(
             times[k - 1], times[k], X[k], u, p, atol, rtol, work, info, max_steps
         )
-        if status != 0:
+        if info[STATUS] != 0:
             return k
+        out(times[k], X[k], u, p, Y[k])
     return times.shape[0]
 """
+
+
+_INDENT = "    "
 
 
 class UnsupportedComponent(NotImplementedError):
@@ -89,26 +108,38 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
 
 
 def _function(
-    header: str, unpack: dict[str, list[str]], targets: dict[str, sp.Expr], printer: _Printer
+    header: str, unpack: dict[str, list[str]], by_mode: Sequence[dict[str, sp.Expr]]
 ) -> str:
-    """One generated function: unpack used symbols, common subexpressions, then assignments."""
+    """One generated function: the assignments of the one system, or of the mode that it is in."""
+    if len(by_mode) == 1:
+        return "\n".join([header, *_assignments(unpack, by_mode[0], _INDENT)]) + "\n"
+    lines = [header]
+    for k, targets in enumerate(by_mode):
+        lines.append(f"{_INDENT}{'el' if k else ''}if u[{len(unpack['u'])}] == {k}.0:")
+        lines += _assignments(unpack, targets, 2 * _INDENT)
+    return "\n".join(lines) + "\n"
+
+
+def _assignments(
+    unpack: dict[str, list[str]], targets: dict[str, sp.Expr], indent: str
+) -> list[str]:
+    """Unpack used symbols, common subexpressions, then assignments."""
+    printer = _Printer({"fully_qualified_modules": True})
     targets = {name: sp.sympify(e) for name, e in targets.items()}
     temporaries = sp.numbered_symbols("_c", real=True)
     common, reduced = sp.cse(list(targets.values()), symbols=temporaries, optimizations="basic")
     used = set().union(*(e.free_symbols for e in targets.values())) if targets else set()
-    lines = [header]
+    lines = []
     for vector, names in unpack.items():
         for index, name in enumerate(names):
             if symbol(name) in used:
-                lines.append(f"    {name}_ = {vector}[{index}]")
+                lines.append(f"{indent}{name}_ = {vector}[{index}]")
     rename = {s: sp.Symbol(s.name + "_", real=True) for s in used if s != TIME}
     for name, expression in common:
-        lines.append(f"    {name} = {printer.doprint(expression.xreplace(rename))}")
+        lines.append(f"{indent}{name} = {printer.doprint(expression.xreplace(rename))}")
     for target, expression in zip(targets, reduced, strict=True):
-        lines.append(f"    {target} = {printer.doprint(expression.xreplace(rename))}")
-    if len(lines) == 1:
-        lines.append("    pass")
-    return "\n".join(lines) + "\n"
+        lines.append(f"{indent}{target} = {printer.doprint(expression.xreplace(rename))}")
+    return lines or [f"{indent}pass"]
 
 
 def _matrix(name: str, entries: sp.Matrix) -> dict[str, sp.Expr]:
@@ -116,11 +147,70 @@ def _matrix(name: str, entries: sp.Matrix) -> dict[str, sp.Expr]:
     return {f"{name}[{i}, {j}]": entries[i, j] for i in range(rows) for j in range(columns)}
 
 
-def _linearized(component: Component) -> tuple[sp.Matrix, sp.Matrix]:
+def _linearized(component: Component, mode: Mode | None) -> tuple[sp.Matrix, sp.Matrix]:
     states = [symbol(s.name) for s in component.all_states]
-    f = sp.Matrix(list(component.derivatives)) if states else sp.zeros(0, 1)
+    f = sp.Matrix(_derivatives(component, mode)) if states else sp.zeros(0, 1)
     by_state = f.jacobian(states) if states else sp.zeros(0, 0)
     return by_state, f.diff(TIME) if states else sp.zeros(0, 1)
+
+
+def _derivatives(component: Component, mode: Mode | None) -> list[sp.Expr]:
+    own = mode.derivatives if mode else {}
+    common = zip(component.all_states, component.derivatives, strict=True)
+    return [own.get(s.name, derivative) for s, derivative in common]
+
+
+def _outputs(component: Component, mode: Mode | None) -> list[sp.Expr]:
+    own = mode.outputs if mode else {}
+    return [own.get(o.name, o.value) for o in component.all_outputs]
+
+
+def _events(component: Component, most: int) -> str:
+    """The functions `indicate`, `kind` and `react`, and the number of events they are for."""
+    unpack = _places(component)
+    modes = component.modes
+    names = [m.name for m in modes]
+    states = [s.name for s in component.all_states]
+    mode_at = f"u[{len(unpack['u'])}]"
+    indicators = []
+    for mode in modes:
+        rows: dict[str, sp.Expr] = {f"g[{k}]": sp.Integer(-1) for k in range(most)}
+        for k, event in enumerate(mode.events):
+            rows[f"g[{k}]"] = -event.indicator if event.direction < 0 else event.indicator
+        indicators.append(rows)
+    kinds, reactions = ["def kind(u, k):"], ["def react(t, x, u, p, k):"]
+    for m, mode in enumerate(modes):
+        for k, event in enumerate(mode.events):
+            here = f"{_INDENT}if {mode_at} == {m}.0 and k == {k}:"
+            what = stepper.CHANGES_MODE if event.next_mode is not None else stepper.RESETS
+            what = what if event.direction else stepper.EITHER
+            kinds += [here, f"{2 * _INDENT}return {what}"]
+            # all new values from the old ones, then the assignments
+            reset = {f"new_{n}": sp.sympify(e) for n, e in event.reset.items()}
+            reactions += [here, *_assignments(unpack, reset, 2 * _INDENT)]
+            reactions += [f"{2 * _INDENT}x[{states.index(n)}] = new_{n}" for n in event.reset]
+            if event.next_mode is not None:
+                reactions.append(f"{2 * _INDENT}{mode_at} = {names.index(event.next_mode)}.0")
+            reactions.append(f"{2 * _INDENT}return")
+    kinds.append(f"{_INDENT}return 0")
+    reactions.append(f"{_INDENT}return")
+    return "\n\n".join(
+        [
+            f"MOST_EVENTS = {most}\n",
+            _function("def indicate(t, x, u, p, g):", unpack, indicators or [{}]),
+            "\n".join(kinds) + "\n",
+            "\n".join(reactions) + "\n",
+        ]
+    )
+
+
+def _places(component: Component) -> dict[str, list[str]]:
+    """Which symbol stands where in the vectors x, u and p."""
+    return {
+        "x": [s.name for s in component.all_states],
+        "u": [*(i.name for i in component.inputs), *(d.name for d in component.discrete)],
+        "p": [p.name for p in component.all_parameters],
+    }
 
 
 def generate(component: Component) -> Kernel:
@@ -129,40 +219,42 @@ def generate(component: Component) -> Kernel:
     Raises
     ------
     UnsupportedComponent
-        If it has modes, events or delays.
+        If it has delays.
     """
-    if component.modes or component.delays:
-        part = "modes and events" if component.modes else "delays"
+    if component.delays:
         raise UnsupportedComponent(
-            f"{component.name} has {part}; this version solves components without them"
+            f"{component.name} has delays; this version solves components without them"
         )
     inputs = [i.name for i in component.inputs]
-    held = inputs + [d.name for d in component.discrete]
-    unpack = {
-        "x": [s.name for s in component.all_states],
-        "u": held,
-        "p": [p.name for p in component.all_parameters],
-    }
-    printer = _Printer({"fully_qualified_modules": True})
-    by_state, by_time = _linearized(component)
-    outputs = {f"y[{k}]": o.value for k, o in enumerate(component.all_outputs)}
+    unpack = _places(component)
+    modes: tuple[Mode | None, ...] = component.modes or (None,)
+    most = max((len(m.events) for m in component.modes), default=0)
+    linearized = [_linearized(component, m) for m in modes]
     updates = {f"d[{k}]": d.update for k, d in enumerate(component.discrete)}
+
+    def numbered(vector: str, expressions: Iterable[sp.Expr]) -> dict[str, sp.Expr]:
+        return {f"{vector}[{k}]": e for k, e in enumerate(expressions)}
+
     body = "\n\n".join(
         [
             _function(
                 "def rhs(t, x, u, p, dx):",
                 unpack,
-                {f"dx[{k}]": e for k, e in enumerate(component.derivatives)},
-                printer,
+                [numbered("dx", _derivatives(component, m)) for m in modes],
             ),
             _function(
                 "def jac(t, x, u, p, J, ft):",
                 unpack,
-                {**_matrix("J", by_state), **{f"ft[{k}]": e for k, e in enumerate(by_time)}},
-                printer,
+                [{**_matrix("J", j), **numbered("ft", by_time)} for j, by_time in linearized],
             ),
-            _function("def out(t, x, u, p, y):", unpack, outputs, printer),
-            _function("def sample(t, x, u, p, d):", unpack, updates, printer),
+            _function(
+                "def out(t, x, u, p, y):",
+                unpack,
+                [numbered("y", _outputs(component, m)) for m in modes],
+            ),
+            _function("def sample(t, x, u, p, d):", unpack, [updates]),
+            f"WORK = {stepper.work_size(len(component.all_states), most)}\n",
+            _events(component, most),
         ]
     )
     source = Path(stepper.__file__).read_text(encoding="utf-8") + "\n\n" + body + _FOOTER
@@ -189,16 +281,27 @@ def generate(component: Component) -> Kernel:
                 o.unit,
                 o.meaning,
                 o.nominal,
-                sorted(s.name for s in sp.sympify(o.value).free_symbols - {TIME}),
-                [name for name in inputs if symbol(name) in sp.sympify(o.value).free_symbols],
+                sorted(used - {TIME.name}),
+                [name for name in inputs if name in used],
             )
             for o in component.all_outputs
+            for used in [_symbols_of(component, o)]
         ],
         sample_time=component.sample_time.name if component.sample_time else "",
+        modes=[m.name for m in component.modes],
         equations=_readable(component),
         module=hashed_name(f"equations_{component.name}", source),
         source=source,
     )
+
+
+def _symbols_of(component: Component, output: Output) -> set[str]:
+    """Names of what an output depends on, in any mode."""
+    values = [
+        output.value,
+        *(m.outputs[output.name] for m in component.modes if output.name in m.outputs),
+    ]
+    return {s.name for value in values for s in sp.sympify(value).free_symbols}
 
 
 def hashed_name(stem: str, text: str) -> str:
@@ -214,6 +317,14 @@ def _readable(component: Component) -> list[list[str]]:
     ]
     rows += [(symbol(o.name), sp.sympify(o.value)) for o in component.all_outputs]
     rows += [(symbol(d.name + "_next"), sp.sympify(d.update)) for d in component.discrete]
+    for mode in component.modes:
+        inside = sp.Symbol(f"in {mode.name}")
+        for name, e in mode.derivatives.items():
+            rows.append((sp.Tuple(sp.Derivative(symbol(name), TIME), inside), sp.sympify(e)))
+        rows += [(sp.Tuple(symbol(n), inside), sp.sympify(e)) for n, e in mode.outputs.items()]
+        for event in mode.events:
+            label = f"{mode.name}: {event.name}, then {event.next_mode or mode.name}"
+            rows.append((sp.Symbol(label), sp.Eq(sp.sympify(event.indicator), 0, evaluate=False)))
     return [
         [sp.mathml(left, printer="presentation"), sp.mathml(right, printer="presentation")]
         for left, right in rows

@@ -150,9 +150,19 @@ class ForceBalance:
 
 @dataclass(frozen=True)
 class Event:
-    """A zero crossing of `indicator`; `reset` maps state names to their values after it.
+    """What ends a mode, or resets states within it.
 
-    ``direction`` is 1 for a crossing upwards, -1 for one downwards, 0 for both.
+    Parameters
+    ----------
+    indicator : expression
+    direction : {1, -1, 0}
+        1: the event is due where the indicator is positive, which is at its crossing upwards, and
+        also at once where a mode begins, or an input jumps, beyond it. -1: likewise where it is
+        negative. 0: a change of sign in either direction, and nothing else.
+    reset : mapping of str to expression
+        States to their values after the event, all computed from those before it.
+    next_mode : str, optional
+        Left out: the mode stays.
     """
 
     name: str
@@ -266,6 +276,11 @@ class Component:
         """A copy with one more force term, or with the term named `replaces` exchanged for it."""
         if balance not in [b.state for b in self.balances]:
             raise ContractError(f"{self.name}: no force balance of {balance!r}")
+        if any(balance in mode.derivatives for mode in self.modes):
+            raise ContractError(
+                f"{self.name}: its modes have equations of their own for {balance!r}, which a new "
+                "force would not reach; add forces before the modes"
+            )
         changed = []
         for b in self.balances:
             terms = tuple(t for t in b.terms if t.name != replaces)

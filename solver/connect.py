@@ -24,6 +24,16 @@ def connect(plant: Component, controller: Component) -> Component:
         If a signal is missing, or both sides depend directly on each other.
     """
     p, c = plant.prefixed(PLANT), controller.prefixed(CONTROLLER)
+    if any(m.outputs for m in p.modes) and any(
+        i.name in m.outputs for i in c.inputs for m in p.modes
+    ):
+        raise ContractError(
+            f"{plant.name}: a measured output that differs between modes cannot be connected yet"
+        )
+    if c.modes:
+        raise ContractError(
+            f"{controller.name} has modes and cannot be connected in one solver yet"
+        )
     measured = {}
     for signal in (i for i in c.inputs if i.role != "reference"):
         value = p.output(signal.name).value
@@ -52,6 +62,7 @@ def connect(plant: Component, controller: Component) -> Component:
         balances=ours["balances"] + theirs["balances"],
         discrete=ours["discrete"] + theirs["discrete"],
         sample_time=c.sample_time or p.sample_time,
+        modes=ours["modes"],
     )
 
 

@@ -85,6 +85,7 @@ class Kernel:
     discrete: list[StateInfo]
     outputs: list[OutputInfo]
     sample_time: str
+    modes: list[str]
     equations: list[list[str]]
     module: str
     source: str = field(repr=False)
@@ -122,8 +123,8 @@ class Trajectory:
         [s]
     states : dict of str to ndarray, shape (m,)
     outputs : dict of str to ndarray, shape (m,)
-    steps, rejected : int
-        Internal steps of the stiff solver.
+    steps, rejected, events : int
+        Internal steps of the stiff solver, and events, of the model so far.
     """
 
     time: Vector
@@ -131,6 +132,7 @@ class Trajectory:
     outputs: dict[str, Vector]
     steps: int
     rejected: int
+    events: int
 
 
 class Model:
@@ -161,7 +163,7 @@ class Model:
         self.p = np.array([p.default for p in kernel.parameters])
         self.x = np.array([s.start for s in kernel.states])
         held = [i.start for i in kernel.inputs] + [d.start for d in kernel.discrete]
-        self.u = np.array(held, dtype=float)
+        self.u = np.array(held + [0.0] * bool(kernel.modes), dtype=float)
         parameters = {p.name: k for k, p in enumerate(kernel.parameters)}
         starts = {f"{s.name}_start": k for k, s in enumerate(kernel.states)}
         held_starts = {
@@ -179,8 +181,7 @@ class Model:
                 raise KeyError(f"{kernel.name} has no parameter {name!r}; it has {known}")
         self.tolerance = tolerance
         self.atol = tolerance * np.array([s.nominal for s in kernel.states])
-        n = len(kernel.states)
-        self._work = np.zeros(stepper.work_size(n))
+        self._work = np.zeros(self._f.WORK)
         self.info = np.zeros(stepper.INFO_SIZE)
 
     def set_input(self, name: str, value: float) -> None:
@@ -197,7 +198,25 @@ class Model:
         """Update the discrete states at a sample instant."""
         update = np.zeros(len(self.kernel.discrete))
         self._f.sample(t, self.x, self.u, self.p, update)
-        self.u[len(self.kernel.inputs) :] = update
+        first = len(self.kernel.inputs)
+        self.u[first : first + len(update)] = update
+
+    @property
+    def mode(self) -> str:
+        """Name of the present mode; empty for a component without modes."""
+        return self.kernel.modes[int(self.u[-1])] if self.kernel.modes else ""
+
+    def settle(self, t: float) -> None:
+        """Let every event happen that is due now, as after a jump of an input.
+
+        Raises
+        ------
+        IntegrationError
+            If events follow each other without end.
+        """
+        status = self._f.settle(t, self.x, self.u, self.p, self._work, self.info)
+        if status != stepper.DONE:
+            raise IntegrationError(describe_failure(self.kernel.name, status, self.info, t))
 
     def derivatives(self, t: float, x: Vector) -> Vector:
         """dx/dt, shape (n,)."""
@@ -251,9 +270,11 @@ class Model:
         grid = np.asarray(times, dtype=float)
         states = np.empty((len(grid), len(self.x)))
         states[0] = self.x
+        outputs = np.empty((len(grid), len(self.kernel.outputs)))
         done = self._f.trajectory(
             grid,
             states,
+            outputs,
             self.u,
             self.p,
             self.atol,
@@ -264,18 +285,18 @@ class Model:
         )
         if done < len(grid):
             raise IntegrationError(
-                describe_failure(self.kernel.name, stepper.STEP_TOO_SMALL, self.info, grid[done])
+                describe_failure(
+                    self.kernel.name, int(self.info[stepper.STATUS]), self.info, grid[done]
+                )
             )
         self.x[:] = states[-1]
-        outputs = np.empty((len(grid), len(self.kernel.outputs)))
-        for k, t in enumerate(grid):
-            self._f.out(t, states[k], self.u, self.p, outputs[k])
         return Trajectory(
             grid,
             {s.name: states[:, k] for k, s in enumerate(self.kernel.states)},
             {o.name: outputs[:, k] for k, o in enumerate(self.kernel.outputs)},
             int(self.info[stepper.ACCEPTED]),
             int(self.info[stepper.REJECTED]),
+            int(self.info[stepper.EVENTS]),
         )
 
 
@@ -286,6 +307,11 @@ def describe_failure(name: str, status: int, info: Vector, target: float) -> str
         return (
             f"{name}: {MAX_STEPS} internal steps were not enough to get from t = {reached:.9g} s "
             f"to {target:.9g} s"
+        )
+    if status == stepper.CHATTER:
+        return (
+            f"{name}: events follow each other without end at t = {reached:.9g} s; two modes lead "
+            "to each other there, or a reset leaves its own condition true"
         )
     return (
         f"{name}: the internal step fell to {info[stepper.NEXT_STEP]:.3g} s at "

@@ -16,7 +16,7 @@ def integrate(rhs, jac, x0, t1, *, tolerance=1e-8, fixed_steps=0):
     x = np.array(x0, dtype=float)
     info = np.zeros(stepper.INFO_SIZE)
     work = np.zeros(stepper.work_size(len(x)))
-    step = stepper.build(rhs, jac)
+    step, _ = stepper.build(rhs, jac)
     loose = 1e30 if fixed_steps else tolerance
     atol = np.full(len(x), loose)
     steps = max(1, fixed_steps)
@@ -149,7 +149,7 @@ def test_a_solution_that_blows_up_is_reported_and_not_returned():
         ft[0] = 0.0
 
     info = np.zeros(stepper.INFO_SIZE)
-    step = stepper.build(rhs, jac)
+    step, _ = stepper.build(rhs, jac)
     status = step(
         0.0,
         2.0,
