@@ -109,6 +109,7 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
             )
         )
     states_named = {s.name for s in held_states}
+    internal = {i.name for i in kernel.inputs if i.role == "internal"}  # no FMI variables
     for k, o in enumerate(kernel.outputs):
         discrete = bool(kernel.sample_time) and not o.feedthrough
         variables.append(
@@ -120,9 +121,9 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
                 o.unit,
                 o.meaning,
                 nominal=o.nominal,
-                feedthrough=tuple(o.feedthrough),
+                feedthrough=tuple(n for n in o.feedthrough if n not in internal),
                 initially_from=tuple(
-                    name + START if name in states_named else name for name in o.uses
+                    n + START if n in states_named else n for n in o.uses if n not in internal
                 ),
             )
         )

@@ -11,10 +11,12 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
+from fmpy.validation import validate_fmu
 from fmu_host import opened
 
 from ballscrew.fmus.catalogue import component, fmu_kernel
 from ballscrew.fmus.export import export
+from ballscrew.solver.component import Component, Input, Output, State, symbol
 from ballscrew.solver.kernel import Model
 
 SUPPORT = str(Path(__file__).resolve().parents[1] / "support")
@@ -294,3 +296,21 @@ def test_a_sampled_controller_holds_between_samples_whatever_the_steps(fmus):
         slave.freeInstance()
     np.testing.assert_array_equal(courses[0], courses[1])
     np.testing.assert_array_equal(courses[0], courses[2])
+
+
+def test_an_output_that_follows_an_input_with_a_feedback_law_is_described(tmp_path):
+    """The law's own clock stands in such an equation and is no variable of the FMU."""
+    x, u = symbol("x"), symbol("u")
+    component = Component(
+        "through",
+        "an output with direct feed-through",
+        inputs=(Input("u", "1", "command", law=("x",)),),
+        states=(State("x", "1", "state", u - x),),
+        outputs=(Output("x", "1", "state", x), Output("doubled", "1", "twice u", 2 * u)),
+    )
+    path = export(component, tmp_path / "through.fmu")
+    assert validate_fmu(str(path)) == []
+    slave, at = opened(path, {"u": 3.0})
+    assert slave.getReal([at["doubled"]]) == [6.0]
+    slave.terminate()
+    slave.freeInstance()
