@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import __version__
+from . import __version__, rig_command
 from .controllers import CONTROLLERS
 from .plant import PLANTS
 
@@ -34,6 +34,7 @@ _EXAMPLES = """examples:
   ballscrew run --controller iol --out out/iol
   ballscrew swap --controllers iol nctf pid --out out/swap
   ballscrew export --out fmus
+  ballscrew rig 2.4/7 --out out/trial
 """
 _RUN_EXAMPLES = """examples:
   ballscrew run --controller nctf --out out
@@ -132,6 +133,7 @@ def _parser() -> argparse.ArgumentParser:
     swap.add_argument("--controllers", required=True, nargs="+", metavar="NAME|FMU")
     _add_loop_options(swap)
     swap.set_defaults(action=_swap)
+    rig_command.add_parser(commands, _Parser)
     return parser
 
 

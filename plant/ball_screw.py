@@ -17,6 +17,7 @@ from ..solver.component import (
     State,
     symbol,
 )
+from .classical import classical, with_sticking
 from .modified_lugre import modified_lugre
 
 # Table 3.1 prints the speed constant, 255 rpm/V; the back-EMF constant is its inverse.
@@ -55,7 +56,8 @@ def ball_screw(
     Returns
     -------
     Component
-        States x, v, i and those of the friction law.
+        States x, v, i and those of the friction law. A feedback law may act on x, v, the friction
+        law's deflection `z` (without one, its states) and i.
     """
     kt, ke, inductance, resistance, p, m, rotor = map(
         symbol, ("kt", "ke", "L", "R", "p", "m", "Jm")
@@ -64,6 +66,10 @@ def ball_screw(
     angle_per_length = 2 * sp.pi * p
     motor = ForceTerm("motor", kt * angle_per_length * i, "motor torque through the screw")
     friction_term = friction(v)
+    inner = friction_term.states
+    shown = {o.name for o in friction_term.outputs}
+    has_deflection = "z" in shown | {s.name for s in inner}
+    acted_on = ["z"] if has_deflection else [s.name for s in inner]
     states = (
         State("x", "m", "position of the block", v, nominal=1e-3),
         State("v", "m/s", "velocity of the block", nominal=1e-3),
@@ -80,11 +86,12 @@ def ball_screw(
         Output("v", "m/s", "velocity of the block", v, nominal=0.1),
         *(
             Output(s.name, s.unit, s.meaning, symbol(s.name), nominal=s.nominal)
-            for s in friction_term.states
+            for s in inner
+            if s.name in acted_on and s.name not in shown
         ),
         Output("i", "A", "armature current", i, nominal=0.1),
     )
-    return Component(
+    axis = Component(
         name=name,
         description="Ball-screw axis: DC motor, screw, sliding block with "
         + friction_term.meaning.split(",")[0],
@@ -95,10 +102,12 @@ def ball_screw(
                 "V",
                 "motor terminal voltage",
                 nominal=10.0,
-                law=("x", "v", *(s.name for s in friction_term.states), "i"),
+                law=("x", "v", *acted_on, "i"),
             ),
         ),
         states=states,
         outputs=outputs,
         balances=(ForceBalance("v", m + rotor * angle_per_length**2, (motor, friction_term)),),
     )
+    # Sticking is a matter of the whole body: its modes hold velocity and position.
+    return with_sticking(axis) if friction is classical else axis

@@ -12,6 +12,7 @@ from dataclasses import replace
 import sympy as sp
 
 from ..solver.component import Component, ContractError, Event, ForceTerm, Mode, Output, symbol
+from .law import Claims
 from .lugre import PARAMETERS, stribeck
 
 STUCK, FORWARD, BACKWARD = "stuck", "forward", "backward"
@@ -35,6 +36,9 @@ def classical(velocity: sp.Expr) -> ForceTerm:
 
 def _sliding(velocity: sp.Expr, direction: sp.Expr) -> sp.Expr:
     return direction * stribeck(velocity) + symbol("sigma2") * velocity
+
+
+CLAIMS = Claims(steady_state=_sliding(symbol("v"), sp.sign(symbol("v"))), stiffness=None)
 
 
 def with_sticking(component: Component, velocity: str = "v", position: str = "x") -> Component:

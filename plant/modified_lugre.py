@@ -1,11 +1,18 @@
-"""LuGre friction with a smooth |v|, after the thesis' Eqs. 3.9-3.10 and 3.16."""
+"""LuGre friction with a smooth |v|, after the thesis' Eqs. 3.9-3.10 and 3.16.
+
+Below |v| of about 1/Kv the bristles do not follow the motion. What was bent fast can be let go of
+slowly without relaxing, which gives out work: passivity needs, beside LuGre's condition, motion
+that does not linger at such speeds.
+"""
 
 from __future__ import annotations
 
 import sympy as sp
 
 from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .lugre import PARAMETERS, stribeck
+from .law import Claims
+from .lugre import CLAIMS as ORIGINAL
+from .lugre import PARAMETERS, PASSIVE_MARGIN, stribeck
 
 KV = Parameter("Kv", 1e8, "s/m", "sharpness of the smooth sign function", "Table 3.1", minimum=1e-3)
 
@@ -13,6 +20,28 @@ KV = Parameter("Kv", 1e8, "s/m", "sharpness of the smooth sign function", "Table
 def smooth_sign(velocity: sp.Expr) -> sp.Expr:
     """S(v) = (2/pi) atan(Kv v), Eq. 3.10."""
     return 2 / sp.pi * sp.atan(symbol("Kv") * velocity)
+
+
+def lowest_passive_speed(largest: sp.Expr, least: sp.Expr, margin: sp.Expr) -> sp.Expr:
+    """Speed above which viscous losses outweigh what bristles that lag behind can give out [m/s].
+
+    That is at most |sigma0 z dz/dt| (1/S^2 - 1), with |sigma0 z| <= `largest` force [N], |dz/dt| <=
+    |v| (1 + `largest`/`least`) and 1/S^2 - 1 just above 4/(pi Kv |v|); against it stands `margin`
+    v^2, the margin in N*s/m.
+    """
+    return sp.sqrt(5 * largest * (1 + largest / least) / (sp.pi * symbol("Kv") * margin))
+
+
+CLAIMS = Claims(
+    steady_state=smooth_sign(symbol("v")) * stribeck(symbol("v")) + symbol("sigma2") * symbol("v"),
+    stiffness=symbol("sigma0"),
+    passive_if=PASSIVE_MARGIN > 0,
+    passive_above=lowest_passive_speed(
+        sp.Max(symbol("Fs"), symbol("Fc")), sp.Min(symbol("Fs"), symbol("Fc")), PASSIVE_MARGIN
+    ),
+    lags=ORIGINAL.lags,
+    breaks_away_sooner_when_loaded_faster=ORIGINAL.breaks_away_sooner_when_loaded_faster,
+)
 
 
 def modified_lugre(velocity: sp.Expr) -> ForceTerm:

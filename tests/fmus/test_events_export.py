@@ -7,7 +7,7 @@ from fmu_host import opened
 from ballscrew.fmus.export import export, with_law_ports
 from ballscrew.orchestration.participant import FmuParticipant, StepFailed
 from ballscrew.plant.ball_screw import ball_screw
-from ballscrew.plant.classical import classical, with_sticking
+from ballscrew.plant.classical import classical
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,
@@ -25,7 +25,7 @@ from ballscrew.solver.kernel import Model
 @pytest.fixture(scope="module")
 def sticking(tmp_path_factory):
     """The axis with classical friction, as FMU and as compiled equations."""
-    component = with_sticking(ball_screw(classical, "sticking_axis"))
+    component = ball_screw(classical, "sticking_axis")
     path = export(component, tmp_path_factory.mktemp("fmu") / "sticking_axis.fmu")
     return path, generate(with_law_ports(component))
 

@@ -168,7 +168,7 @@ def test_a_reversal_under_a_large_force_does_not_stick():
 
 
 def test_the_axis_sticks_and_slides_with_the_motor_s_current():
-    model = Model(generate(with_sticking(ball_screw(classical, "sticking_axis"))))
+    model = Model(generate(ball_screw(classical, "sticking_axis")))
     per_ampere = 37.4e-3 * 2 * np.pi * 1000
     model.set_input("u", 21.4 * 2.3 / per_ampere)
     model.advance(0.0, 1.0)

@@ -1,0 +1,73 @@
+"""Bliman-Sorine friction: Eq. 1.4 of the thesis.
+
+Two linear systems in the distance travelled, a fast one of strength f1 and a slow one of strength
+f2 against it: friction rises over its sliding value f1 - f2 and comes back to it. From rest it
+peaks at f1 - f2 + f2 (1 - eta) (eta f2/f1)^(eta/(1-eta)) (Eq. 2.18 prints 1/(1-eta)).
+
+No motion takes out more work than was put in if and only if the real part of the transfer function
+from sgn(v) to F, over distance, is nowhere negative: f1 >= f2 and f1 >= eta^2 f2.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from ..solver.component import ForceTerm, Output, Parameter, State, symbol
+from .law import Claims
+
+_SOURCE = "Table 2.7, row 6"
+
+PARAMETERS = (
+    Parameter("f1", 19.875, "N", "strength of the fast part", _SOURCE, minimum=1e-9),
+    Parameter("f2", 17.8227, "N", "strength of the slow part", _SOURCE, minimum=0.0),
+    Parameter("eps_f", 0.000121, "m", "distance constant of the slow part", _SOURCE, minimum=1e-9),
+    Parameter(
+        "eta",
+        0.9063,
+        "1",
+        "distance constant of the fast part, in that of the slow one",
+        _SOURCE,
+        minimum=1e-6,
+        maximum=1.0,
+    ),
+)
+
+_F1, _F2, _EPS, _ETA = map(symbol, ("f1", "f2", "eps_f", "eta"))
+_STIFFNESS = (_F1 / _ETA - _F2) / _EPS
+
+CLAIMS = Claims(
+    steady_state=(_F1 - _F2) * sp.sign(symbol("v")),
+    stiffness=_STIFFNESS,
+    passive_if=sp.And(_F1 >= _F2, _F1 >= _ETA**2 * _F2),
+    follows_path_only=True,
+)
+
+
+def bliman_sorine(velocity: sp.Expr) -> ForceTerm:
+    """The friction term of a body that moves with `velocity` [m/s]."""
+    fast, slow = symbol("xs1"), symbol("xs2")
+    speed = sp.Abs(velocity)
+    force = fast + slow
+    states = (
+        State(
+            "xs1",
+            "N",
+            "fast part of the friction",
+            (_F1 * velocity - speed * fast) / (_ETA * _EPS),
+        ),
+        State("xs2", "N", "slow part of the friction", -(_F2 * velocity + speed * slow) / _EPS),
+    )
+    return ForceTerm(
+        name="friction",
+        force=-force,
+        meaning="Bliman-Sorine friction, opposing motion",
+        states=states,
+        parameters=PARAMETERS,
+        outputs=(
+            *(Output(s.name, s.unit, s.meaning, symbol(s.name)) for s in states),
+            Output(
+                "z", "m", "friction over the stiffness at rest", force / _STIFFNESS, nominal=1e-5
+            ),
+            Output("friction", "N", "friction force, opposing motion", force, nominal=1.0),
+        ),
+    )

@@ -1,0 +1,61 @@
+"""Dahl friction with any exponent: Eqs. 1.2-1.3 of the thesis.
+
+    dF/dx = sigma (1 - (F/Fc) sgn v)^alpha
+
+The power of a negative base, which round-off produces as F meets Fc, is taken as that of its
+magnitude with its sign, so that F comes back to Fc from either side; for alpha = 1 nothing changes.
+Below an exponent of one, F meets Fc after a finite way and with an infinite slope of the equation.
+The power is therefore b (b^2 + d^2)^((alpha-1)/2) with d = `ROUNDING`: exact for alpha = 1, else
+wrong where 1 - |F|/Fc is of the size of d only.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from ..solver.component import ForceTerm, Output, Parameter, State, symbol
+from .law import Claims
+
+ROUNDING = sp.Float("1e-6")
+
+PARAMETERS = (
+    Parameter("sigma", 87750.0, "N/m", "slope dF/dx at F = 0", "Table 2.5, nominal", minimum=1e-3),
+    Parameter("Fc", 2.0, "N", "Coulomb friction", "Table 2.5, nominal", minimum=1e-9),
+    Parameter(
+        "alpha",
+        1.0,
+        "1",
+        "exponent; 1 is the usual one, below it F meets Fc after a finite way",
+        "Section 2.3.2.1",
+        minimum=0.0,
+        maximum=10.0,
+    ),
+)
+
+CLAIMS = Claims(
+    steady_state=symbol("Fc") * sp.sign(symbol("v")),
+    stiffness=symbol("sigma"),
+    follows_path_only=True,
+)
+
+
+def dahl(velocity: sp.Expr) -> ForceTerm:
+    """The friction term of a body that moves with `velocity` [m/s]."""
+    sigma, fc, alpha, z = map(symbol, ("sigma", "Fc", "alpha", "z"))
+
+    def slope(share: sp.Expr) -> sp.Expr:
+        left = 1 - share
+        return left * (left**2 + ROUNDING**2) ** ((alpha - 1) / 2)
+
+    share = sigma * z / fc
+    rate = velocity * sp.Piecewise((slope(share), velocity >= 0), (slope(-share), True))
+    return ForceTerm(
+        name="friction",
+        force=-sigma * z,
+        meaning="Dahl friction, opposing motion",
+        states=(State("z", "m", "deflection, friction over sigma", rate, nominal=1e-5),),
+        parameters=PARAMETERS,
+        outputs=(
+            Output("friction", "N", "friction force, opposing motion", sigma * z, nominal=1.0),
+        ),
+    )

@@ -1,0 +1,221 @@
+"""A friction law alone, moved as prescribed: what force does this motion meet?
+
+Within a communication step the velocity is v + a (t - t_step), a held; over several steps that is
+any velocity that is linear in between, jumps included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from ..solver import kernel_cache, stepper
+from ..solver.codegen import hashed_name
+from ..solver.component import TIME, Component, ForceTerm, Input, Output, State, symbol
+from ..solver.kernel import (
+    DEFAULT_TOLERANCE,
+    MAX_STEPS,
+    IntegrationError,
+    Kernel,
+    Model,
+    Trajectory,
+    describe_failure,
+)
+from ..solver.stored import stored_kernel
+from .law import Law, law
+
+# The loop over the steps is compiled into the module of the equations: numba caches no function
+# that is handed another one.
+_LOOP = """
+
+@njit(cache=True, error_model="numpy")
+def follow(times, velocity, X, Y, u, p, atol, rtol, work, info, max_steps):
+    u[0], u[1], u[2] = velocity[0], 0.0, times[0]
+    out(times[0], X[0], u, p, Y[0])
+    for k in range(1, times.shape[0]):
+        span = times[k] - times[k - 1]
+        u[0], u[1], u[2] = velocity[k], 0.0, times[k]
+        X[k] = X[k - 1]
+        if span > 0.0:
+            u[0], u[2] = velocity[k - 1], times[k - 1]
+            u[1] = (velocity[k] - velocity[k - 1]) / span
+            status = integrate(
+                times[k - 1], times[k], X[k], u, p, atol, rtol, work, info, max_steps
+            )
+            if status != 0:
+                return k, status
+        out(times[k], X[k], u, p, Y[k])
+    return times.shape[0], 0
+"""
+
+
+class BadMotion(ValueError):
+    """A prescribed motion that makes no sense; the message says where."""
+
+
+def prescribed_motion(friction: Law, name: str = "prescribed_motion") -> Component:
+    """The component: a friction law moved with a prescribed velocity.
+
+    Parameters
+    ----------
+    friction : function of the velocity, returning a ForceTerm
+    name : str
+
+    Returns
+    -------
+    Component
+        Inputs `v` [m/s] and `a` [m/s^2]; states x [m], `work` [N*m] put in against friction, and
+        those of the law; outputs of them all, `velocity` [m/s] and the law's own, `friction` [N]
+        among them.
+    """
+    velocity = symbol("v") + symbol("a") * (TIME - symbol("t_step"))
+    term = _switched(friction(velocity))
+    states = (
+        State("x", "m", "position", velocity, nominal=1e-6),
+        State("work", "N*m", "work put in against friction", -term.force * velocity, nominal=1e-6),
+        *term.states,
+    )
+    shown = {o.name for o in term.outputs}
+    return Component(
+        name=name,
+        description=f"Prescribed motion against {term.meaning.split(',')[0]}",
+        parameters=term.parameters,
+        inputs=(
+            Input("v", "m/s", "velocity at the start of the step", nominal=1e-3),
+            Input("a", "m/s^2", "acceleration during the step", nominal=1e-2),
+            Input("t_step", "s", "start of the communication step", role="internal"),
+        ),
+        states=states,
+        outputs=(
+            Output("velocity", "m/s", "velocity", velocity, nominal=1e-3),
+            *(
+                Output(s.name, s.unit, s.meaning, symbol(s.name), s.nominal)
+                for s in states
+                if s.name not in shown
+            ),
+            *term.outputs,
+        ),
+    )
+
+
+def _switched(term: ForceTerm) -> ForceTerm:
+    """The term with its signs as cases: the velocity moves with time, and d sgn/dt is no number."""
+
+    def cases(expression: sp.Expr) -> sp.Expr:
+        return sp.sympify(expression).replace(
+            sp.sign, lambda x: sp.Piecewise((1, x > 0), (-1, x < 0), (0, True))
+        )
+
+    return replace(
+        term,
+        force=cases(term.force),
+        states=tuple(replace(s, derivative=cases(s.derivative)) for s in term.states),
+        outputs=tuple(replace(o, value=cases(o.value)) for o in term.outputs),
+    )
+
+
+@cache
+def motion_kernel(name: str) -> Kernel:
+    """The compiled component of a law of `LAWS` under prescribed motion, from disk if there.
+
+    Raises
+    ------
+    UnknownLaw
+    """
+    friction = law(name)
+    part = f"motion_{name}"
+    return stored_kernel(part, lambda: prescribed_motion(friction, part))
+
+
+def follow(
+    name: str,
+    times: npt.ArrayLike,
+    velocity: npt.ArrayLike,
+    values: Mapping[str, float] | None = None,
+    tolerance: float = DEFAULT_TOLERANCE,
+) -> Trajectory:
+    """The friction that a law of `LAWS` answers to a motion with.
+
+    Parameters
+    ----------
+    name : str
+    times : array_like, shape (n,)
+        [s], not decreasing; a time that occurs twice is a jump of the velocity.
+    velocity : array_like, shape (n,)
+        [m/s] at these times, linear in between.
+    values : mapping of str to float, optional
+        Parameters, and initial states as ``<state>_start``; without these, undeflected.
+    tolerance : float
+
+    Returns
+    -------
+    Trajectory
+        On `times`; its outputs are those of `prescribed_motion`.
+
+    Raises
+    ------
+    UnknownLaw
+    KeyError
+        For a value that the law does not have.
+    BadMotion
+        If the motion is too short, not finite or goes back in time.
+    IntegrationError
+        If the tolerance cannot be met somewhere.
+    """
+    model = Model(motion_kernel(name), values, tolerance)
+    grid, speeds = _checked(times, velocity)
+    kernel = model.kernel
+    text = kernel.source + _LOOP
+    module = kernel_cache.load(hashed_name(kernel.name, text), text)
+    states = np.empty((len(grid), len(model.x)))
+    states[0] = model.x
+    outputs = np.empty((len(grid), len(kernel.outputs)))
+    done, status = module.follow(
+        grid,
+        speeds,
+        states,
+        outputs,
+        model.u,
+        model.p,
+        model.atol,
+        tolerance,
+        np.zeros(module.WORK),
+        model.info,
+        MAX_STEPS,
+    )
+    if done < len(grid):
+        raise IntegrationError(describe_failure(kernel.name, status, model.info, grid[done]))
+    return Trajectory(
+        grid,
+        {s.name: states[:, k] for k, s in enumerate(kernel.states)},
+        {o.name: outputs[:, k] for k, o in enumerate(kernel.outputs)},
+        int(model.info[stepper.ACCEPTED]),
+        int(model.info[stepper.REJECTED]),
+        int(model.info[stepper.EVENTS]),
+    )
+
+
+def _checked(
+    times: npt.ArrayLike, velocity: npt.ArrayLike
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    grid = np.ascontiguousarray(times, dtype=float)
+    speeds = np.ascontiguousarray(velocity, dtype=float)
+    if grid.ndim != 1 or grid.shape != speeds.shape or len(grid) < 2:
+        raise BadMotion(
+            f"times and velocity have the shapes {grid.shape} and {speeds.shape}, expected two of "
+            "one length of at least 2"
+        )
+    for what, values in (("time", grid), ("velocity", speeds)):
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise BadMotion(f"{what} {bad[0]} is {values[bad[0]]}, expected a finite number")
+    back = np.flatnonzero(np.diff(grid) < 0)
+    if back.size:
+        k = int(back[0])
+        raise BadMotion(f"time goes back from {grid[k]:g} s to {grid[k + 1]:g} s at row {k + 1}")
+    return grid, speeds

@@ -1,0 +1,147 @@
+"""The same rig out of separate FMUs, wired like the real one; the check on the compiled bench."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..fmus.export import export
+from ..fmus.interface import TOLERANCE as SOLVER_TOLERANCE
+from ..orchestration.participant import FmuParticipant
+from ..plant import law as laws
+from .bench import TOLERANCE, Noise, Setup, finish, one_trial, set_up
+from .instruments import SAMPLE_TIME
+from .plant import rig_plant
+from .record import TrialRecord
+from .trials import Trial
+from .wiring import COMMAND, PLANT, WIRINGS
+
+Vector = npt.NDArray[np.float64]
+
+
+def export_rig(folder: Path | str, law: str = "modified_lugre") -> dict[str, Path]:
+    """Write every part of the rig as an FMU, and ``wiring.json``, which says what goes where.
+
+    Parameters
+    ----------
+    folder : path-like
+        Made if it is not there.
+    law : str
+        Friction law of the moving part, one of `plant.LAWS`.
+
+    Returns
+    -------
+    dict of str to Path
+        The FMUs by the part's name.
+
+    Raises
+    ------
+    UnknownLaw
+    OSError
+        If a file cannot be written.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    moving = rig_plant(laws.law(law), f"rig_plant_{law}")
+    paths = {PLANT: export(moving, folder / f"{PLANT}.fmu")}
+    for wiring in WIRINGS.values():
+        for part in wiring.parts:
+            if part.name not in paths:
+                paths[part.name] = export(part.make(), folder / f"{part.name}.fmu")
+    table = {
+        control: {
+            "order": [*(part.name for part in wiring.parts), PLANT],
+            "feeds": {
+                f"{part.name}.{port}": source
+                for part in wiring.parts
+                for port, source in part.feeds.items()
+            }
+            | {f"{PLANT}.{COMMAND}": wiring.command},
+        }
+        for control, wiring in WIRINGS.items()
+    }
+    text = json.dumps({"step": SAMPLE_TIME, "trials": table}, indent=1)
+    (folder / "wiring.json").write_text(text + "\n", encoding="utf-8")
+    return paths
+
+
+def run_trial_with_fmus(
+    trial: Trial | str,
+    fmus: Mapping[str, Path],
+    law: str = "modified_lugre",
+    parameters: Mapping[str, float] | None = None,
+    seed: int = 0,
+    noise: Noise | None = None,
+    tolerance: float = TOLERANCE,
+) -> TrialRecord:
+    """Run one trial with the FMUs of `export_rig`; for the rest see `bench.run_trial`.
+
+    At each sample instant the parts are stepped in the order of the signals, each with the newest
+    values of those before it, and the moving part last. Slower than the compiled bench by far.
+
+    Raises
+    ------
+    UnknownTrial, UnknownLaw, BadRig
+        For names and values that make no sense.
+    StepFailed
+        If an FMU refuses or cannot go on.
+    """
+    trial = one_trial(trial)
+    setup = set_up(trial, law, parameters, seed, noise or Noise())
+    names = [*(part.name for part in WIRINGS[trial.control].parts), PLANT]
+    participants = {name: FmuParticipant(fmus[name], name) for name in names}
+    try:
+        for name, participant in participants.items():
+            values = setup.values_of(name)
+            if name == PLANT:
+                values[SOLVER_TOLERANCE] = tolerance
+            participant.initialize(values, trial.duration)
+        taps, truth = _run(setup, participants)
+    finally:
+        for participant in participants.values():
+            participant.close()
+    return finish(setup, taps, truth, tolerance)
+
+
+def _run(
+    setup: Setup, participants: Mapping[str, FmuParticipant]
+) -> tuple[dict[str, Vector], dict[str, Vector]]:
+    trial, wiring = setup.trial, WIRINGS[setup.trial.control]
+    plant = participants[PLANT]
+    outputs = [name for name in plant.outputs if "." not in name]
+    read_plant, write_plant = plant.reader(outputs), plant.writer([COMMAND])
+    ports = {}
+    for part in wiring.parts:
+        participant = participants[part.name]
+        ports[part.name] = (
+            participant.writer(list(part.feeds)),
+            list(part.feeds.values()),
+            participant.reader(participant.outputs),
+            [f"{part.name}.{name}" for name in participant.outputs],
+        )
+    taps: dict[str, list[float]] = {name: [] for name in (*wiring.taps, COMMAND)}
+    truth: dict[str, list[float]] = {name: [] for name in outputs}
+    time = trial.time
+    for k in range(len(time)):
+        t, h = k * SAMPLE_TIME, SAMPLE_TIME
+        now = {name: float(values[k]) for name, values in setup.external.items()}
+        now |= dict(zip((f"{PLANT}.{n}" for n in outputs), read_plant().tolist(), strict=True))
+        for name, (write, sources, read, given) in ports.items():
+            write(np.array([now[source] for source in sources]))
+            participants[name].step(t, h)
+            now |= dict(zip(given, read().tolist(), strict=True))
+        write_plant(np.array([now[wiring.command]]))
+        for name, value in zip(outputs, read_plant().tolist(), strict=True):
+            truth[name].append(value)
+        for name, source in (wiring.taps | {COMMAND: wiring.command}).items():
+            taps[name].append(now[source])
+        if k + 1 < len(time):
+            plant.step(t, h)
+    return (
+        {name: np.array(values) for name, values in taps.items()},
+        {name: np.array(values) for name, values in truth.items()},
+    )

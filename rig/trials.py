@@ -1,0 +1,289 @@
+"""The thesis' trials: what the rig was asked to do in each.
+
+Where the text is silent (durations of force steps and constant velocities, the twenty loading
+rates) the choice stands here, once, and in `Trial.note`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from .instruments import SAMPLE_TIME
+
+Vector = npt.NDArray[np.float64]
+
+VELOCITY, FORCE, VOLTAGE = "velocity", "force", "voltage"
+FORCE_STEP_TIME = 10.0
+CONSTANT_VELOCITY_TIME = 4.0
+RAMP_TO = 3.5
+"""Quasi-static force at which a loading-rate trial ends [N]; the block has broken away before."""
+
+
+class UnknownTrial(ValueError):
+    """No trial of this name; the message lists what there is."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``2.4/7``.
+    table : str
+        Table or series that it belongs to.
+    number : int
+        From 1.
+    control : {"velocity", "force", "voltage"}
+        What is controlled; under "voltage" the command is given directly.
+    asked : str
+        The reference in words.
+    duration : float
+        [s]
+    course : function of time
+        The reference over an array of times [m/s, N or V].
+    fine : bool
+        Whether the capacitance sensor is used.
+    note : str
+        What the thesis leaves open, and how it was settled.
+    level : float
+        The one number that tells the trial from its neighbours: force [N], peak velocity [m/s] or
+        loading rate [N/s].
+    """
+
+    name: str
+    table: str
+    number: int
+    control: str
+    asked: str
+    duration: float
+    course: Callable[[Vector], Vector] = field(repr=False, compare=False)
+    fine: bool = False
+    note: str = ""
+    level: float = 0.0
+
+    @property
+    def folder(self) -> str:
+        """The name as a folder's, such as ``2.4-07``: sorted as the trials are."""
+        return f"{self.table}-{self.number:02d}"
+
+    @property
+    def samples(self) -> int:
+        """Number of samples, the first at t = 0."""
+        return round(self.duration / SAMPLE_TIME) + 1
+
+    @property
+    def time(self) -> Vector:
+        """Sample instants [s]."""
+        return np.asarray(np.arange(self.samples) * SAMPLE_TIME, dtype=np.float64)
+
+    def reference(self) -> Vector:
+        """The reference at the sample instants."""
+        return np.asarray(self.course(self.time), dtype=float)
+
+    def line(self) -> str:
+        """One line for a list."""
+        sensor = ", capacitance sensor" if self.fine else ""
+        return f"{self.name:<16}{self.asked}, {self.duration:g} s{sensor}"
+
+
+def _constant(value: float, t: Vector) -> Vector:
+    return np.full(len(t), value)
+
+
+def _sine(mean: float, amplitude: float, omega: float, t: Vector) -> Vector:
+    return np.asarray(mean + amplitude * np.sin(omega * t))
+
+
+def _force_steps(table: str, forces: tuple[float, ...], fine: bool = False) -> list[Trial]:
+    return [
+        Trial(
+            f"{table}/{k}",
+            table,
+            k,
+            FORCE,
+            f"step of the force to {force:g} N",
+            FORCE_STEP_TIME,
+            partial(_constant, force),
+            fine,
+            "duration not printed: 10 s",
+            force,
+        )
+        for k, force in enumerate(forces, start=1)
+    ]
+
+
+def _velocity_sines(table: str, rows: list[tuple[float, float, float]]) -> list[Trial]:
+    return [
+        Trial(
+            f"{table}/{k}",
+            table,
+            k,
+            VELOCITY,
+            f"velocity {1e3 * amplitude:g} mm/s sin({omega:.4g} t)",
+            duration,
+            partial(_sine, 0.0, amplitude, omega),
+            level=amplitude,
+        )
+        for k, (amplitude, omega, duration) in enumerate(rows, start=1)
+    ]
+
+
+def _constant_velocities(table: str, velocities: list[float], note: str) -> list[Trial]:
+    return [
+        Trial(
+            f"{table}/{k}",
+            table,
+            k,
+            VELOCITY,
+            f"constant velocity {1e3 * velocity:g} mm/s",
+            CONSTANT_VELOCITY_TIME,
+            partial(_constant, velocity),
+            note=note,
+            level=velocity,
+        )
+        for k, velocity in enumerate(velocities, start=1)
+    ]
+
+
+LOADING_RATES = tuple(float(f"{0.08 * (20.3 / 0.08) ** (k / 19):.3g}") for k in range(20))
+"""Twenty rates from 0.08 to 20.3 N/s, evenly spaced in their logarithms [N/s]."""
+
+
+def _loading_rates() -> list[Trial]:
+    from .regulators import loading_voltage
+
+    note = (
+        "the thesis applies constant voltages; on a rigid drive that gives no constant loading "
+        "rate, so the voltage rises as the nominal stuck block needs it; as the bristles yield, "
+        "the force rises more slowly; rates between the first and the last are not printed"
+    )
+    trials = []
+    for k, rate in enumerate(LOADING_RATES, start=1):
+        duration = math.ceil((RAMP_TO / rate + 0.5) / SAMPLE_TIME) * SAMPLE_TIME
+        trials.append(
+            Trial(
+                f"loading-rate/{k}",
+                "loading-rate",
+                k,
+                VOLTAGE,
+                f"voltage ramp that loads the block at {rate:g} N/s",
+                duration,
+                partial(loading_voltage, rate),
+                note=note,
+                level=rate,
+            )
+        )
+    return trials
+
+
+def _staircase(t: Vector) -> Vector:
+    """Fig. 2.13: 2 s of nothing, then three times a ramp of 0.25 N/s for 2 s and a hold of 3 s."""
+    corners = [(0.0, 0.0), (2.0, 0.0)]
+    for step in range(3):
+        start = 2.0 + 5.0 * step
+        corners += [(start + 2.0, 0.5 * (step + 1)), (start + 5.0, 0.5 * (step + 1))]
+    times, forces = zip(*corners, strict=True)
+    return np.asarray(np.interp(t, times, forces))
+
+
+def _all() -> dict[str, Trial]:
+    steps = (0.3, 0.6, 1.0, 1.5, 1.8, 2.0, 2.1, 2.2, -0.3, -0.6, -2.1, -2.3, -2.4)
+    slow = [round(1e-3 * (2.0 + 0.5 * k), 6) for k in range(8)]
+    fast = [round(1e-3 * k, 6) for k in range(3, 9)]
+    dahl = [(1.0, 3.15), (1 / 2, 6.3), (1 / 4, 12.6), (1 / 6, 19.0)]
+    bliman = [
+        (2e-3, 2 / 3, 18.85),
+        (2e-3, 4 / 5, 15.7),
+        (2e-3, 1.0, 12.57),
+        (3e-3, 2 / 3, 18.85),
+        (4e-3, 2 / 3, 18.85),
+        (5e-3, 2 / 3, 18.85),
+        (6e-3, 2 / 3, 18.85),
+        (6e-3, 4 / 5, 15.7),
+        (6e-3, 1.0, 12.57),
+    ]
+    trials = [
+        *_force_steps("2.2", steps),
+        *_constant_velocities(
+            "2.3.1",
+            [*slow, *(-v for v in slow)],
+            "the text says fifteen trials, its list has sixteen; duration not printed: 4 s",
+        ),
+        *_velocity_sines(
+            "2.4",
+            [(s * 1e-3, w, end) for s in (1, -1) for w, end in dahl for _ in range(2)],
+        ),
+        *_velocity_sines("2.6", bliman),
+        *_force_steps("2.8", (0.5, 0.5, 1.0, 1.0, 1.5, 1.5), fine=True),
+        *_force_steps("2.10", steps),
+        Trial(
+            "2.11/1",
+            "2.11",
+            1,
+            VELOCITY,
+            "velocity 1.5 mm/s + 1 mm/s sin(3 t)",
+            18.85,
+            partial(_sine, 1.5e-3, 1e-3, 3.0),
+            level=1e-3,
+        ),
+        *_constant_velocities(
+            "viscous",
+            [v for speed in fast for v in [speed] * 5 + [-speed] * 5],
+            "Section 2.4.1, five repetitions each; duration not printed: 4 s",
+        ),
+        *_loading_rates(),
+        Trial(
+            "presliding/1",
+            "presliding",
+            1,
+            FORCE,
+            "staircase of the force to 0.5, 1 and 1.5 N (Fig. 2.13)",
+            17.0,
+            _staircase,
+            True,
+            level=1.5,
+        ),
+    ]
+    return {t.name: t for t in trials}
+
+
+TRIALS: dict[str, Trial] = _all()
+TABLES: tuple[str, ...] = tuple(dict.fromkeys(t.table for t in TRIALS.values()))
+SECTION_2_4: tuple[str, ...] = ("2.10", "viscous", "2.11", "loading-rate", "presliding")
+"""The tables and series of the five feature experiments."""
+
+
+def trials_named(name: str) -> list[Trial]:
+    """The trial of this name, or all of a table's.
+
+    ``2.4/7``, ``table-2.4-7`` and ``2.4-7`` are the same; ``2.4`` is all of Table 2.4; a series of
+    one trial, such as ``presliding``, needs no number.
+
+    Raises
+    ------
+    UnknownTrial
+    """
+    plain = name.strip().removeprefix("table-")
+    if plain in TABLES:
+        return [t for t in TRIALS.values() if t.table == plain]
+    table, _, number = plain.replace("/", "-").rpartition("-")
+    if number.isdecimal() and f"{table}/{int(number)}" in TRIALS:
+        return [TRIALS[f"{table}/{int(number)}"]]
+    if table in TABLES:
+        count = sum(t.table == table for t in TRIALS.values())
+        raise UnknownTrial(f"no trial {name!r}: {table} has trials 1 to {count}")
+    known = TRIALS if "/" in plain else TABLES
+    near = difflib.get_close_matches(plain, known, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]}?" if near else ""
+    raise UnknownTrial(
+        f"no trial {name!r}; there are {', '.join(TABLES)}, or one trial as in 2.4/7{hint}"
+    )

@@ -1,0 +1,133 @@
+"""How the rig's parts are wired, once: for the compiled program and for the separate FMUs.
+
+The parts stand in the order of the signals. At each sample instant every part takes the newest
+values of those before it; the plant, which is none of them, moves on to the next instant under the
+command that comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..solver.component import Component
+from . import instruments, regulators
+from .trials import FORCE, VELOCITY, VOLTAGE
+
+PLANT = "plant"
+COMMAND = "u"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One component of the rig's program.
+
+    Attributes
+    ----------
+    name : str
+        Also the prefix of its parameters, as in ``encoder.counts``.
+    make : function without arguments
+        Returns the component.
+    feeds : dict of str to str
+        For each input where it comes from: ``part.output``, ``plant.output``, or a plain name for
+        what comes from outside: noise, reference.
+    """
+
+    name: str
+    make: Callable[[], Component]
+    feeds: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """All parts of a trial's program, and where its signals are taken.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        In the order of the signals.
+    command : str
+        What goes to the plant's input `u`: ``part.output``, or a plain name from outside.
+    taps : dict of str to str
+        Columns of the record and where they are taken.
+    """
+
+    parts: tuple[Part, ...]
+    command: str
+    taps: dict[str, str]
+
+
+def _position_filter() -> Component:
+    return instruments.low_pass(
+        "position_filter",
+        "m",
+        "position by the encoder",
+        regulators.POSITION_CUTOFF,
+        "not printed: 20 Hz",
+    )
+
+
+def _force_filter() -> Component:
+    return instruments.low_pass(
+        "force_filter",
+        "N",
+        "force by the load cell",
+        regulators.FORCE_CUTOFF,
+        "not printed: 20 Hz",
+    )
+
+
+_MEASURING = (
+    Part("encoder", instruments.encoder, {"x": "plant.x"}),
+    Part("load_cell", instruments.load_cell, {"force": "plant.force", "noise": "force_noise"}),
+    Part(
+        "acquisition",
+        instruments.acquisition,
+        {"x_counted": "encoder.x_counted", "force_read": "load_cell.force_read"},
+    ),
+    Part("position_filter", _position_filter, {"signal": "acquisition.x"}),
+    Part("force_filter", _force_filter, {"signal": "acquisition.force"}),
+)
+_FINE = Part(
+    "capacitance_sensor",
+    instruments.capacitance_sensor,
+    {"x": "plant.x", "noise": "capacitance_noise"},
+)
+_TAPS = {
+    "x": "acquisition.x",
+    "force": "acquisition.force",
+    "x_filtered": "position_filter.filtered",
+    "force_filtered": "force_filter.filtered",
+}
+
+REFERENCE = {VELOCITY: "v_ref", FORCE: "force_ref", VOLTAGE: "u_ref"}
+"""What the reference of each kind of trial is called."""
+
+WIRINGS = {
+    VELOCITY: Wiring(
+        (
+            *_MEASURING,
+            Part(
+                "velocity_pid",
+                regulators.velocity_pid,
+                {"x": "position_filter.filtered", "v_ref": "v_ref"},
+            ),
+        ),
+        "velocity_pid.u",
+        _TAPS,
+    ),
+    FORCE: Wiring(
+        (
+            *_MEASURING,
+            _FINE,
+            Part(
+                "force_pid",
+                regulators.force_pid,
+                {"force": "force_filter.filtered", "force_ref": "force_ref"},
+            ),
+        ),
+        "force_pid.u",
+        _TAPS | {"x_fine": "capacitance_sensor.x_fine"},
+    ),
+    VOLTAGE: Wiring(_MEASURING, "u_ref", _TAPS),
+}

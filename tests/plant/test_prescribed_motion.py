@@ -1,0 +1,48 @@
+"""Friction under a prescribed motion: what is asked is what is moved, and nonsense is refused."""
+
+import numpy as np
+import pytest
+from motions import pieces
+
+from ballscrew.plant.prescribed_motion import BadMotion, follow
+
+
+def test_position_and_velocity_are_those_asked_for_jumps_included():
+    time = np.array([0.0, 1.0, 1.0, 2.0, 3.0])
+    velocity = np.array([0.0, 2e-3, -1e-3, -1e-3, 3e-3])
+    got = follow("lugre", time, velocity).outputs
+    np.testing.assert_allclose(got["velocity"], velocity, atol=1e-18)
+    np.testing.assert_allclose(got["x"], [0, 1e-3, 1e-3, 0, 1e-3], atol=1e-12)
+
+
+def test_work_is_friction_times_way():
+    got = follow("dahl", *pieces((1e-3, 10.0))).outputs
+    assert got["work"][-1] == pytest.approx(2.0 * 1e-2 - 2.0**2 / 87750, rel=1e-6)
+
+
+def test_a_motion_may_start_at_any_time_and_deflection():
+    values = {"z_start": 1e-5}
+    one = follow("lugre", [0.0, 0.5], [1e-3, 2e-3], values).outputs["friction"]
+    other = follow("lugre", [7.0, 7.5], [1e-3, 2e-3], values).outputs["friction"]
+    np.testing.assert_allclose(one, other, rtol=1e-9)
+    assert one[0] > 66967 * 1e-5
+
+
+@pytest.mark.parametrize(
+    ("time", "velocity", "words"),
+    [
+        ([0.0], [1.0], "at least 2"),
+        ([0.0, 1.0], [1.0], "one length"),
+        ([0.0, 1.0, 0.5], [0.0, 0.0, 0.0], "time goes back from 1 s to 0.5 s at row 2"),
+        ([0.0, 1.0], [0.0, np.nan], "velocity 1 is nan"),
+        ([0.0, np.inf], [0.0, 0.0], "time 1 is inf"),
+    ],
+)
+def test_a_motion_that_makes_no_sense_is_refused_in_one_line(time, velocity, words):
+    with pytest.raises(BadMotion, match=words):
+        follow("lugre", time, velocity)
+
+
+def test_a_parameter_that_the_law_does_not_have_is_refused():
+    with pytest.raises(KeyError, match="no parameter 'sigma0'"):
+        follow("dahl", [0.0, 1.0], [0.0, 0.0], {"sigma0": 1.0})

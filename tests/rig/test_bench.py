@@ -1,0 +1,307 @@
+"""Trials on the rig: what the instruments record, and what truth stands beside it."""
+
+import itertools
+import json
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from ballscrew.plant.law import UnknownLaw
+from ballscrew.rig.bench import BadRig, Noise, plant_kernel, run_trial
+from ballscrew.rig.instruments import SAMPLE_TIME
+from ballscrew.rig.trials import trials_named
+from ballscrew.solver.kernel import Model
+
+QUIET = Noise(load_cell=0.0, capacitance=0.0, micrometer=0.0, separation=0.0)
+FC, FS, VS, SIGMA2, SIGMA0 = 1.284, 2.35, 0.00113975, 173.0, 66967.231
+MASS, ROTOR = 1.0, 4.2e-7 * (2 * math.pi * 1000) ** 2
+
+
+def stribeck(v):
+    return np.sign(v) * (FC + (FS - FC) * np.exp(-((v / VS) ** 2))) + SIGMA2 * v
+
+
+def first_peak(force):
+    """The largest value before the force first falls by a percent."""
+    fallen = np.flatnonzero(force < 0.99 * np.maximum.accumulate(force))
+    return float(np.max(force[: fallen[0]])) if len(fallen) else float(np.max(force))
+
+
+@pytest.fixture(scope="module")
+def slow_slide():
+    return run_trial("2.4/7")
+
+
+@pytest.fixture(scope="module")
+def push():
+    """A step of the voltage, closely watched: the acquisition sees 5 ms only at their ends."""
+    plant = Model(plant_kernel("modified_lugre"), tolerance=1e-9)
+    plant.set_input("u", 0.6)
+    time = np.linspace(0.0, 0.1, 20_001)
+    rows = [plant.outputs(0.0, plant.x)]
+    for start, end in itertools.pairwise(time):
+        plant.advance(start, end)
+        rows.append(plant.outputs(end, plant.x))
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]} | {"time": time}
+
+
+def test_the_rotor_is_in_the_motion(push):
+    """16.6 kg through the screw: the motor's force moves both masses."""
+    assert pytest.approx(16.58, abs=0.01) == ROTOR
+    motor = 37.4e-3 * 2 * math.pi * 1000 * push["i"]
+    momentum = np.trapezoid(motor - push["friction"], push["time"])
+    assert momentum == pytest.approx((MASS + ROTOR) * push["v"][-1], rel=1e-4)
+
+
+def test_momentum_of_the_block_is_what_the_load_cell_gives_beyond_friction(push):
+    momentum = np.trapezoid(push["force"] - push["friction"], push["time"])
+    assert momentum == pytest.approx(MASS * push["v"][-1], rel=1e-4)
+
+
+@pytest.mark.parametrize("trial", ["2.4/1", "2.6/6", "2.8/5", "loading-rate/20"])
+def test_the_load_cell_feels_friction_and_what_moves_the_block(trial):
+    found = run_trial(trial)
+    truth = found.truth
+    motor = 37.4e-3 * 2 * math.pi * 1000 * truth["i"]
+    acceleration = (motor - truth["friction"]) / (MASS + ROTOR)
+    expected = truth["friction"] + MASS * acceleration
+    np.testing.assert_allclose(truth["force"], expected, atol=1e-12)
+    off = found.record["force"] - truth["force"]
+    assert np.abs(off).max() < 0.0445 + 5 * 0.03
+    assert off.std() == pytest.approx(math.hypot(0.03, 0.089 / 12**0.5), rel=0.15)
+
+
+def test_records_show_the_resolutions_of_the_instruments(slow_slide):
+    counts = slow_slide.record["x"] * 512_000
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    steps = slow_slide.record["force"] / 0.089
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+    assert np.abs(slow_slide.record["x"] - slow_slide.truth["x"]).max() <= 1 / 512_000
+    np.testing.assert_allclose(np.diff(slow_slide.record["time"]), 1 / 200, rtol=1e-9)
+
+
+def test_a_force_beyond_the_load_cell_reads_as_its_range_and_is_not_to_be_believed():
+    found = run_trial("2.3.1/1", parameters={"Fc": 60.0, "Fs": 60.0})
+    assert found.truth["force"].max() > 55
+    assert found.record["force"].max() == 44.5
+    assert "load cell is at the end of its range, 44.5 N" in found.notes[0]
+
+
+def test_the_amplifier_keeps_its_limit_and_it_is_said():
+    found = run_trial("2.3.1/8", parameters={"plant.voltage_limit": 0.8})
+    assert found.record["u"].max() > 0.8
+    assert found.truth["u"].max() == 0.8
+    assert "amplifier is at its limit, 0.8 V" in found.notes[0]
+    assert run_trial("2.3.1/8").notes == []
+
+
+def test_the_commands_are_held_within_their_own_limit():
+    found = run_trial("2.3.1/8", parameters={"velocity_pid.limit": 0.8})
+    assert found.record["u"].max() == 0.8
+
+
+def test_recorded_columns_lag_as_the_description_says():
+    """At a constant velocity, with an encoder that is as good as none."""
+    speed = 5e-3
+    found = run_trial("2.3.1/7", parameters={"encoder.counts": 1e9}, noise=QUIET)
+    late = found.truth["time"] > 2
+    lags = found.description()["lags"]
+    for column in ("x", "x_filtered"):
+        behind = (found.truth["x"] - found.record[column])[late] / speed
+        assert behind.mean() == pytest.approx(lags[column], abs=1e-7)
+    assert lags["x_filtered"] > 0.01
+    slope = run_trial("loading-rate/1", parameters={"load_cell.resolution": 1e-9}, noise=QUIET)
+    loading = (slope.truth["time"] > 3) & (slope.truth["time"] < 20)
+    behind = (slope.truth["force"] - slope.record["force_filtered"])[loading]
+    rate = np.polyfit(slope.truth["time"][loading], slope.truth["force"][loading], 1)[0]
+    assert behind.mean() / rate == pytest.approx(
+        slope.description()["lags"]["force_filtered"], 1e-2
+    )
+
+
+def test_the_capacitance_sensor_gives_the_displacement_within_its_calibrations_error():
+    outside = []
+    for seed in range(20):
+        found = run_trial("2.8/5", seed=seed)
+        at_end = found.truth["time"] > 9
+        mean = np.mean((found.record["x_fine"] - found.truth["x"])[at_end])
+        x = found.truth["x"][-1]
+        area = 8.854e-12 * 1e-4
+        separation = found.parameters["capacitance_sensor.separation"]
+        stated = float(found.calibration.uncertainty(area / (separation + x)))
+        outside.append(abs(mean) > stated)
+        assert 140e-6 <= separation <= 160e-6
+        assert found.description()["calibration"]["error_95_m"] < 4e-6
+    assert sum(outside) <= 4
+
+
+def test_every_trial_has_a_calibration_of_its_own():
+    first, second = run_trial("2.8/3").calibration, run_trial("2.8/4").calibration
+    assert not np.array_equal(first.coefficients, second.coefficients)
+    assert run_trial("2.2/3").calibration is None
+    assert "x_fine" not in run_trial("2.2/3").record
+
+
+# -- what the thesis saw -----------------------------------------------------------------------
+
+
+def test_a_slowly_loaded_block_breaks_away_near_the_static_friction():
+    slow = run_trial("loading-rate/1")
+    assert first_peak(slow.truth["friction"]) == pytest.approx(2.35, rel=0.01)
+    smooth = np.convolve(slow.record["force"], np.ones(100) / 100, "valid")
+    assert smooth.max() == pytest.approx(2.35, abs=0.05)
+
+
+def test_the_faster_it_is_loaded_the_sooner_it_breaks_away():
+    trials = trials_named("loading-rate")[::4] + trials_named("loading-rate/20")
+    peaks = [first_peak(run_trial(t).truth["friction"]) for t in trials]
+    assert (np.diff(peaks) < 0).all()
+    assert peaks[-1] < 2.1 < 2.3 < peaks[0]
+
+
+def test_the_block_is_loaded_at_the_asked_rate():
+    for trial in (trials_named("loading-rate")[k] for k in (0, 7, 12)):
+        truth = run_trial(trial).truth
+        loading = (truth["friction"] > 0.2) & (truth["friction"] < 1.0) & (truth["x"] < 25e-6)
+        rate = np.polyfit(truth["time"][loading], truth["force"][loading], 1)[0]
+        assert rate == pytest.approx(trial.level, rel=0.1)
+
+
+@pytest.mark.parametrize("number", [1, 4, 8, 9, 16])
+def test_friction_at_constant_velocity_is_on_the_stribeck_curve(number):
+    trial = trials_named("2.3.1")[number - 1]
+    found = run_trial(trial)
+    steady = found.truth["time"] > 1
+    assert np.mean(found.truth["v"][steady]) == pytest.approx(trial.level, rel=2e-3)
+    assert np.mean(found.truth["friction"][steady]) == pytest.approx(
+        stribeck(trial.level), abs=1e-3
+    )
+    # the mean of 600 readings; steps of three standard deviations do not average out fully
+    assert np.mean(found.record["force"][steady]) == pytest.approx(stribeck(trial.level), abs=0.01)
+
+
+def test_velocity_follows_reasonably_well_except_near_zero():
+    found = run_trial("2.6/6")
+    error = np.abs(found.truth["v"] - found.record["v_ref"])
+    slow = np.abs(found.record["v_ref"]) < 2e-3
+    assert error[~slow].max() < 0.04 * 5e-3
+    assert error[slow].max() > 2 * error[~slow].max()
+
+
+@pytest.mark.parametrize("number", range(1, 12))
+def test_forces_below_break_away_do_not_move_the_block_for_long(number):
+    """Table 2.10 up to 2.2 N either way: there, without overshoot, in about four seconds."""
+    trial = trials_named("2.10")[number - 1]
+    truth = run_trial(trial).truth
+    assert np.abs(truth["x"]).max() < 150e-6
+    assert truth["force"][-1] == pytest.approx(trial.level, abs=0.02)
+    smooth = np.convolve(truth["force"], np.ones(40) / 40, "valid")
+    assert np.abs(smooth).max() < abs(trial.level) + 0.02
+    there = np.flatnonzero(np.abs(smooth - trial.level) > 0.02 * abs(trial.level) + 0.01)[-1]
+    assert 2 < there * SAMPLE_TIME < 5.5
+
+
+def test_a_force_beyond_break_away_sets_the_block_sliding():
+    assert abs(run_trial("2.10/13").truth["x"][-1]) > 500e-6
+
+
+def test_stiffness_from_force_over_displacement_is_as_biased_as_the_law_says():
+    """Eq. 2.14 on a LuGre surface: 59, 51 and 42 kN/m at 0.5, 1 and 1.5 N for a true 67."""
+    for number, expected in ((1, 59.0e3), (3, 51.1e3), (5, 41.8e3)):
+        trial = trials_named(f"2.8/{number}")[0]
+        fine = {"load_cell.resolution": 1e-9}
+        truth = run_trial(trial, parameters=fine, noise=QUIET).truth
+        assert truth["force"][-1] / truth["x"][-1] == pytest.approx(expected, rel=6e-3)
+
+
+# -- reproducible, and right -------------------------------------------------------------------
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_record(tmp_path):
+    for folder, seed in (("a", 3), ("b", 3), ("c", 4)):
+        run_trial("2.8/1", seed=seed).save(tmp_path / folder)
+    for name in ("record.csv", "truth.csv", "trial.json", "record.png"):
+        same, again, other = ((tmp_path / f / name).read_bytes() for f in "abc")
+        assert same == again
+        assert same != other
+
+
+def test_trials_of_one_seed_have_noise_of_their_own():
+    first, second = (run_trial(n).record["force"] for n in ("2.8/1", "2.8/2"))
+    assert np.count_nonzero(first != second) > 300
+
+
+def test_the_record_is_read_back_as_it_was(tmp_path, slow_slide):
+    slow_slide.save(tmp_path)
+    for name, columns in (("record", slow_slide.record), ("truth", slow_slide.truth)):
+        text = (tmp_path / f"{name}.csv").read_text().splitlines()
+        assert text[0] == ",".join(columns)
+        read = np.loadtxt(text[1:], delimiter=",")
+        np.testing.assert_allclose(read, np.column_stack(list(columns.values())), rtol=1e-14)
+    about = json.loads((tmp_path / "trial.json").read_text())
+    assert about["name"] == "2.4/7"
+    assert about["law"] == "modified_lugre"
+    assert about["parameters"]["plant.sigma0"] == SIGMA0
+    assert about["lags"]["x"] == 0.0
+    assert (tmp_path / "record.png").read_bytes()[:4] == b"\x89PNG"
+    assert list(slow_slide.record)[:5] == ["time", "x", "force", "u", "v_ref"]
+    assert list(slow_slide.truth)[:7] == ["time", "x", "v", "friction", "force", "i", "u"]
+    assert "z" in slow_slide.truth
+
+
+@pytest.mark.parametrize("trial", ["2.4/1", "2.8/3", "loading-rate/20"])
+def test_the_truth_converges_with_the_tolerance_and_is_converged_at_the_default(trial):
+    sharp = run_trial(trial, tolerance=1e-11).truth
+    found = {tolerance: run_trial(trial, tolerance=tolerance).truth for tolerance in (1e-4, 1e-8)}
+    coarse, fine = (np.abs(truth["x"] - sharp["x"]).max() for truth in found.values())
+    assert fine < 0.1 * coarse
+    default = run_trial(trial).truth
+    assert np.abs(default["x"] - sharp["x"]).max() < 1e-9
+    assert np.abs(default["friction"] - sharp["friction"]).max() < 1e-5
+
+
+def test_the_steps_of_the_instruments_are_not_the_solvers_doing():
+    """A record without noise and with fine instruments agrees with the coarse one within steps."""
+    fine = {"encoder.counts": 1e9, "load_cell.resolution": 1e-9}
+    quiet = run_trial("2.8/3", parameters=fine, noise=QUIET)
+    np.testing.assert_allclose(quiet.record["force"], quiet.truth["force"], atol=1e-9)
+    np.testing.assert_allclose(quiet.record["x"], quiet.truth["x"], atol=2e-12)
+
+
+def test_records_go_to_another_process_and_back(slow_slide):
+    again = pickle.loads(pickle.dumps(slow_slide))
+    np.testing.assert_array_equal(again.record["force"], slow_slide.record["force"])
+
+
+# -- bad requests ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"sigma9": 1.0}, "no 'plant.sigma9'; it has plant.kt, .*did you mean plant.sigma"),
+        ({"load_sell.resolution": 1.0}, "it has plant.*, encoder.*, load_cell"),
+        ({"sigma0": -1.0}, "plant.sigma0 is -1 N/m, expected a value within"),
+        ({"force_filter.cutoff": 150.0}, "expected a value within"),
+        ({"sigma0": math.nan}, "plant.sigma0 is nan"),
+        ({"sigma0": math.inf}, "plant.sigma0 is inf"),
+        ({"capacitance_sensor.area": 1e-2}, "the converter's 8.19e-12 F cannot resolve; change"),
+        ({"capacitance_sensor.separation": 1e-2}, "cannot resolve"),
+        ({"capacitance_sensor.c1": 1.0}, "no 'capacitance_sensor.c1'"),
+    ],
+)
+def test_parameters_that_make_no_sense_are_refused(values, said):
+    with pytest.raises(BadRig, match=said):
+        run_trial("2.8/1", parameters=values)
+
+
+def test_a_law_that_is_none_is_refused():
+    with pytest.raises(UnknownLaw, match="no friction law 'lugr'; there are classical, lugre"):
+        run_trial("2.8/1", "lugr")
+
+
+def test_a_whole_table_is_no_trial():
+    with pytest.raises(BadRig, match="table of 16 trials"):
+        run_trial("2.4")
