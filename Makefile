@@ -31,6 +31,7 @@ lint: $(VENV)/installed
 prove: $(VENV)/installed
 	$(BIN)/python proofs/trusted_loops.py
 	$(BIN)/python proofs/fuzz.py
+	$(BIN)/python proofs/identification.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/master.py

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import __version__, rig_command
+from . import __version__, features_command, identify_command, rig_command
 from .controllers import CONTROLLERS
 from .plant import PLANTS
 
@@ -35,6 +35,8 @@ _EXAMPLES = """examples:
   ballscrew swap --controllers iol nctf pid --out out/swap
   ballscrew export --out fmus
   ballscrew rig 2.4/7 --out out/trial
+  ballscrew identify out/trial --law dahl --out out/dahl
+  ballscrew features --out out/features
 """
 _RUN_EXAMPLES = """examples:
   ballscrew run --controller nctf --out out
@@ -133,7 +135,8 @@ def _parser() -> argparse.ArgumentParser:
     swap.add_argument("--controllers", required=True, nargs="+", metavar="NAME|FMU")
     _add_loop_options(swap)
     swap.set_defaults(action=_swap)
-    rig_command.add_parser(commands, _Parser)
+    for command in (rig_command, identify_command, features_command):
+        command.add_parser(commands, _Parser)
     return parser
 
 

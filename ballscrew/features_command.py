@@ -1,0 +1,72 @@
+"""``ballscrew features``: which friction law shows which feature, beside the thesis' table."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+_EXAMPLES = """examples:
+  ballscrew features --out out/features
+  ballscrew features --laws lugre dahl --out out/two
+  ballscrew features --json --out out/features
+"""
+PROCESSES = 2
+
+
+def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
+    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    del parser_class
+    parser = commands.add_parser(
+        "features",
+        help="decide which friction law shows which feature",
+        description="Run the five experiments of Section 2.4 on the friction laws, decide each "
+        "cell of Table 2.12, print it beside the thesis' with every difference explained, and "
+        "write features.json and Figs. 2.14 to 2.19. Exit code 1: decided, but in some trial an "
+        "instrument or the screw was past its range.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--laws", nargs="+", metavar="NAME", help="some of the friction laws (default all)")
+    add("--json", action="store_true", help="print features.json instead of the table")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for figures and numbers")
+    parser.set_defaults(action=_features)
+
+
+def _features(options: argparse.Namespace) -> int:
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare, _write
+    from .plant import LAWS
+
+    for name in options.laws or ():
+        _known(name, LAWS)
+    _prepare(options.out)
+    from .rig.features import feature_table
+    from .solver.kernel import IntegrationError
+
+    try:
+        table = feature_table(options.laws, PROCESSES)
+    except IntegrationError as error:
+        raise BadRequest(f"{error}; this law cannot take part") from error
+    _write(lambda: table.save(options.out))
+    if options.json:
+        print(json.dumps(table.to_dict(), indent=1))
+    else:
+        print(table.text())
+        print(f"\nfeatures.json and Figs. 2.14 to 2.19 in {options.out}")
+    for note in table.notes:
+        print(f"not to be believed: {note}", file=sys.stderr)
+    return NOT_TRUSTED if table.notes else TRUSTED
+
+
+def _known(name: str, laws: dict[str, str]) -> None:
+    import difflib
+
+    from .cli import BadRequest
+
+    if name not in laws:
+        near = difflib.get_close_matches(name, laws, n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise BadRequest(f"--laws: no friction law {name!r}; there are {', '.join(laws)}{hint}")

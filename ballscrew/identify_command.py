@@ -1,0 +1,109 @@
+"""``ballscrew identify``: friction parameters from recorded files, ours or anybody's."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .diagnosis.identification import Identification
+    from .diagnosis.intervals import Interval
+
+NAMES = ("lugre", "modified_lugre", "directional_lugre", "dahl", "bliman_sorine")
+_EXAMPLES = """DATA are folders that `ballscrew rig` wrote, or CSV or MAT files with the columns
+time [s], force [N] (on the block, positive in +x) and x [m] or x_fine [m].
+
+examples:
+  ballscrew identify out/trials --law modified_lugre --out out/identified
+  ballscrew identify a.csv b.csv --law dahl --map t=time --map F=force --unit x=mm --out out/dahl
+  ballscrew identify run.mat --law lugre --map qm=x --map t=time --mass 95 --out out/emps
+"""
+
+
+def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
+    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    del parser_class
+    parser = commands.add_parser(
+        "identify",
+        help="find friction parameters in recorded data",
+        description="Write the parameters with their intervals, what cannot be identified and "
+        "why, a parameter file, and pictures. Exit code 1: some parameter is not identified, or "
+        "the law does not describe the records.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("data", nargs="+", type=Path, metavar="DATA", help="rig folders, CSV or MAT files")
+    add("--law", required=True, metavar="NAME", help=", ".join(NAMES))
+    add("--out", required=True, type=Path, metavar="DIR")
+    add("--map", action="append", default=[], metavar="THEIRS=OURS", help="a column's name")
+    add("--unit", action="append", default=[], metavar="OURS=UNIT", help="a column's unit, x=mm")
+    add("--mass", metavar="KG", help="mass between load cell and block (default the rig's, or 1)")
+    add("--json", action="store_true", help="print the result as JSON")
+    parser.set_defaults(action=_identify)
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _number, _pair, _prepare, _write
+
+    if options.law not in NAMES:
+        import difflib
+
+        near = difflib.get_close_matches(options.law, NAMES, n=1, cutoff=0.5)
+        hint = f", did you mean {near[0]}?" if near else ""
+        raise BadRequest(f"--law {options.law!r} is none of {', '.join(NAMES)}{hint}")
+    mapping = dict(_pair("--map", text, "THEIRS=OURS") for text in options.map)
+    units = dict(_pair("--unit", text, "OURS=UNIT") for text in options.unit)
+    mass = None if options.mass is None else _number("--mass", options.mass)
+    from .diagnosis.records import BadRecord, read_records
+
+    try:
+        records = read_records(options.data, mapping, units, mass)
+    except BadRecord as error:
+        raise BadRequest(str(error)) from error
+    _prepare(options.out)
+    from .diagnosis.identification import identify
+
+    result = identify(records, options.law)
+    _write(lambda: result.save(options.out))
+    if options.json:
+        print(json.dumps(result.to_dict()))
+    else:
+        print(_table(result))
+        print(f"identified.json, parameters.toml, friction_map and residuals in {options.out}")
+    for note in result.notes:
+        print(f"note: {note}", file=sys.stderr)
+    for name, interval in result.parameters.items():
+        if not interval.identified:
+            print(
+                f"{name} cannot be identified from these trials, because {interval.because}; "
+                f"{interval.would_do}",
+                file=sys.stderr,
+            )
+    for doubt in result.doubts:
+        if doubt.split(":")[0] not in result.parameters:
+            print(f"not to be believed: {doubt}", file=sys.stderr)
+    return TRUSTED if result.believed else NOT_TRUSTED
+
+
+def _table(result: Identification) -> str:
+    lines = [f"{'parameter':<14}{'value':>13}  {'95 % interval':<28}{'unit':<8}"]
+    for name, i in result.parameters.items():
+        word = "" if i.identified else "not identified"
+        lines.append(f"{name:<14}{i.value:>13.6g}  {_interval(i):<28}{i.unit:<8}{word}".rstrip())
+    for side, table in result.per_direction.items():
+        values = ", ".join(f"{n} {i.value:.5g}" for n, i in table.items())
+        lines.append(f"{side}: {values}")
+    lines.append(
+        f"noise of the load cell {result.fit.noise:.3g} N, unexplained {result.unexplained:.3g} N"
+    )
+    return "\n".join(lines)
+
+
+def _interval(i: Interval) -> str:
+    low = "..." if i.low is None else f"{i.low:.5g}"
+    high = "..." if i.high is None else f"{i.high:.5g}"
+    return f"{low} .. {high}"

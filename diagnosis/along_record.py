@@ -1,0 +1,782 @@
+"""Our own estimator: a friction law integrated along the recorded motion, fitted to the force.
+
+The measured force is mass times acceleration plus the law's friction, later by an unknown part of a
+sampling interval, plus noise, rounded to the load cell's resolution: the likelihood is that of the
+rounded samples. The error of the position goes into the spread of a sample by the slope of friction
+over displacement. Unknown besides the law's parameters, each with the spread that is known of it:
+
+- the delay between force and motion, one for each sampling interval met;
+- the displacement of each record before its first sample, of the size of the position's error, or
+  free where a record does not begin without force;
+- the scale of each record's position, where its sensor was calibrated with an error.
+
+The maximum is found by Fisher scoring on the logarithms of the parameters (for Bliman-Sorine on
+coordinates that do not lie along its valley, see `values_of`). Standard errors come
+from the scores of pieces of the records (the piece is the unit of what is independent, so that
+residuals that hang together within it are accounted for), corrected for their leverage, with
+Student's t for their number; they are never smaller than what the likelihood says when it is not
+believed in what it claims of the delays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from .friction_estimation import FrictionEstimate, estimate_friction
+from .intervals import CONFIDENCE, Interval, is_narrow
+from .law_along_record import bliman_sorine_along, dahl_along, lugre_along, score
+from .records import Record
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; no record here says anything of it
+PIECE = 1.0  # length of what is taken as independent [s]
+_WALD = 0.25  # reach in logarithms beyond which the profile is followed
+OWN = 3  # unknowns that each record has for itself
+_WIDE = 3.0  # spread of the logarithm of a parameter of which nothing is known
+_FREE_SHIFT = 1e-3  # [m]
+_CORNER = 1.3  # the smoothed position is less certain where a motion begins
+_UNSEEN = 0.3  # share of a sample's change of force that the course between samples may hide
+_STEP = 1e-4  # of finite differences, in logarithms
+_LONGEST_MOVE = 0.7  # of one iteration, in logarithms
+
+
+@dataclass(frozen=True)
+class Law:
+    """A friction law as the estimator sees it: its parameters, in the order of the equations.
+
+    Attributes
+    ----------
+    directional : bool
+        Whether either direction has parameters of its own.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    directional: bool = False
+
+
+_LUGRE = ("sigma0", "sigma1", "sigma2", "Fc", "Fs", "Vs")
+_LUGRE_UNITS = ("N/m", "N*s/m", "N*s/m", "N", "N", "m/s")
+LAWS = {
+    law.name: law
+    for law in (
+        Law("lugre", _LUGRE, _LUGRE_UNITS),
+        Law("modified_lugre", _LUGRE, _LUGRE_UNITS),
+        Law("directional_lugre", _LUGRE, _LUGRE_UNITS, directional=True),
+        Law("dahl", ("sigma", "Fc", "alpha"), ("N/m", "N", "1")),
+        Law("bliman_sorine", ("f1", "f2", "eps_f", "eta"), ("N", "N", "m", "1")),
+    )
+}
+
+
+def values_of(law: Law, coordinates: Vector) -> Vector:
+    """Parameters from the coordinates in which they are fitted.
+
+    Logarithms, except that Bliman-Sorine's f1 and f2 grow together as eta nears one, while their
+    difference and f2*(1 - eta) hardly change: these two, eps_f and eta's odds are its coordinates.
+
+    Parameters
+    ----------
+    law : Law
+    coordinates : ndarray, shape (..., p) or (..., 2 p)
+    """
+    if law.name != "bliman_sorine":
+        return np.asarray(np.exp(coordinates))
+    parts = []
+    for k in range(0, coordinates.shape[-1], 4):
+        c, b, eps_f, odds = np.moveaxis(np.exp(coordinates[..., k : k + 4]), -1, 0)
+        eta = odds / (1 + odds)
+        f2 = b * (1 + odds)
+        parts += [c + f2, f2, eps_f, eta]
+    return np.stack(parts, axis=-1)
+
+
+def coordinates_of(law: Law, values: Vector) -> Vector:
+    """The inverse of `values_of`, for one set of parameters, shape (p,)."""
+    if law.name != "bliman_sorine":
+        return np.asarray(np.log(values))
+    f1, f2, eps_f, eta = values
+    return np.asarray(np.log([f1 - f2, f2 * (1 - eta), eps_f, eta / (1 - eta)]))
+
+
+@dataclass(frozen=True)
+class Course:
+    """Records laid end to end, as the compiled laws take them.
+
+    Attributes
+    ----------
+    x, v, inertial, force, blur : ndarray, shape (n,)
+        Position [m], velocity [m/s], mass times acceleration [N], measured force [N], spread of the
+        position [m].
+    step, shift_doubt, gain_doubt, delay_doubt : ndarray, shape (records,)
+        Sampling interval [s], spread of the displacement before [m], of the position's scale [1],
+        of the delay [s].
+    starts : ndarray of int, shape (records + 1,)
+    clock : ndarray of int, shape (records,)
+        Which of the unknown delays a record has.
+    count, noise : float
+        Resolution of the load cell and first guess of the noise before it [N].
+    """
+
+    x: Vector
+    v: Vector
+    inertial: Vector
+    force: Vector
+    blur: Vector
+    step: Vector
+    shift_doubt: Vector
+    gain_doubt: Vector
+    delay_doubt: Vector
+    starts: npt.NDArray[np.int64]
+    clock: npt.NDArray[np.int64]
+    count: float
+    noise: float
+
+    @property
+    def records(self) -> int:
+        return len(self.step)
+
+    @property
+    def clocks(self) -> int:
+        return int(self.clock.max()) + 1
+
+    def of_record(self) -> npt.NDArray[np.int64]:
+        """Number of the record of each sample, shape (n,)."""
+        return np.repeat(np.arange(self.records), np.diff(self.starts))
+
+
+@dataclass
+class Fit:
+    """The most likely parameters and what is known of them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters as fitted; ``_pos`` and ``_neg`` at their ends where directions are apart.
+    coordinates : ndarray, shape (p,)
+    delays : ndarray, shape (clocks,)
+        [s]
+    shifts : ndarray, shape (records,)
+        [m]
+    noise : float
+        Of the force before rounding [N].
+    cost : float
+        Minus the logarithm of likelihood and prior.
+    information : ndarray, shape (p + clocks, p + clocks)
+        Expected, the records' own unknowns eliminated.
+    sharpest : ndarray, shape (p,)
+        Variances by the likelihood alone, which believes what it says of the delays.
+    covariance : ndarray, shape (p, p)
+        Of the coordinates.
+    freedom : ndarray, shape (p,)
+        Degrees of freedom of Student's t.
+    predicted : ndarray, shape (n,)
+        Force along the records [N].
+    """
+
+    law: Law
+    tied: bool
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    coordinates: Vector
+    delays: Vector
+    shifts: Vector
+    noise: float
+    cost: float
+    information: Matrix
+    sharpest: Vector
+    covariance: Matrix
+    freedom: Vector
+    predicted: Vector
+    intervals: dict[str, Interval] = field(default_factory=dict)
+
+    @property
+    def values(self) -> dict[str, float]:
+        values = values_of(self.law, self.coordinates)
+        return {n: float(v) for n, v in zip(self.names, values, strict=True)}
+
+
+def lay_out(
+    records: Sequence[Record], estimates: Sequence[FrictionEstimate] | None = None
+) -> Course:
+    """Put the records end to end.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    estimates : sequence of FrictionEstimate, optional
+        What `estimate_friction` said of each, if it was asked already.
+    """
+    estimates = [estimate_friction(r) for r in records] if estimates is None else list(estimates)
+    lengths = [len(r.force) for r in records]
+    counts = [e.force_count for e in estimates if e.force_count]
+    count = float(np.median(counts)) if counts else 0.0
+    rough = float(np.median([e.force_noise for e in estimates]))
+    noise = max(math.sqrt(max(rough**2 - count**2 / 12, 0.0)), 0.2 * count, 1e-6)
+    rates = sorted({round(math.log(r.step), 2) for r in records})
+    shifts = []
+    for estimate in estimates:
+        known = max(_CORNER * estimate.motion.noise, 1e-9)
+        shifts.append(known if estimate.from_rest else _FREE_SHIFT)
+    return Course(
+        x=np.concatenate([e.motion.x for e in estimates]),
+        v=np.concatenate([e.motion.v for e in estimates]),
+        inertial=np.concatenate(
+            [r.mass * e.motion.a for r, e in zip(records, estimates, strict=True)]
+        ),
+        force=np.concatenate([r.force for r in records]),
+        blur=np.concatenate([e.motion.blur for e in estimates]),
+        step=np.array([r.step for r in records]),
+        shift_doubt=np.array(shifts),
+        gain_doubt=np.array([max(r.gain_doubt, 1e-7) for r in records]),
+        delay_doubt=np.array([max(r.delay_doubt, 1e-9) for r in records]),
+        starts=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        clock=np.array([rates.index(round(math.log(r.step), 2)) for r in records], dtype=np.int64),
+        count=count,
+        noise=noise,
+    )
+
+
+class Problem:
+    """Prediction, likelihood and information of a law on a course."""
+
+    def __init__(self, course: Course, law: Law, tied: bool) -> None:
+        self.course, self.law, self.tied = course, law, tied
+        self.size = len(law.parameters) * (1 if tied else 2)
+        self.owner = course.of_record()
+        self.friction = np.empty(len(course.x))
+        self.stiffness = np.empty(len(course.x))
+        self.gradient = np.empty((2, len(course.x)))
+        self.weight = np.empty((3, len(course.x)))
+        self.edges = np.zeros(len(course.x), dtype=bool)
+        self.edges[course.starts[:-1]] = True
+        self.edges[course.starts[1:] - 1] = True
+        self.clock_doubt = np.array(
+            [float(np.min(course.delay_doubt[course.clock == c])) for c in range(course.clocks)]
+        )
+        self.per_sample = 1.0 / course.step[self.owner]
+        self.begin = course.x[course.starts[:-1]][self.owner]
+        ways = np.maximum.reduceat(np.abs(course.x - self.begin), course.starts[:-1])
+        self.per_way = 1.0 / np.maximum(ways, 1e-9)[self.owner]
+
+    def along(self, coordinates: Vector, shifts: Vector, gains: Matrix) -> Vector:
+        """Force along the records before the delay, shape (n,) [N]."""
+        course = self.course
+        way = course.x - self.begin
+        gain, bend = gains[0][self.owner], gains[1][self.owner] * self.per_way
+        x = self.begin + way * (1 + gain + bend * way)
+        v = course.v * (1 + gain + 2 * bend * way)
+        values = values_of(self.law, coordinates)
+        half = len(self.law.parameters)
+        forwards, backwards = values[:half], values[-half:]
+        head = (x, v, course.step, course.starts, shifts, forwards, backwards)
+        if self.law.name == "dahl":
+            dahl_along(*head, self.friction, self.stiffness)
+        elif self.law.name == "bliman_sorine":
+            bliman_sorine_along(*head, self.friction, self.stiffness)
+        else:
+            sharpness = 0.0 if self.law.name == "lugre" else SHARPNESS
+            lugre_along(*head, sharpness, self.friction, self.stiffness)
+        return self.friction + course.inertial
+
+    def later(self, force: Vector, delays: Vector) -> Vector:
+        """The force as it arrives `delays` late: a parabola through three samples."""
+        part = delays[self.course.clock][self.owner] * self.per_sample
+        bend = np.zeros_like(force)
+        slope = np.zeros_like(force)
+        slope[1:-1] = 0.5 * (force[2:] - force[:-2])
+        bend[1:-1] = 0.5 * (force[2:] - 2 * force[1:-1] + force[:-2])
+        slope[self.edges] = 0.0
+        bend[self.edges] = 0.0
+        return np.asarray(force - part * slope + part**2 * bend)
+
+    def hidden(self, force: Vector) -> Vector:
+        """Variance of a sample besides noise, for the last course of `along`, shape (n,) [N^2].
+
+        Of the position's error, and of what happens between two samples.
+        """
+        course = self.course
+        change = np.zeros_like(force)
+        change[1:-1] = np.abs(force[2:] - force[:-2])
+        first = course.starts[:-1]
+        change[first] = 2 * np.abs(force[first + 1] - force[first])
+        change[course.starts[1:] - 1] = 0.0
+        return np.asarray((self.stiffness * course.blur) ** 2 + (0.5 * _UNSEEN * change) ** 2)
+
+    def cost(self, predicted: Vector, spread: Vector) -> float:
+        """Minus the log-likelihood."""
+        return self._score(predicted, spread, True)
+
+    def weigh(self, predicted: Vector, spread: Vector) -> None:
+        """Leave gradient and expected information by sample."""
+        self._score(predicted, spread, False)
+
+    def _score(self, predicted: Vector, spread: Vector, cost_only: bool) -> float:
+        course = self.course
+        return score(
+            course.force, predicted, spread, course.count, self.gradient, self.weight, cost_only
+        )
+
+
+@dataclass
+class Point:
+    """All that is unknown.
+
+    The law's coordinates, the delays, each record's displacement before its first sample and its
+    errors of scale, linear and quadratic over its way, the logarithm of the noise.
+    """
+
+    coordinates: Vector
+    delays: Vector
+    shifts: Vector
+    gains: Matrix
+    noise: float
+
+    def moved(self, step: Vector) -> Point:
+        cuts = np.cumsum([len(self.coordinates), len(self.delays), len(self.shifts)])
+        coordinates, delays, shifts, rest = np.split(step, cuts)
+        return Point(
+            self.coordinates + coordinates,
+            self.delays + delays,
+            self.shifts + shifts,
+            self.gains + rest[:-1].reshape(2, -1),
+            self.noise + float(rest[-1]),
+        )
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """What one step uphill is made of.
+
+    Attributes
+    ----------
+    information : ndarray, shape (unknowns, unknowns)
+    slope : ndarray, shape (unknowns,)
+    columns : ndarray, shape (p + clocks, n)
+        Derivatives of the force.
+    own : ndarray, shape (OWN, n)
+        Derivatives of the force by what only the sample's record has: displacement before, scale.
+    noisy : ndarray, shape (n,)
+        Derivative of the spread by the logarithm of the noise.
+    """
+
+    information: Matrix
+    slope: Vector
+    columns: Matrix
+    own: Matrix
+    noisy: Vector
+
+
+class Climb:
+    """Fisher scoring with Marquardt's damping from a first guess."""
+
+    def __init__(self, problem: Problem, guess: Vector, held: Sequence[int] = ()) -> None:
+        course = problem.course
+        self.problem = problem
+        self.point = Point(
+            guess.copy(),
+            np.zeros(course.clocks),
+            np.zeros(course.records),
+            np.zeros((2, course.records)),
+            math.log(course.noise),
+        )
+        self.centre = self.vector(self.point)
+        wide = np.full(problem.size, _WIDE)
+        self.doubt = np.concatenate(
+            [
+                wide,
+                problem.clock_doubt,
+                course.shift_doubt,
+                course.gain_doubt,
+                0.5 * course.gain_doubt,
+                [_WIDE],
+            ]
+        )
+        self.held = list(held)
+        self.hidden = problem.hidden(self.force(self.point))
+
+    @staticmethod
+    def vector(point: Point) -> Vector:
+        return np.concatenate(
+            [point.coordinates, point.delays, point.shifts, point.gains.ravel(), [point.noise]]
+        )
+
+    def spread(self, point: Point) -> Vector:
+        """Standard deviation of each sample before rounding [N]."""
+        least = max(0.1 * self.problem.course.count, 1e-7)
+        return np.sqrt(max(math.exp(point.noise), least) ** 2 + self.hidden)
+
+    def offsets(self, point: Point) -> Vector:
+        return self.vector(point) - self.centre
+
+    def prior(self, point: Point) -> float:
+        return 0.5 * float(np.sum((self.offsets(point) / self.doubt) ** 2))
+
+    def force(self, point: Point) -> Vector:
+        problem = self.problem
+        before = problem.along(point.coordinates, point.shifts, point.gains)
+        return problem.later(before, point.delays)
+
+    def cost(self, point: Point) -> float:
+        return self.problem.cost(self.force(point), self.spread(point)) + self.prior(point)
+
+    def columns(self, point: Point) -> tuple[Matrix, Matrix]:
+        """Derivatives of the force by parameters and delays, and by each record's own unknowns."""
+        problem = self.problem
+        course = problem.course
+        p = problem.size
+        base = problem.along(point.coordinates, point.shifts, point.gains)
+        here = problem.later(base, point.delays)
+        columns = np.empty((p + course.clocks, len(base)))
+        for j in range(p):
+            moved = point.coordinates.copy()
+            moved[j] += _STEP
+            force = problem.along(moved, point.shifts, point.gains)
+            columns[j] = (problem.later(force, point.delays) - here) / _STEP
+        for c in range(course.clocks):
+            moved = point.delays.copy()
+            tiny = 1e-3 * problem.clock_doubt[c]
+            moved[c] += tiny
+            columns[p + c] = (problem.later(base, moved) - here) / tiny
+        own = np.empty((OWN, len(base)))
+        force = problem.along(point.coordinates, point.shifts + 1e-9, point.gains)
+        own[0] = (problem.later(force, point.delays) - here) / 1e-9
+        for k in range(2):
+            bent = point.gains.copy()
+            bent[k] += 1e-5
+            force = problem.along(point.coordinates, point.shifts, bent)
+            own[1 + k] = (problem.later(force, point.delays) - here) / 1e-5
+        return columns, own
+
+    def normal(self, point: Point) -> Pieces:
+        """Information and gradient of everything unknown, priors included, and their sources."""
+        problem = self.problem
+        course = problem.course
+        columns, own = self.columns(point)
+        spread = self.spread(point)
+        problem.weigh(self.force(point), spread)
+        noisy = math.exp(2 * point.noise) / spread
+        weight, gradient = problem.weight, problem.gradient
+        q, records = len(columns), course.records
+        size = q + OWN * records + 1
+        cuts = course.starts[:-1]
+        information = np.zeros((size, size))
+        weighted = columns * weight[0]
+        coupled = weight[1] * noisy  # rounding couples the noise with the force
+        information[:q, :q] = weighted @ columns.T
+        information[:q, -1] = columns @ coupled
+        places = q + np.arange(OWN * records).reshape(OWN, records)
+        slope = np.zeros(size)
+        slope[:q] = columns @ gradient[0]
+        for k in range(OWN):
+            information[:q, places[k]] = np.add.reduceat(weighted * own[k], cuts, axis=1)
+            information[places[k], -1] = np.add.reduceat(coupled * own[k], cuts)
+            slope[places[k]] = np.add.reduceat(gradient[0] * own[k], cuts)
+            for other in range(k, OWN):
+                both = np.add.reduceat(weight[0] * own[k] * own[other], cuts)
+                information[places[k], places[other]] = both
+        information[-1, -1] = float(weight[2] @ noisy**2)
+        information = np.triu(information) + np.triu(information, 1).T
+        slope[-1] = float(gradient[1] @ noisy)
+        everything = np.arange(size)
+        information[everything, everything] += self.doubt**-2
+        slope -= self.offsets(point) / self.doubt**2
+        return Pieces(information, slope, columns, own, noisy)
+
+    def run(self, iterations: int) -> float:
+        """Go uphill; returns the cost reached."""
+        damping = 1e-3
+        cost = self.cost(self.point)
+        for _ in range(iterations):
+            pieces = self.normal(self.point)
+            information, slope = pieces.information, pieces.slope
+            free = np.setdiff1d(np.arange(len(slope)), self.held)
+            gained = 0.0
+            for _ in range(8):
+                matrix = information[np.ix_(free, free)].copy()
+                matrix[np.diag_indices_from(matrix)] *= 1 + damping
+                step = np.zeros(len(slope))
+                step[free] = np.linalg.solve(matrix, slope[free])
+                p = self.problem.size
+                far = max(float(np.max(np.abs(step[:p]), initial=0.0)), abs(float(step[-1])))
+                if far > _LONGEST_MOVE:
+                    step *= _LONGEST_MOVE / far
+                candidate = self.point.moved(step)
+                tried = self.cost(candidate)
+                if math.isfinite(tried) and tried < cost:
+                    gained = cost - tried
+                    self.point, cost = candidate, tried
+                    damping = max(damping / 5, 1e-9)
+                    break
+                damping *= 6
+            if gained < 1e-4:
+                break
+        return cost
+
+
+def fit_along(
+    records: Sequence[Record],
+    law: str,
+    course: Course | None = None,
+    tied: bool | None = None,
+    guess: Mapping[str, float] | None = None,
+) -> Fit:
+    """Fit all parameters of a law to the force of the records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    law : str
+        One of `LAWS`.
+    course : Course, optional
+        The records laid out already.
+    tied : bool, optional
+        Whether both directions have the same parameters; default as the law says.
+    guess : mapping of str to float, optional
+        First guesses of parameters.
+    """
+    described = LAWS[law]
+    tied = not described.directional if tied is None else tied
+    course = lay_out(records) if course is None else course
+    problem = Problem(course, described, tied)
+    best: Climb | None = None
+    lowest = math.inf
+    for start in _starts(course, described, guess):
+        one = coordinates_of(described, start)
+        coordinates = one if tied else np.concatenate([one, one])
+        climb = Climb(problem, coordinates)
+        cost = climb.run(8)
+        if cost < lowest:
+            best, lowest = climb, cost
+    if best is None:
+        raise AssertionError("a law has at least one first guess")
+    for _ in range(3):
+        best.hidden = problem.hidden(best.force(best.point))
+        cost = best.run(25)
+    fit = _summed_up(best, cost)
+    return replace(fit, intervals=_intervals(fit, best))
+
+
+def _starts(course: Course, law: Law, guess: Mapping[str, float] | None) -> list[Vector]:
+    """First guesses from what the eye would take from the friction-velocity map."""
+    friction = course.force - course.inertial
+    pull = np.abs(friction)
+    speed = np.abs(course.v)
+    top = float(np.quantile(speed, 0.98))
+    fast = speed > 0.3 * top
+    high = max(float(np.quantile(pull, 0.97)), 1e-3)
+    level = max(float(np.quantile(pull[fast], 0.1)), 0.05 * high)
+    slope = np.polyfit(speed[fast], pull[fast], 1) if np.ptp(speed[fast]) > 0.2 * top else (0, 0)
+    viscous = float(np.clip(slope[0], 0.02 * high / top, high / top))
+    stiffness = []
+    for r in range(course.records):
+        part = slice(course.starts[r], course.starts[r + 1])
+        way = np.abs(course.x[part] - course.x[course.starts[r]])
+        early = (pull[part] > 0.15 * high) & (pull[part] < 0.6 * high) & (way > course.blur[part])
+        first = np.flatnonzero(pull[part] > 0.7 * high)
+        early[first[0] if len(first) else len(early) :] = False
+        if np.any(early):
+            stiffness.append(float(np.median(pull[part][early] / way[early])))
+    sigma = 1.3 * float(np.median(stiffness)) if stiffness else high / 3e-5
+    mass = 1.0
+    if law.name == "dahl":
+        starts = [{"sigma": sigma, "Fc": high, "alpha": a} for a in (1.0, 2.0)]
+    elif law.name == "bliman_sorine":
+        starts = []
+        for eta in (0.3, 0.7):
+            f2 = 1.5 * level
+            f1 = level + f2
+            starts.append({"f1": f1, "f2": f2, "eps_f": (f1 / eta - f2) / sigma, "eta": eta})
+    else:
+        base = max(level - viscous * 0.3 * top, 0.3 * level)
+        starts = [
+            {
+                "sigma0": sigma,
+                "sigma1": 2 * math.sqrt(sigma * mass),
+                "sigma2": viscous,
+                "Fc": base,
+                "Fs": max(high, 1.1 * base),
+                "Vs": share * top,
+            }
+            for share in (0.07, 0.25, 0.6)
+        ]
+    if guess:
+        starts = [{**s, **guess} for s in starts]
+    return [np.array([s[n] for n in law.parameters]) for s in starts]
+
+
+def _summed_up(climb: Climb, cost: float) -> Fit:
+    problem, point = climb.problem, climb.point
+    course = problem.course
+    pieces = climb.normal(point)
+    columns, own, noisy = pieces.columns, pieces.own, pieces.noisy
+    q, p = len(columns), problem.size
+    inverse = np.linalg.inv(pieces.information)
+    prior = climb.doubt**-2
+    meat = np.diag(prior)
+    shares: list[Vector] = []
+    # pieces of the records; each touches the global unknowns and one record's own
+    for r in range(course.records):
+        begin, end = int(course.starts[r]), int(course.starts[r + 1])
+        length = max(10, round(PIECE / course.step[r]))
+        own_places = q + r + course.records * np.arange(OWN)
+        at = np.concatenate([np.arange(q), own_places, [len(inverse) - 1]])
+        for first in range(begin, end, length):
+            part = slice(first, min(first + length, end))
+            weight, gradient = problem.weight[:, part], problem.gradient[:, part]
+            local = np.vstack([columns[:, part], own[:, part]])
+            block = np.empty((len(at), len(at)))
+            block[:-1, :-1] = (local * weight[0]) @ local.T
+            block[:-1, -1] = block[-1, :-1] = local @ (weight[1] * noisy[part])
+            block[-1, -1] = weight[2] @ noisy[part] ** 2
+            said = np.append(local @ gradient[0], gradient[1] @ noisy[part])
+            # what the piece says if it had no part in the estimate it is compared with
+            said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
+            meat[np.ix_(at, at)] += np.outer(said, said)
+            arms = inverse[:p][:, at]
+            shares.append(np.einsum("ij,jk,ik->i", arms, block, arms))
+    robust = (inverse @ meat @ inverse)[:p, :p]
+    blind = pieces.information.copy()
+    clocks = np.arange(p, q)
+    blind[clocks, clocks] -= _told_of_delays(climb, pieces)
+    cautious = np.linalg.inv(blind)
+    plain = cautious[:p, :p]
+    scale = np.sqrt(np.maximum(np.diag(plain) / np.diag(robust), 1.0))
+    covariance = robust * np.outer(scale, scale)
+    share = np.array(shares)
+    # Satterthwaite's; what is known beforehand is known for certain
+    known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
+    freedom = np.maximum((share.sum(axis=0) + known) ** 2 / (share**2).sum(axis=0), 2.0)
+    # the records' own unknowns and the noise eliminated
+    kept = np.linalg.inv(cautious[:q, :q])
+    names, units = _fitted_names(problem.law, problem.tied)
+    return Fit(
+        law=problem.law,
+        tied=problem.tied,
+        names=names,
+        units=units,
+        coordinates=point.coordinates,
+        delays=point.delays,
+        shifts=point.shifts,
+        noise=math.exp(point.noise),
+        cost=cost,
+        information=kept,
+        sharpest=np.diag(inverse)[:p].copy(),
+        covariance=covariance,
+        freedom=freedom,
+        predicted=climb.force(point),
+    )
+
+
+def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
+    """Information on each delay that its own records claim, all parameters free, shape (clocks,).
+
+    It rests on millinewtons of hysteresis along thousands of samples, where no sensor and no law is
+    that good, so that standard errors do without it.
+    """
+    problem = climb.problem
+    course, p = problem.course, problem.size
+    told = np.zeros(course.clocks)
+    for c in range(course.clocks):
+        at = np.append(np.arange(p), p + c)
+        claimed = np.diag(np.append(climb.doubt[:p] ** -2, 0.0))
+        for r in np.flatnonzero(course.clock == c):
+            part = slice(course.starts[r], course.starts[r + 1])
+            local, own = pieces.columns[at, part], pieces.own[:, part]
+            weighted = own * problem.weight[0, part]
+            alone = weighted @ own.T
+            first = p + course.clocks + r
+            places = first + course.records * np.arange(OWN)
+            alone[np.diag_indices(OWN)] += climb.doubt[places] ** -2
+            cross = weighted @ local.T
+            claimed += (local * problem.weight[0, part]) @ local.T
+            claimed -= cross.T @ np.linalg.solve(alone, cross)
+        told[c] = claimed[p, p] - claimed[p, :p] @ np.linalg.solve(claimed[:p, :p], claimed[:p, p])
+    return told
+
+
+def _fitted_names(law: Law, tied: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    if tied:
+        return law.parameters, law.units
+    names = [f"{n}_{side}" for side in ("pos", "neg") for n in law.parameters]
+    return tuple(names), law.units * 2
+
+
+def _intervals(fit: Fit, climb: Climb) -> dict[str, Interval]:
+    values = values_of(fit.law, fit.coordinates)
+    quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
+    errors = np.sqrt(np.diag(fit.covariance))
+    drawn = _drawn(fit) if fit.law.name == "bliman_sorine" else None
+    intervals = {}
+    for j, name in enumerate(fit.names):
+        value, error = float(values[j]), float(errors[j])
+        reach = float(quantile[j]) * error
+        low: float | None
+        high: float | None
+        if drawn is not None:
+            tail = 50 * (1 - CONFIDENCE)
+            low, high = (float(b) for b in np.percentile(drawn[:, j], [tail, 100 - tail]))
+            error = float(np.subtract(*np.percentile(drawn[:, j], [84.13, 15.87]))) / 2 / value
+            method = "maximum likelihood, errors from pieces of the records, drawn"
+        elif reach < _WALD:
+            low, high = value * math.exp(-reach), value * math.exp(reach)
+            method = "maximum likelihood, errors from pieces of the records"
+        else:
+            low, high = profile_bounds(climb, fit, j, reach**2 / float(fit.sharpest[j]))
+            method = "profile likelihood"
+        intervals[name] = Interval(
+            value=value,
+            unit=fit.units[j],
+            standard_error=value * error if error < 1.0 else None,
+            low=low,
+            high=high,
+            method=method,
+            identified=is_narrow(value, low, high),
+        )
+    return intervals
+
+
+def _drawn(fit: Fit) -> Matrix:
+    """Parameters drawn from Student's t around the fit, shape (draws, p); the same every time."""
+    random = np.random.default_rng(0)
+    root = np.linalg.cholesky(fit.covariance)
+    normal = random.standard_normal((4000, len(root))) @ root.T
+    freedom = float(fit.freedom.min())
+    heavy = np.sqrt(freedom / random.chisquare(freedom, (4000, 1)))
+    return values_of(fit.law, fit.coordinates + normal * heavy)
+
+
+def profile_bounds(
+    climb: Climb, fit: Fit, j: int, stretch: float
+) -> tuple[float | None, float | None]:
+    """Where twice the loss of log-likelihood, all else fitted anew, first exceeds `stretch`."""
+    centre = float(fit.coordinates[j])
+    bounds: list[float | None] = []
+    for sign in (-1.0, 1.0):
+        walk = Climb(climb.problem, climb.point.coordinates, held=[j])
+        walk.centre, walk.hidden = climb.centre, climb.hidden
+        walk.doubt = climb.doubt.copy()
+        walk.doubt[j] = 1e6  # the bound is the data's
+        walk.point = climb.point.moved(np.zeros(len(climb.doubt)))
+        base = walk.cost(walk.point)
+        bound: float | None = None
+        before, lost_before = 0.0, 0.0
+        for distance in (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.7, 3.4):
+            walk.point.coordinates[j] = centre + sign * distance
+            lost = 2 * (walk.run(4) - base)
+            if lost > stretch:
+                share = (stretch - lost_before) / (lost - lost_before)
+                bound = math.exp(centre + sign * (before + share * (distance - before)))
+                break
+            before, lost_before = distance, max(lost, lost_before)
+        bounds.append(bound)
+    return bounds[0], bounds[1]

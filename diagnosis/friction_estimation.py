@@ -1,0 +1,274 @@
+"""Friction from what was measured: force less mass times acceleration, Eq. 2.3 of the thesis.
+
+Velocity and acceleration come from the position by a smoothing spline on the samples (least third
+differences), which looks both ways in time and therefore lags by nothing. It is as smooth as the
+noise of the position allows: residuals have the size of that noise, and where the position is
+counted they stay within a count. All signals are brought to the lag of the force.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
+
+from .records import Record
+
+Vector = npt.NDArray[np.float64]
+
+_REST = 40  # samples at rest that are put before a record that begins so
+_WINDOW = 25  # samples to either side that decide whether a counted position moves
+_STRONGEST = 1e14  # weight of third differences beyond which the course is a parabola
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Position and its derivatives, smoothed, at the instants of the force samples.
+
+    Attributes
+    ----------
+    x, v, a : ndarray, shape (n,)
+        Position [m], velocity [m/s], acceleration [m/s^2].
+    noise : float
+        Standard deviation of the measured position [m].
+    count : float
+        Step of a counted position [m]; 0 if it is not counted.
+    bandwidth : float
+        Frequency at which the smoothing halves an oscillation [Hz].
+    step : float
+        Sampling interval [s].
+    """
+
+    x: Vector
+    v: Vector
+    a: Vector
+    noise: float
+    count: float
+    bandwidth: float
+    step: float
+
+    @property
+    def blur(self) -> Vector:
+        """Standard deviation of the smoothed position [m]; larger towards the end, shape (n,)."""
+        left = self.step * np.arange(len(self.x))[::-1]
+        inner = math.sqrt(min(1.0, 2 * self.bandwidth * self.step))
+        return np.asarray(self.noise * (inner + (1 - inner) * np.exp(-2 * self.bandwidth * left)))
+
+
+@dataclass(frozen=True)
+class FrictionEstimate:
+    """Friction of a record and what it is made of.
+
+    Attributes
+    ----------
+    friction : ndarray, shape (n,)
+        [N], positive when it opposes motion in +x.
+    motion : Motion
+    from_rest : bool
+        Whether the record begins without force, hence at rest.
+    force_noise : float
+        Standard deviation of the force's fast noise, its resolution included [N].
+    force_count : float
+        Resolution of the force [N]; 0 if no grid is seen.
+    noise : float
+        Standard deviation of `friction` [N]: of the force, and of mass times acceleration.
+    said : tuple of str
+        Filters, lags and noise in words.
+    """
+
+    friction: Vector
+    motion: Motion
+    from_rest: bool
+    force_noise: float
+    force_count: float
+    noise: float
+    said: tuple[str, ...]
+
+
+def count_size(values: Vector) -> float:
+    """Step of the grid that all values lie on; 0 where there is none.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    """
+    levels = np.unique(values)
+    if len(levels) < 2:
+        return 0.0
+    tiny = 1e-6 * float(np.ptp(levels))  # text rounds
+    gaps = np.diff(levels)
+    gaps = np.unique(gaps[gaps > tiny])
+    step = float(gaps[0])
+    for _ in range(40):  # Euclid's algorithm on all gaps at once, to within a fiftieth of the step
+        rest = np.abs(gaps - step * np.round(gaps / step))
+        rest = rest[rest > 0.02 * step]
+        if not len(rest):
+            break
+        step = float(rest.min())
+        if step < 4 * tiny:
+            return 0.0
+    counts = np.round(gaps / step)
+    return float(np.sum(gaps) / np.sum(counts))
+
+
+def fast_noise(values: Vector) -> float:
+    """Standard deviation of the part of a signal that differs from sample to sample.
+
+    From third differences, of which a smooth course leaves nothing; their root mean square over
+    the quieter nine tenths of the record, so that a jump does not count as noise.
+    """
+    third = np.abs(np.diff(values, 3))
+    if not len(third) or not np.any(third):
+        return 0.0
+    ordered = np.sort(third)
+    kept = ordered[: max(1, int(0.9 * len(ordered)))]
+    # a normal variable cut at its 90 % quantile has 0.615 of its variance
+    return float(np.sqrt(np.mean(kept**2) / 0.615 / 20.0))
+
+
+def held_samples(values: Vector) -> npt.NDArray[np.int64]:
+    """Indices of the samples that bring a new value, where a converter holds each for several.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray of int
+        All indices where nothing is held in runs of one length.
+    """
+    fresh = np.concatenate([[0], 1 + np.flatnonzero(np.diff(values))])
+    everything = np.arange(len(values))
+    if len(fresh) < 10 or len(np.unique(values)) < 0.7 * len(fresh):
+        return everything  # counts come back to the same levels
+    runs = np.diff(fresh)[1:]
+    usual = int(np.median(runs))
+    regular = np.mean(runs % usual == 0) > 0.9
+    return fresh if usual > 1 and regular else everything
+
+
+def smooth_motion(
+    position: Vector, step: float, later: float = 0.0, from_rest: bool = False
+) -> Motion:
+    """Position, velocity and acceleration from samples of the position.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n,)
+        [m]
+    step : float
+        Sampling interval [s].
+    later : float, optional
+        How much later than the wanted instants the position tells the truth, on average over
+        samples that repeat a held value [s].
+    from_rest : bool, optional
+        Whether the body was at rest before the first sample.
+    """
+    before = _REST if from_rest else 0
+    position = np.concatenate([np.full(before, position[0]), position])
+    n = len(position)
+    count = count_size(position)
+    held = held_samples(position)
+    noise = fast_noise(position[held])
+    later -= (
+        0.5 * step * ((n - before) / np.count_nonzero(held >= before) - 1)
+    )  # a lag counts from the middle of what is held
+    if count > noise and len(held) == n:
+        noise = count / math.sqrt(12)
+    else:  # a grid finer than the noise is that of the file
+        count = 0.0
+    origin = float(position[0])
+    data = position - origin
+    if noise == 0.0:
+        smooth, strength = data.copy(), 0.0
+    else:
+        if count:
+            changed = np.concatenate([[0.0], (np.diff(data) != 0).astype(float)])
+            moving = np.convolve(changed, np.ones(2 * _WINDOW + 1), "same") > 0
+        else:
+            moving = np.ones(n, dtype=bool)
+        moving[np.setdiff1d(np.arange(n), held)] = False
+        weights = np.zeros(n)
+        weights[held] = 1.0
+        low, high = 1e-3, _STRONGEST
+        for _ in range(24):  # bisection on the logarithm: residuals as large as the noise
+            strength = math.sqrt(low * high)
+            smooth = _smoothed(data, weights, strength)
+            if float(np.mean((smooth - data)[moving] ** 2)) > noise**2:
+                high = strength
+            else:
+                low = strength
+        strength = low
+        smooth = _smoothed(data, weights, strength)
+        for _ in range(8):  # a counted position is known to within half a count
+            outside = np.abs(smooth - data) > (0.55 * count if count else 4 * noise)
+            outside &= weights > 0
+            if not np.any(outside):
+                break
+            weights[outside] *= 6.0
+            smooth = _smoothed(data, weights, strength)
+    times = step * (np.arange(n) - before)
+    spline = CubicSpline(times, smooth)
+    at = np.clip(times + later, times[0], times[-1])
+    v = spline(at, 1)
+    a = np.gradient(v, step)
+    # a sine of w passes by 1/(1 + strength*(2 sin(w h/2))^6)
+    half = 2 * math.asin(min(1.0, 0.5 * strength ** (-1 / 6))) if strength > 0 else math.pi
+    x = spline(at)[before:] + origin
+    return Motion(x, v[before:], a[before:], noise, count, half / (2 * math.pi * step), step)
+
+
+def _smoothed(data: Vector, weights: Vector, strength: float) -> Vector:
+    """Minimise sum w (s - data)^2 + strength * sum (third differences of s)^2."""
+    n = len(data)
+    bands = np.zeros((4, n))
+    stencil = (-1.0, 3.0, -3.0, 1.0)
+    for i in range(4):
+        for j in range(i, 4):
+            # rows 0..n-4 of the difference matrix touch entries (r+i, r+j)
+            bands[3 - (j - i), j : n - 3 + j] += strength * stencil[i] * stencil[j]
+    bands[3] += weights
+    return np.asarray(solveh_banded(bands, weights * data, check_finite=False), dtype=float)
+
+
+def estimate_friction(record: Record) -> FrictionEstimate:
+    """Friction along a record by Eq. 2.3, with its noise and what was done about lags.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    name = record.position_name
+    lag_force = float(record.lags.get("force", 0.0))
+    lag_position = float(record.lags.get(name, 0.0))
+    force_noise = fast_noise(record.force)
+    count = count_size(record.force)
+    if count < 0.1 * force_noise:  # the grid of the file's digits
+        count = 0.0
+    force_noise = max(force_noise, count / math.sqrt(12))
+    from_rest = abs(float(np.mean(record.force[:5]))) < 3 * max(force_noise, 1e-9)
+    motion = smooth_motion(record.position, record.step, lag_position - lag_force, from_rest)
+    friction = record.force - record.mass * motion.a
+    bend = record.mass * fast_noise(motion.a)
+    noise = math.hypot(force_noise, bend)
+    said = [
+        f"velocity and acceleration from {name}: smoothing spline, no lag, half gain at "
+        f"{motion.bandwidth:.3g} Hz",
+        f"{name} lags by {1e3 * lag_position:.3g} ms and force by {1e3 * lag_force:.3g} ms "
+        + ("as recorded with the trial" if record.lags else "(nothing is said of filters)")
+        + (
+            f"; {name} was shifted by {1e3 * (lag_position - lag_force):.3g} ms to the force's lag"
+            if lag_position != lag_force
+            else "; nothing to shift"
+        ),
+        f"position noise {motion.noise:.3g} m"
+        + (f" (counts of {motion.count:.4g} m)" if motion.count else ""),
+        f"friction noise {noise:.3g} N a sample"
+        + (f", load cell in steps of {count:.3g} N" if count else ""),
+    ]
+    return FrictionEstimate(friction, motion, from_rest, force_noise, count, noise, tuple(said))

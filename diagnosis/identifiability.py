@@ -1,0 +1,228 @@
+"""What given trials cannot tell, why, and which trial would.
+
+A trial that would do is found by calculation: its expected information at the fitted parameters is
+added to that of the records, and the first candidate that makes the parameter's interval narrow
+enough is named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from .along_record import Climb, Course, Fit, Problem, values_of
+from .intervals import NARROW
+from .lugre_dynamics import assumed_damping
+
+Vector = npt.NDArray[np.float64]
+
+_COUNT = 1e-3 / 512  # of the encoder, Section 2.2.1 and Table 2.1 [m]
+_FINE = 5e-8  # noise of a capacitance sensor [m]
+_FAST = 5e-4  # sampling interval of an acquisition ten times as fast [s]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A trial that might be added: what is asked of it and the motion it would make.
+
+    Attributes
+    ----------
+    what : str
+    motions : tuple of function of ndarray [s] to ndarray [m]
+        One record each.
+    duration, step, blur : float
+        [s], sampling interval [s], noise of the position [m].
+    """
+
+    what: str
+    motions: tuple[Callable[[Vector], Vector], ...]
+    duration: float
+    step: float = 0.005
+    blur: float = _COUNT / math.sqrt(12)
+
+
+def _constant(speed: float) -> Callable[[Vector], Vector]:
+    rise = 0.06
+    return lambda t: speed * (t - rise * (1 - np.exp(-t / rise)))
+
+
+def _sine(amplitude: float, omega: float) -> Callable[[Vector], Vector]:
+    return lambda t: amplitude / omega * (1 - np.cos(omega * t))
+
+
+def _both_ways(speeds: list[float]) -> tuple[Callable[[Vector], Vector], ...]:
+    return tuple(_constant(s * v) for v in speeds for s in (1.0, -1.0))
+
+
+def candidates(fit: Fit, parameter: str) -> list[Candidate]:
+    """Trials worth asking about for a parameter, simplest first."""
+    name = parameter.removesuffix("_pos").removesuffix("_neg")
+    slow = Candidate(
+        "velocity 0.001*sin(t/6) m/s for 19 s from rest in either direction (Table 2.4)",
+        (_sine(1e-3, 1 / 6), _sine(-1e-3, 1 / 6)),
+        19.0,
+    )
+    fast = Candidate(
+        "constant velocities of 0.5, 1, 2, 4 and 6 mm/s in either direction, 5 s each",
+        _both_ways([0.5e-3, 1e-3, 2e-3, 4e-3, 6e-3]),
+        5.0,
+    )
+    cycles = Candidate(
+        "velocity 0.005*sin(2t/3) m/s for two cycles (Table 2.6, trial 6)",
+        (_sine(5e-3, 2 / 3),),
+        18.85,
+    )
+    shaken = Candidate(
+        "velocity 0.0005*sin(20 pi t) m/s, 16 um to and fro in presliding, for 5 s, force and fine "
+        "displacement sampled together at 2 kHz (their delay must be known to 0.15 ms)",
+        (_sine(5e-4, 20 * math.pi),),
+        5.0,
+        _FAST,
+        _FINE,
+    )
+    if name == "Vs":
+        speed = fit.values[parameter]
+        steps = [round(speed * share, 6) for share in (0.3, 0.6, 1.0, 1.5)]
+        told = ", ".join(f"{1e3 * s:.2g}" for s in steps)
+        crawl = Candidate(
+            f"constant velocities of {told} mm/s in either direction, 20 s each",
+            _both_ways(steps),
+            20.0,
+        )
+        return [slow, crawl]
+    if name == "sigma1":
+        return [shaken]
+    if name == "sigma2":
+        return [fast, slow]
+    if name in ("f1", "f2", "eps_f", "eta"):
+        return [slow, cycles]
+    return [slow, fast, cycles]
+
+
+def which_would_do(fit: Fit, parameter: str, count: float) -> str:
+    """The first candidate trial that would identify a parameter, or that none of them would."""
+    options = candidates(fit, parameter)
+    coordinates = _plausible(fit)
+    for option in options:
+        expected = _expected_error(fit, coordinates, option, parameter, count)
+        if 2 * expected <= NARROW:
+            return f"{option.what} would do: expected within {200 * expected:.2g} %"
+    return f"of {len(options)} trials tried by calculation none would do alone"
+
+
+def _plausible(fit: Fit) -> Vector:
+    """The fit, with critical damping where sigma1 is not known: trials are judged at this point."""
+    coordinates = fit.coordinates.copy()
+    for j, name in enumerate(fit.names):
+        if name.startswith("sigma1") and not fit.intervals[name].identified:
+            sigma0 = fit.values[name.replace("sigma1", "sigma0")]
+            sigma2 = fit.values[name.replace("sigma1", "sigma2")]
+            coordinates[j] = math.log(max(assumed_damping(sigma0, sigma2), 1.0))
+    return coordinates
+
+
+def _expected_error(
+    fit: Fit, coordinates: Vector, option: Candidate, parameter: str, count: float
+) -> float:
+    """Relative standard error of a parameter with a further trial."""
+    p = len(coordinates)
+    course = _course(option, fit.noise, count)
+    climb = Climb(Problem(course, fit.law, fit.tied), coordinates)
+    force = climb.force(climb.point)
+    course = replace(course, force=np.round(force / count) * count if count else force)
+    climb.problem = Problem(course, fit.law, fit.tied)
+    climb.doubt[:p] = 1e3  # the trial alone may leave some parameters open
+    information = climb.normal(climb.point).information
+    alone = np.linalg.inv(np.linalg.inv(information)[:p, :p])
+    before = np.linalg.inv(np.linalg.inv(fit.information)[:p, :p])
+    covariance = np.linalg.inv(before + alone)
+    j = fit.names.index(parameter)
+    tiny = 1e-5
+    base = math.log(values_of(fit.law, coordinates)[j])
+    turn = np.empty(p)
+    for k in range(p):
+        moved = coordinates.copy()
+        moved[k] += tiny
+        turn[k] = (math.log(values_of(fit.law, moved)[j]) - base) / tiny
+    return math.sqrt(float(turn @ covariance @ turn))
+
+
+def _course(option: Candidate, noise: float, count: float) -> Course:
+    times: Vector = option.step * np.arange(round(option.duration / option.step), dtype=float)
+    xs = [motion(times) for motion in option.motions]
+    n, records = len(times), len(xs)
+    v: list[Vector] = [np.asarray(np.gradient(x, option.step)) for x in xs]
+    return Course(
+        x=np.concatenate(xs),
+        v=np.concatenate(v),
+        inertial=np.concatenate([np.asarray(np.gradient(u, option.step)) for u in v]),
+        force=np.zeros(n * records),
+        blur=np.full(n * records, option.blur),
+        step=np.full(records, option.step),
+        shift_doubt=np.full(records, option.blur),
+        gain_doubt=np.full(records, 1e-7),
+        delay_doubt=np.full(records, option.step / math.sqrt(12)),
+        starts=n * np.arange(records + 1, dtype=np.int64),
+        clock=np.zeros(records, dtype=np.int64),
+        count=count,
+        noise=noise,
+    )
+
+
+def why_not(fit: Fit, parameter: str, course: Course) -> str:
+    """The reason why an interval is wide, from the motion that was recorded."""
+    name = parameter.removesuffix("_pos").removesuffix("_neg")
+    sign = {"_pos": 1.0, "_neg": -1.0}.get(parameter[-4:], 0.0)
+    speed = course.v * sign if sign else np.abs(course.v)
+    way = "forwards" if sign > 0 else "backwards" if sign < 0 else "in either direction"
+    travelled = np.array(
+        [
+            float(np.ptp(course.x[a:b])) * (1 if sign * (course.x[b - 1] - course.x[a]) >= 0 else 0)
+            for a, b in zip(course.starts[:-1], course.starts[1:], strict=True)
+        ]
+    )
+    if float(travelled.max()) < 3e-6:
+        return f"nothing moves {way}"
+    values = fit.values
+    if name == "sigma1":
+        sigma0 = values[parameter.replace("sigma1", "sigma0")]
+        doubt = float(course.delay_doubt.min())
+        lead = values[parameter] / sigma0
+        return (
+            f"to first order sigma1 only advances the bristles' force by sigma1/sigma0, "
+            f"{1e3 * lead:.2g} ms here; the delay between force and motion is known to "
+            f"{1e3 * doubt:.2g} ms (one standard deviation), which alone is "
+            f"{doubt * sigma0:.3g} N*s/m"
+        )
+    if name == "Vs":
+        begin = course.x[course.starts[:-1]][course.of_record()]
+        sliding = (np.abs(course.x - begin) > 1e-4) & (speed > 0)
+        if not np.any(sliding):
+            return f"nothing slides {way}"
+        slowest = float(np.quantile(speed[sliding], 0.05))
+        return (
+            f"once broken away the block slides {way} at {slowest:.2g} m/s or more nearly all the "
+            f"time, where the curve has fallen already if Vs is near {values[parameter]:.2g} m/s"
+        )
+    if name == "sigma2":
+        return (
+            f"velocities {way} up to {float(np.quantile(speed, 0.99)):.2g} m/s do not tell the "
+            "viscous slope from the rest"
+        )
+    if name in ("Fs", "Fc", "sigma0", "sigma", "alpha"):
+        seen = {
+            "Fs": "slow break-away",
+            "Fc": "sliding",
+            "sigma0": "presliding",
+            "sigma": "presliding",
+            "alpha": "the way from presliding to sliding",
+        }[name]
+        return f"too few samples {way} show {seen} for the noise of {fit.noise:.2g} N"
+    return (
+        "f1, f2 and eta grow together with hardly a change of the friction (eta near one); only "
+        "the difference f1 - f2 and eps_f are seen well"
+    )

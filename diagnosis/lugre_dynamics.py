@@ -1,0 +1,53 @@
+"""LuGre's sigma0 and sigma1 as the thesis finds them, Eqs. 2.12-2.17, and by how much they are off.
+
+Eq. 2.14 takes the law in presliding for a spring. On a true LuGre surface the bristles give way
+before break-away, and the spring looks too soft, the more so the larger the force. Eq. 2.17 sets
+the damping ratio to one; it is an assumption, not an identification.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .friction_estimation import FrictionEstimate
+from .records import Record
+from .stribeck_fit import STUCK
+
+
+def secant_stiffness(force: float, displacement: float) -> float:
+    """sigma0 = F/x, Eq. 2.14 [N/m]."""
+    return force / displacement
+
+
+def secant_bias(force: float, fs: float) -> float:
+    """What Eq. 2.14 gives on a slowly loaded LuGre surface, as a share of the true sigma0.
+
+    From dz/dx = 1 - sigma0 z/Fs: x = -(Fs/sigma0) ln(1 - F/Fs).
+
+    Parameters
+    ----------
+    force, fs : float
+        Held force and break-away force [N], 0 < force < fs.
+    """
+    share = force / fs
+    return share / -math.log1p(-share)
+
+
+def assumed_damping(sigma0: float, sigma2: float, mass: float = 1.0) -> float:
+    """sigma1 = 2 sqrt(sigma0 m) - sigma2, Eq. 2.17 [N*s/m]: critical damping, assumed."""
+    return 2 * math.sqrt(sigma0 * mass) - sigma2
+
+
+def held_stiffness(record: Record, estimate: FrictionEstimate) -> tuple[float, float] | None:
+    """sigma0 by Eq. 2.14 [N/m] and the force held [N] of one trial; None if the block moved on."""
+    x = estimate.motion.x
+    if float(np.ptp(x)) > STUCK:
+        return None
+    last = slice(-max(5, len(x) // 5), None)
+    displacement = float(x[last].mean() - x[0])
+    force = float(estimate.friction[last].mean())
+    if abs(displacement) < 3 * estimate.motion.noise or displacement * force <= 0:
+        return None
+    return secant_stiffness(force, displacement), force

@@ -1,0 +1,415 @@
+"""Read what instruments recorded: a rig's folder, a CSV or a MAT file, anybody's.
+
+Columns are mapped by name and units are said, never guessed: numbers that look like another unit
+are refused with the two ways to say what is meant.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Vector = npt.NDArray[np.float64]
+
+UNITS = {
+    "time": "s",
+    "x": "m",
+    "x_fine": "m",
+    "force": "N",
+    "u": "V",
+    "v_ref": "m/s",
+    "force_ref": "N",
+}
+_FACTORS = {
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9},
+    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "V": {"V": 1.0, "mV": 1e-3},
+    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "µm/s": 1e-6},
+}
+LEAST_SAMPLES = 20
+FINE_RANGE = 1e-4  # of a fine position beside a coarse one; calibrated over 70 um [m]
+JITTER = 0.2  # of a sampling interval; a missing sample makes a whole one
+# Beyond these a column is refused unless its unit is said: range, and the unit it looks like. The
+# thread of the screw is 0.262 m long.
+_LARGEST = {"x": (0.3, "mm"), "x_fine": (0.02, "um"), "force": (2e3, "mN")}
+_SMALLEST = {"force": (2e-3, "kN")}
+_UNSAID_GAIN_DOUBT = 0.01  # of a fine position whose calibration is not told
+_LONGEST_STEP = 0.5  # [s]
+
+
+class BadRecord(ValueError):
+    """The file cannot be used as a record; the message says where, why and what to do."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What the instruments of one trial recorded.
+
+    Attributes
+    ----------
+    name : str
+    signals : mapping of str to ndarray, shape (n,)
+        Columns by name, SI units: ``time``, ``force`` and ``x`` or ``x_fine`` are always there.
+    step : float
+        Sampling interval [s].
+    mass : float
+        Mass between load cell and friction [kg].
+    lags : mapping of str to float
+        How much later than the truth each column is, by its filter or sensor [s]; 0 if not named.
+    delay_doubt : float
+        Standard deviation of the delay between force and motion that nobody knows [s].
+    gain_doubt : float
+        Standard deviation of the scale of `position`, as its calibration leaves it [1].
+    about : mapping
+        The rig's ``trial.json``, if there is one.
+    notes : tuple of str
+        What a reader should know.
+    """
+
+    name: str
+    signals: Mapping[str, Vector]
+    step: float
+    mass: float = 1.0
+    lags: Mapping[str, float] = field(default_factory=dict)
+    delay_doubt: float = 0.0
+    gain_doubt: float = 0.0
+    about: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def time(self) -> Vector:
+        return self.signals["time"]
+
+    @property
+    def force(self) -> Vector:
+        return self.signals["force"]
+
+    @property
+    def position_name(self) -> str:
+        """The finer of the two position columns, within its range, that the record has."""
+        if "x_fine" not in self.signals:
+            return "x"
+        within = "x" not in self.signals or float(np.ptp(self.signals["x"])) < FINE_RANGE
+        return "x_fine" if within else "x"
+
+    @property
+    def position(self) -> Vector:
+        return self.signals[self.position_name]
+
+
+def read_records(
+    paths: Sequence[Path | str],
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    mass: float | None = None,
+) -> list[Record]:
+    """Read several records; a folder of trial folders gives all of them.
+
+    Parameters
+    ----------
+    paths : sequence of Path or str
+        CSV or MAT files, rig folders (with ``record.csv``), or folders of such.
+    mapping : mapping of str to str, optional
+        ``theirs -> ours`` names of columns.
+    units : mapping of str to str, optional
+        Unit of a column (our name) where it is not SI.
+    mass : float, optional
+        Mass between load cell and friction [kg]; default the rig's, or 1 kg.
+
+    Raises
+    ------
+    BadRecord
+        If a file is no record, with one line that says why.
+    """
+    found: list[Path] = []
+    for path in map(Path, paths):
+        if path.is_dir() and not (path / "record.csv").is_file():
+            inner = sorted(p.parent for p in path.glob("*/record.csv"))
+            if not inner:
+                raise BadRecord(
+                    f"{path}: holds no record.csv, nor does a folder in it; expected a folder that "
+                    "`ballscrew rig` wrote, or a CSV or MAT file"
+                )
+            found += inner
+        else:
+            found.append(path)
+    return [read_record(path, mapping, units, mass) for path in found]
+
+
+def read_record(
+    path: Path | str,
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    mass: float | None = None,
+) -> Record:
+    """Read one record and check it; see `read_records`."""
+    path = Path(path)
+    mapping, units = dict(mapping or {}), dict(units or {})
+    for name, unit in units.items():
+        if name not in UNITS:
+            raise BadRecord(f"--unit {name}={unit}: columns are {', '.join(UNITS)}")
+        if unit not in _FACTORS[UNITS[name]]:
+            raise BadRecord(
+                f"--unit {name}={unit}: expected one of {', '.join(_FACTORS[UNITS[name]])}"
+            )
+    about: dict[str, Any] = {}
+    file = path
+    if path.is_dir():
+        file = path / "record.csv"
+        about = _read_about(path / "trial.json")
+    try:
+        columns = _read_mat(file) if file.suffix.lower() == ".mat" else _read_csv(file)
+    except FileNotFoundError:
+        raise BadRecord(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
+    signals = _renamed(path, columns, mapping)
+    _check_numbers(path, signals)
+    for name, values in signals.items():
+        signals[name] = values * _FACTORS[UNITS[name]][units.get(name, UNITS[name])]
+    step = _check_time(path, signals["time"], "time" in units)
+    for name, values in signals.items():
+        _check_unit(path, name, values, name in units)
+    record = Record(str(path), signals, step, delay_doubt=step / math.sqrt(12), about=about)
+    _check_motion(path, record)
+    gain_doubt = _gain_doubt(about) if record.position_name == "x_fine" else 0.0
+    known = _lags(about)
+    notes = () if about else ("no trial.json: all columns are taken to have the same lag",)
+    if mass is None:
+        mass = _rig_mass(about)
+    if not (math.isfinite(mass) and mass >= 0):
+        raise BadRecord(f"the mass is {mass} kg, expected a number of at least 0")
+    return replace(record, mass=mass, lags=known, gain_doubt=gain_doubt, notes=notes)
+
+
+def _read_about(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BadRecord(f"{path}: is no JSON: {error}") from error
+    if not isinstance(data, dict):
+        raise BadRecord(f"{path}: expected a JSON object with the trial's description")
+    return data
+
+
+def _lags(about: Mapping[str, Any]) -> dict[str, float]:
+    lags = about.get("lags", {})
+    if not isinstance(lags, Mapping):
+        raise BadRecord("trial.json: expected `lags` to give a number of seconds by column")
+    try:
+        return {str(k): float(v) for k, v in lags.items()}
+    except (TypeError, ValueError):
+        raise BadRecord(
+            "trial.json: expected `lags` to give a number of seconds by column"
+        ) from None
+
+
+def _gain_doubt(about: Mapping[str, Any]) -> float:
+    """Of the fine position's scale where the record begins, from its calibration's covariance."""
+    calibration = about.get("calibration")
+    if not isinstance(calibration, Mapping):
+        return _UNSAID_GAIN_DOUBT
+    try:
+        _, linear, quadratic = (float(c) for c in calibration["polynomial_m_per_pF"])
+        covariance = np.array(calibration["covariance"], dtype=float)
+        first = 1e12 * float(calibration["capacitance_F"][0])
+        slope = np.array([0.0, 1.0, 2 * first])
+        return math.sqrt(float(slope @ covariance @ slope)) / abs(linear + 2 * quadratic * first)
+    except (KeyError, TypeError, ValueError, IndexError, ZeroDivisionError):
+        raise BadRecord(
+            "trial.json: expected `calibration` with `polynomial_m_per_pF`, its `covariance` and "
+            "`capacitance_F`"
+        ) from None
+
+
+def _rig_mass(about: Mapping[str, Any]) -> float:
+    parameters = about.get("parameters")
+    if isinstance(parameters, Mapping) and isinstance(parameters.get("plant.m"), int | float):
+        return float(parameters["plant.m"])
+    return 1.0
+
+
+def _read_csv(path: Path) -> dict[str, Vector]:
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as stream:
+            sample = stream.read(4096)
+            stream.seek(0)
+            line = sample.splitlines()[0] if sample.strip() else ""
+            separator = max(",;\t", key=line.count)
+            rows = [r for r in csv.reader(stream, delimiter=separator) if any(c.strip() for c in r)]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise BadRecord(f"{path}: is no text table: {error}") from error
+    if not rows:
+        raise BadRecord(f"{path}: is empty, expected a header row of names and rows of numbers")
+    header = [name.strip() for name in rows[0]]
+    if len(set(header)) < len(header):
+        twice = next(n for n in header if header.count(n) > 1)
+        raise BadRecord(f"{path}: the column {twice!r} is there twice")
+    table = np.empty((len(rows) - 1, len(header)))
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(header):
+            raise BadRecord(f"{path}, row {number}: {len(row)} cells, expected {len(header)}")
+        for k, cell in enumerate(row):
+            try:
+                table[number - 2, k] = float(cell) if cell.strip() else math.nan
+            except ValueError:
+                raise BadRecord(
+                    f"{path}, row {number}, column {header[k]!r}: {cell!r} is no number"
+                ) from None
+    return {name: table[:, k].copy() for k, name in enumerate(header)}
+
+
+def _read_mat(path: Path) -> dict[str, Vector]:
+    from scipy.io import loadmat
+
+    try:
+        data = loadmat(path)
+    except NotImplementedError:
+        raise BadRecord(
+            f"{path}: is a MAT file of version 7.3; save it with `-v7` or as CSV"
+        ) from None
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # the reader raises many kinds on damaged files
+        raise BadRecord(f"{path}: is no MAT file: {error}") from error
+    columns = {}
+    for name, values in data.items():
+        array = np.asarray(values)
+        if (
+            not name.startswith("__")
+            and array.dtype.kind in "fiu"
+            and array.size == max(array.shape, default=0)
+        ):
+            columns[name] = array.astype(float).ravel()
+    return columns
+
+
+def _renamed(
+    path: Path, columns: Mapping[str, Vector], mapping: Mapping[str, str]
+) -> dict[str, Vector]:
+    for theirs, ours in mapping.items():
+        if theirs not in columns:
+            raise BadRecord(
+                f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
+                f"{_near(theirs, columns)}; there are {', '.join(columns) or 'none'}"
+            )
+        if ours not in UNITS:
+            raise BadRecord(
+                f"--map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(UNITS)}"
+            )
+    taken = set(mapping.values())
+    named = {n: v for n, v in columns.items() if n in UNITS and n not in mapping and n not in taken}
+    named |= {ours: columns[theirs] for theirs, ours in mapping.items()}
+    for wanted in ("time", "force", "x"):
+        if wanted not in named and not (wanted == "x" and "x_fine" in named):
+            raise BadRecord(
+                f"{path}: has no column {wanted!r}{_near(wanted, columns)}; there are "
+                f"{', '.join(columns) or 'none'}; use --map theirs={wanted}"
+            )
+    lengths = {n: len(v) for n, v in named.items()}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{n} {k}" for n, k in lengths.items())
+        raise BadRecord(
+            f"{path}: columns of different length ({said} samples): recorded at different rates? "
+            "Bring them to one rate first"
+        )
+    return {n: named[n] for n in UNITS if n in named}
+
+
+def _check_numbers(path: Path, signals: Mapping[str, Vector]) -> None:
+    for name, values in signals.items():
+        bad = np.flatnonzero(~np.isfinite(values))
+        if not len(bad):
+            continue
+        period = int(np.diff(bad).max()) if len(bad) > 1 else 0
+        hint = (
+            "; a column recorded at a lower rate? Bring all to one rate first"
+            if len(bad) > len(values) / 3 and period <= 3
+            else "; cut these samples out at an end, or repair the record"
+        )
+        raise BadRecord(
+            f"{path}: {name} is empty or not a number in {len(bad)} of {len(values)} samples, "
+            f"the first in row {bad[0] + 2}{hint}"
+        )
+
+
+def _check_time(path: Path, time: Vector, said: bool) -> float:
+    if len(time) < LEAST_SAMPLES:
+        raise BadRecord(
+            f"{path}: is too short: {len(time)} samples, expected at least {LEAST_SAMPLES}"
+        )
+    steps = np.diff(time)
+    back = np.flatnonzero(steps <= 0)
+    if len(back):
+        k = int(back[0])
+        what = "stands still" if steps[k] == 0 else "goes backwards"
+        raise BadRecord(
+            f"{path}: time {what} in row {k + 3}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
+        )
+    step = float(np.median(steps))
+    if step > _LONGEST_STEP and not said:
+        raise BadRecord(
+            f"{path}: time goes in steps of {step:.4g}; if these are milliseconds say "
+            "--unit time=ms, if they are seconds say --unit time=s"
+        )
+    gap = np.flatnonzero(steps > 1.6 * step)
+    if len(gap):
+        k = int(gap[0])
+        raise BadRecord(
+            f"{path}: a gap of {steps[k]:.4g} s after {time[k]:.6g} s, where the sampling interval "
+            f"is {step:.4g} s ({len(gap)} such); cut the record into pieces without gaps"
+        )
+    uneven = np.flatnonzero(np.abs(steps - step) > JITTER * step)
+    if len(uneven):
+        k = int(uneven[0])
+        raise BadRecord(
+            f"{path}: uneven sampling: {steps[k]:.4g} s after {time[k]:.6g} s, elsewhere "
+            f"{step:.4g} s; resample the record evenly"
+        )
+    return float((time[-1] - time[0]) / (len(time) - 1))
+
+
+def _check_unit(path: Path, name: str, values: Vector, said: bool) -> None:
+    if said or name not in _LARGEST:
+        return
+    unit = UNITS[name]
+    span = float(np.ptp(values)) if name != "force" else float(np.abs(values).max())
+    limit, other = _LARGEST[name]
+    if span > limit:
+        raise BadRecord(
+            f"{path}: {name} covers {span:.4g}, too much for {unit}; if it is in {other} say "
+            f"--unit {name}={other}, if it is in {unit} say --unit {name}={unit}"
+        )
+    limit, other = _SMALLEST.get(name, (0.0, ""))
+    if 0 < span < limit:
+        raise BadRecord(
+            f"{path}: {name} reaches only {span:.4g}, too little for {unit}; if it is in {other} "
+            f"say --unit {name}={other}, if it is in {unit} say --unit {name}={unit}"
+        )
+
+
+def _check_motion(path: Path, record: Record) -> None:
+    for name in (record.position_name, "force"):
+        values = record.signals[name]
+        if np.ptp(values) == 0:
+            raise BadRecord(
+                f"{path}: {name} is constant ({values[0]:.6g} {UNITS[name]}) over all "
+                f"{len(values)} samples; a record needs motion and force"
+            )
+
+
+def _near(name: str, names: object) -> str:
+    close = difflib.get_close_matches(name, list(names), n=3, cutoff=0.4)  # type: ignore[call-overload]
+    return f" (nearest: {', '.join(close)})" if close else ""

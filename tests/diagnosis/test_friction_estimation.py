@@ -1,0 +1,88 @@
+"""Friction from force and motion: right acceleration, no lag, delays put right, noise as stated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_records import COUNT, RESOLUTION, record_of, sine_velocity, true_friction
+
+from ballscrew.diagnosis.friction_estimation import (
+    count_size,
+    estimate_friction,
+    held_samples,
+    smooth_motion,
+)
+from ballscrew.diagnosis.records import Record
+
+LUGRE = {
+    "sigma0": 66967.0,
+    "sigma1": 344.56,
+    "sigma2": 173.0,
+    "Fc": 1.284,
+    "Fs": 2.35,
+    "Vs": 1.14e-3,
+}
+
+
+def test_friction_of_a_moving_mass_comes_back_within_its_stated_noise():
+    trial = sine_velocity(2e-3, 2.0, 12.0)
+    record = record_of(trial, "lugre", LUGRE, np.random.default_rng(1), noise=0.03, mass=20.0)
+    estimate = estimate_friction(record)
+    h = 2.5e-4
+    fine = h * np.arange(round(12.0 / h))
+    truth = true_friction("lugre", trial.position(fine), h, LUGRE)[::20]
+    sliding = np.abs(2e-3 * np.sin(2 * record.time)) > 5e-4
+    error = (estimate.friction - truth)[sliding]
+    assert estimate.noise == pytest.approx(float(error.std()), rel=0.1)
+    assert abs(error.mean()) < 5 * estimate.noise / np.sqrt(len(error))
+
+
+def test_smoothed_motion_does_not_lag_and_stays_within_a_count():
+    time = 0.005 * np.arange(3000)
+    x = 1e-3 * (1 - np.cos(time))
+    motion = smooth_motion(np.floor(x / COUNT + 0.3) * COUNT, 0.005)
+    v = 1e-3 * np.sin(time)
+    inner = slice(50, -50)
+    lag = np.sum((v - motion.v)[inner] * np.gradient(v, 0.005)[inner])
+    lag /= np.sum(np.gradient(v, 0.005)[inner] ** 2)
+    assert abs(lag) < 5e-4
+    assert motion.count == pytest.approx(COUNT, rel=1e-6)
+    offset = np.median(motion.x - x)
+    assert np.abs(motion.x - x - offset)[inner].max() < 0.5 * COUNT
+
+
+def test_signals_of_different_lags_are_brought_together_and_it_is_said():
+    time = 0.005 * np.arange(2000)
+
+    def x(t):
+        return 1e-3 * np.sin(2 * t)
+
+    def record(lags, later):
+        signals = {"time": time, "force": -4e-3 * np.sin(2 * time), "x": x(time - later)}
+        return Record("a", signals, 0.005, 1.0, lags)
+
+    put_right = estimate_friction(record({"x": 0.035, "force": 0.0}, 0.035))
+    left_alone = estimate_friction(record({}, 0.035))
+    inner = slice(50, -50)
+    assert np.abs(put_right.motion.x - x(time))[inner].max() < 1e-9
+    assert np.abs(put_right.friction[inner]).max() < 1e-6  # force = mass times acceleration
+    assert np.abs(left_alone.friction[inner]).max() > 1e-4
+    assert any("shifted by 35 ms" in line for line in put_right.said)
+
+
+def test_a_held_position_counts_where_it_was_converted():
+    time = 0.005 * np.arange(2000)
+    x = 1e-5 * np.sin(time)
+    held = np.repeat(x[::8], 8)
+    assert len(held_samples(held)) == 250
+    motion = smooth_motion(held, 0.005, later=0.0175)  # mean lag of values held for eight samples
+    assert np.abs(motion.x - x)[50:-50].max() < 2e-8
+
+
+def test_resolution_is_found_in_samples_that_jump_over_levels_and_not_in_smooth_ones():
+    random = np.random.default_rng(0)
+    levels = np.cumsum(random.choice([14, 15], 400))
+    assert count_size(levels * COUNT) == pytest.approx(COUNT, rel=1e-9)
+    read = np.round(random.normal(1.5, 0.05, 2000) / RESOLUTION) * RESOLUTION
+    assert count_size(read) == pytest.approx(RESOLUTION, rel=1e-9)
+    assert count_size(random.normal(size=500)) == 0.0

@@ -1,0 +1,98 @@
+"""The command: files in, parameters, intervals, verdicts and pictures out; faults in one line."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from synthetic_records import record_of, sine_velocity
+
+from ballscrew.cli import BadRequest
+from ballscrew.identify_command import NAMES, add_parser
+
+DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Records of a Dahl surface in either direction, as a stranger would write them."""
+    folder = tmp_path_factory.mktemp("data")
+    random = np.random.default_rng(1)
+    paths = []
+    for k, sign in enumerate((1, -1, 1, -1)):
+        record = record_of(sine_velocity(sign * 1e-3, 1.0, 3.15), "dahl", DAHL, random)
+        path = folder / f"{k}.csv"
+        table = np.column_stack([record.time, 1e3 * record.position, record.force])
+        np.savetxt(path, table, delimiter=";", header="t;q;F", comments="", fmt="%.9g")
+        paths.append(str(path))
+    return paths
+
+
+def run(*arguments):
+    parser = argparse.ArgumentParser()
+    add_parser(parser.add_subparsers(), argparse.ArgumentParser)
+    options = parser.parse_args(["identify", *arguments])
+    return options.action(options)
+
+
+STRANGER = ("--map", "t=time", "--map", "q=x", "--map", "F=force", "--unit", "x=mm")
+
+
+def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, capsys):
+    code = run(*data, "--law", "dahl", "--out", str(tmp_path), *STRANGER)
+    assert code == 0
+    printed = capsys.readouterr().out
+    assert "sigma" in printed
+    assert "N/m" in printed
+    told = json.loads((tmp_path / "identified.json").read_text())
+    for name, truth in DAHL.items():
+        entry = told["parameters"][name]
+        assert entry["low"] <= truth <= entry["high"], name
+        assert entry["identified"]
+        assert {"value", "unit", "standard_error", "method"} <= set(entry)
+    assert set(told["per_direction"]) == {"forwards", "backwards", "averaged"}
+    assert len(told["thesis"]["eqs_2_5_to_2_7"]) == 4
+    assert any(
+        "nothing is said of filters" in line for line in told["friction_estimation"][data[0]]
+    )
+    plant = tomllib.loads((tmp_path / "parameters.toml").read_text())["plant"]
+    assert plant["sigma"] == told["parameters"]["sigma"]["value"]
+    for stem in ("friction_map", "residuals"):
+        assert (tmp_path / f"{stem}.png").stat().st_size > 5000
+        assert "<svg" in (tmp_path / f"{stem}.svg").read_text()[:2000]
+
+
+def test_json_goes_to_standard_output_alone(data, tmp_path, capsys):
+    run(*data[:2], "--law", "dahl", "--out", str(tmp_path), "--json", *STRANGER)
+    assert json.loads(capsys.readouterr().out)["law"] == "dahl"
+
+
+def test_a_law_that_is_not_in_the_records_gives_exit_code_one(data, tmp_path, capsys):
+    """Dahl's friction cannot tell LuGre's sigma1; that is said, with its reason."""
+    code = run(*data, "--law", "lugre", "--out", str(tmp_path), *STRANGER)
+    assert code == 1
+    assert "sigma1 cannot be identified from these trials, because" in capsys.readouterr().err
+
+
+def test_bad_requests_are_one_line(data, tmp_path):
+    for arguments, words in (
+        ((data[0], "--law", "dahll"), "did you mean dahl?"),
+        ((data[0], "--law", "dahl"), "--map"),
+        ((data[0], "--law", "dahl", *STRANGER[:6]), "--unit x=mm"),
+        (("none.csv", "--law", "dahl"), "no such file"),
+        ((data[0], "--law", "dahl", *STRANGER, "--mass", "heavy"), "expected a number"),
+        ((data[0], "--law", "dahl", *STRANGER, "--unit", "x=inch"), "expected one of"),
+    ):
+        with pytest.raises(BadRequest) as caught:
+            run(*arguments, "--out", str(tmp_path))
+        assert words in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_the_command_knows_all_laws_that_can_be_identified():
+    from ballscrew.diagnosis.along_record import LAWS
+
+    assert tuple(LAWS) == NAMES

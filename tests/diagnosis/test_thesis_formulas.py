@@ -1,0 +1,174 @@
+"""The thesis' formulas: its printed figures come back, and their bias is known."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from ballscrew.diagnosis.bliman_sorine_map import (
+    NoSolution,
+    ReferencePoints,
+    map_points,
+    points_of,
+    read_points,
+)
+from ballscrew.diagnosis.dahl_fit import dahl_curve, fit_dahl
+from ballscrew.diagnosis.intervals import averaged, spread
+from ballscrew.diagnosis.lugre_dynamics import assumed_damping, secant_bias
+from ballscrew.diagnosis.stribeck_fit import StribeckPoints, fit_stribeck, stribeck_curve
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+
+
+def table(name):
+    with open(DATA / f"{name}.csv", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_averages_and_bands_of_table_2_5_come_back():
+    rows = table("table_2_5_dahl")
+    sigma = spread([float(r["sigma_N_m"]) for r in rows])
+    fc = spread([float(r["Fc_N"]) for r in rows])
+    assert sigma.mean == 87750.0
+    assert sigma.deviation == pytest.approx(18346.7, abs=0.05)
+    assert fc.mean == pytest.approx(2.0, abs=0.005)
+    assert fc.deviation == pytest.approx(0.164, abs=0.0005)
+    assert sigma.outside == fc.outside == ()
+
+
+def test_nominal_values_of_table_2_9_come_back():
+    rows = table("table_2_9_lugre")
+    sigma0 = spread([float(r["sigma0_N_m"]) for r in rows])
+    assert sigma0.mean == pytest.approx(66967.231, abs=5e-4)
+    assert sigma0.outside == ()
+    assert assumed_damping(sigma0.mean, 173.0) == pytest.approx(344.56, abs=0.005)
+
+
+def test_nominal_values_of_table_2_3_are_means_of_both_directions():
+    for row in table("table_2_3_stribeck"):
+        mean = 0.5 * (float(row["positive_velocity"]) + float(row["negative_velocity"]))
+        assert mean == pytest.approx(float(row["nominal"]), rel=1e-9)
+
+
+@pytest.mark.parametrize(("trial", "p"), [("6", 1.2305), ("9", 1.6163)])  # 9: digits mended
+def test_rows_of_table_2_7_come_back_from_their_reference_points(trial, p):
+    row = next(r for r in table("table_2_7_bliman_sorine") if r["trial"] == trial)
+    printed = [float(row[n]) for n in ("f1_N", "f2_N", "eps_f_m", "eta")]
+    points = points_of(*printed)
+    found = map_points(points)
+    assert [found.f1, found.f2, found.eps_f, found.eta] == pytest.approx(printed, rel=1e-9)
+    assert found.p == pytest.approx(p, abs=7e-5)
+    if trial == "6":
+        assert points.fs == pytest.approx(2.502, abs=5e-4)
+
+
+def test_row_6_comes_back_from_its_product_m1_m2():
+    p, product, fc, x_p = 1.2305, 1.6266, 19.875 - 17.8227, 3 * 0.000121
+    log_m2 = (product + 2) / product * math.log(p) / (p - 1)
+    fs = fc * (1 + product * math.exp(-log_m2))
+    found = map_points(ReferencePoints(fs, fc, log_m2 * x_p / 3, x_p))
+    assert found.p == pytest.approx(p, rel=1e-9)
+    # p is printed with four decimals, and f1 goes as 1/(p - 1)
+    rounding = 0.5e-4 / (p - 1)
+    assert found.f1 == pytest.approx(19.875, abs=2 * rounding * 19.875)
+    assert found.f2 == pytest.approx(17.8227, abs=2 * rounding * 19.875)
+    assert found.eta == pytest.approx(0.9063, abs=1e-4)
+
+
+def test_the_map_s_points_lie_on_the_law_s_branch_after_a_reversal():
+    f1, f2, eps, eta = 19.875, 17.8227, 0.000121, 0.9063
+    x = np.linspace(0, 2e-3, 200001)
+    friction = f1 * (1 - 2 * np.exp(-x / (eta * eps))) - f2 * (1 - 2 * np.exp(-x / eps))
+    points, printed = read_points(x, friction), points_of(f1, f2, eps, eta)
+    assert points.fs == pytest.approx(printed.fs, rel=1e-6)
+    assert points.x_e == pytest.approx(printed.x_e, rel=1e-3)
+
+
+def test_points_beyond_condition_2_11_have_no_solution_and_the_reason_is_said():
+    with pytest.raises(NoSolution, match=r"2\.11 fails.*falls too sharply"):
+        map_points(ReferencePoints(fs=2.5, fc=1.3, x_e=60e-6, x_p=70e-6))
+    with pytest.raises(NoSolution, match="no peak"):
+        map_points(ReferencePoints(fs=1.2, fc=1.3, x_e=60e-6, x_p=700e-6))
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_dahl_s_curve_solves_dahl_s_equation_so_the_sign_of_eq_2_5_is_mended(sign):
+    x = np.linspace(0, sign * 2e-4, 400)
+    f = dahl_curve(x, 87750.0, 2.0)
+    slope = np.gradient(f, x)
+    np.testing.assert_allclose(slope[1:-1], 87750 * (1 - sign * f / 2.0)[1:-1], rtol=1e-3)
+
+
+def test_dahl_fit_holds_the_truth_in_its_intervals():
+    random = np.random.default_rng(5)
+    x = np.cumsum(np.abs(random.normal(2e-6, 1e-6, 800)))
+    hits = 0
+    for _ in range(60):
+        found = fit_dahl(x, dahl_curve(x, 9e4, 1.9) + 0.03 * random.standard_normal(800))
+        hits += found["sigma"].low <= 9e4 <= found["sigma"].high
+        hits += found["Fc"].low <= 1.9 <= found["Fc"].high
+    assert 106 <= hits <= 119  # 95 % of 120, within three standard deviations
+
+
+def stribeck_points(table_column, speeds, random, noise=0.01):
+    rows = {r["symbol"]: float(r[table_column]) for r in table("table_2_3_stribeck")}
+    sign = 1 if table_column == "positive_velocity" else -1
+    speeds = np.array([0.0, *speeds])
+    pull = stribeck_curve(speeds, rows["Fc"], rows["Fs"], rows["Vs"], rows["sigma2"])
+    noisy = pull + noise * random.standard_normal(len(pull))
+    return rows, StribeckPoints(sign * speeds, sign * noisy), sign
+
+
+def test_the_negative_side_s_stribeck_velocity_cannot_be_told_from_the_thesis_trials():
+    trials = np.arange(2.0e-3, 5.6e-3, 0.5e-3)
+    rows, points, sign = stribeck_points("negative_velocity", trials, np.random.default_rng(0))
+    found = fit_stribeck(points, sign)
+    assert not found["Vs"].identified
+    assert "slowest sliding velocity, 0.002 m/s" in found["Vs"].because
+    for name in ("Fc", "sigma2", "Fs"):
+        assert found[name].low <= rows[name] <= found[name].high
+    slow = np.r_[0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3, 0.6e-3, 1e-3, trials]
+    rows, points, sign = stribeck_points("negative_velocity", slow, np.random.default_rng(0))
+    found = fit_stribeck(points, sign)
+    assert found["Vs"].identified
+    assert found["Vs"].low <= rows["Vs"] <= found["Vs"].high
+
+
+def test_the_positive_side_of_table_2_3_comes_back_and_averages_with_the_other():
+    trials = np.arange(1.0e-3, 5.6e-3, 0.25e-3)
+    random = np.random.default_rng(2)
+    rows, points, sign = stribeck_points("positive_velocity", trials, random, 0.003)
+    forwards = fit_stribeck(points, sign)
+    for name, interval in forwards.items():
+        assert interval.low <= rows[name] <= interval.high, name
+    _, points, sign = stribeck_points("negative_velocity", trials, random, 0.003)
+    backwards = fit_stribeck(points, sign)
+    both = averaged(forwards["sigma2"], backwards["sigma2"])
+    assert both.value == 0.5 * (forwards["sigma2"].value + backwards["sigma2"].value)
+    assert both.standard_error < forwards["sigma2"].standard_error
+
+
+def test_eq_2_14_is_biased_on_a_true_lugre_surface_as_printed():
+    """59.0, 51.1 and 41.8 kN/m at 0.5, 1 and 1.5 N where the truth is 67.0."""
+    truth = 66967.231
+    for force, known in ((0.5, 59.0e3), (1.0, 51.1e3), (1.5, 41.8e3)):
+        assert secant_bias(force, 2.35) * truth == pytest.approx(known, rel=0.01)
+
+
+@pytest.mark.parametrize("force", [0.5, 1.0, 1.5])
+def test_the_bias_of_eq_2_14_is_that_of_the_integrated_law(force):
+    s0, s1, s2, fc, fs, vs = 66967.231, 344.56, 173.0, 1.284, 2.35, 1.13975e-3
+
+    def rates(t, y):
+        _, v, z = y
+        rate = v - s0 * abs(v) / (fc + (fs - fc) * math.exp(-((v / vs) ** 2))) * z
+        applied = force * (1 - math.exp(-t))  # reached in about four seconds, as in Fig. 2.11
+        return [v, applied - (s0 * z + s1 * rate + s2 * v), rate]
+
+    end = solve_ivp(rates, (0, 12), [0, 0, 0], method="Radau", rtol=1e-8, atol=1e-12).y[:, -1]
+    assert force / end[0] == pytest.approx(secant_bias(force, fs) * s0, rel=2e-3)

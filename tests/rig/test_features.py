@@ -1,0 +1,243 @@
+"""Which law shows which feature: the criteria on laws made for it, then on the real ones."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import synthetic_laws as synthetic
+
+from ballscrew.plant import LAWS
+from ballscrew.plant.law import UnknownLaw, claims
+from ballscrew.rig.feature_criteria import (
+    CONDITIONAL,
+    FEATURES,
+    NO,
+    THESIS,
+    YES,
+    Check,
+    Course,
+    judge,
+    rise_time,
+)
+from ballscrew.rig.features import feature_table, observe
+
+# the experiments are run once, by whichever worker gets this file
+pytestmark = pytest.mark.xdist_group("features")
+
+# what is switched on, and the features that this is, in the order of FEATURES
+MADE = {
+    "Coulomb friction alone": (synthetic.RIGID, {"coulomb": 1.3}, "no conditional no no no"),
+    "viscous friction alone": (synthetic.RIGID, {"viscous": 173.0}, "no yes no no no"),
+    "twice the viscous friction": (
+        synthetic.RIGID,
+        {"coulomb": 1.3, "viscous": 346.0},
+        "no no no no no",
+    ),
+    "weaker with speed": (synthetic.RIGID, {"coulomb": 3.0, "viscous": -100.0}, "no no no no no"),
+    "a static Stribeck curve": (
+        synthetic.RIGID,
+        {"coulomb": 1.3, "fading": 1.0, "viscous": 173.0},
+        "yes yes no no no",
+    ),
+    "a break-away force that is too large": (
+        synthetic.RIGID,
+        {"coulomb": 1.3, "fading": 1.8, "viscous": 173.0},
+        "no yes no no no",
+    ),
+    "frictional memory alone": (
+        synthetic.RIGID,
+        {"coulomb": 1.3, "memory": 200.0},
+        "no conditional yes no no",
+    ),
+    "memory the wrong way round": (
+        synthetic.RIGID,
+        {"coulomb": 1.3, "memory": -200.0},
+        "no conditional no no no",
+    ),
+    "a contact that ages": (
+        synthetic.RIGID,
+        {"coulomb": 1.3, "ageing": 1.0},
+        "yes conditional no yes no",
+    ),
+    "a spring that slides at 2 N": (synthetic.SPRUNG, {}, "no conditional no no yes"),
+    "a spring that is too soft": (
+        synthetic.SPRUNG,
+        {"stiffness": 20e3},
+        "no conditional no no no",
+    ),
+    "a spring that yields early": (
+        synthetic.SPRUNG,
+        {"hardness": 1.0},
+        "no conditional no no conditional",
+    ),
+}
+LEAST_MARGIN = 0.2
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Decisions on the synthetic laws; each is run once, and is in the list only while it runs."""
+    known = {}
+
+    def cells(what):
+        if what not in known:
+            law, values, _ = MADE[what]
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setitem(LAWS, law, synthetic.NAMES[law])
+                known[what] = judge(observe(law, values))
+        return known[what]
+
+    return cells
+
+
+@pytest.mark.parametrize("what", MADE)
+def test_each_criterion_finds_what_was_built_in_and_nothing_else(made, what):
+    decisions = {name: cell.decision for name, cell in made(what).items()}
+    assert decisions == dict(zip(FEATURES, MADE[what][2].split(), strict=True))
+
+
+@pytest.mark.parametrize("what", MADE)
+def test_what_was_built_in_is_decided_with_room_to_spare(made, what):
+    margins = {name: cell.margin for name, cell in made(what).items()}
+    assert min(margins.values()) > LEAST_MARGIN, margins
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_every_feature_is_there_in_a_made_law_and_missing_in_another(feature):
+    found = {row.split()[FEATURES.index(feature)] for _, _, row in MADE.values()}
+    assert {YES, NO} <= found
+
+
+def test_the_slope_that_is_found_is_the_one_built_in(made):
+    figures = made("viscous friction alone")["viscous_friction"].figures
+    assert figures["slope_forwards"] == pytest.approx(173.0, rel=1e-4)
+    assert figures["slope_backwards"] == pytest.approx(173.0, rel=1e-4)
+
+
+def test_the_break_away_force_that_is_found_is_the_one_built_in(made):
+    """Before sliding, 1 N on top of 1.3 N; sliding at 0.1 mm/s adds 17 mN and fades 10 mN."""
+    figures = made("a static Stribeck curve")["breakaway_force"].figures
+    v = np.linspace(0, 1e-3, 10_001)
+    highest = np.max(1.3 + np.exp(-((v / 1e-3) ** 2)) + 173 * v)
+    assert figures["break_away_forwards"] == pytest.approx(highest, rel=1e-4)
+    assert figures["break_away_backwards"] == pytest.approx(-highest, rel=1e-4)
+
+
+def test_the_lag_that_is_found_is_the_one_built_in(made):
+    """First-order memory of velocity: c (v - v_before) is c w T/(1 + (w T)^2) times the cosine."""
+    c, w, lag = 200.0, 3.0, 0.1
+    quadrature = c * 1e-3 * w * lag / (1 + (w * lag) ** 2)
+    width = made("frictional memory alone")["friction_lag"].checks[0].measure
+    assert width == pytest.approx(quadrature * math.pi / 2, rel=0.02)
+
+
+def test_a_spring_moves_as_far_as_its_stiffness_says(made):
+    figures = made("a spring that slides at 2 N")["presliding"].figures
+    for force in ("0.5", "1", "1.5"):
+        assert figures[f"deviation_at_{force}_N"] == pytest.approx(0.0, abs=0.01)
+
+
+def test_margins_are_shares_of_the_threshold_and_negative_where_it_is_missed():
+    assert Check("", 0.15, "1", 0.1, at_least=True).margin == pytest.approx(0.5)
+    assert Check("", 0.15, "1", 0.1, at_least=False).margin == pytest.approx(-0.5)
+    assert not Check("", 0.15, "1", 0.1, at_least=False).met
+
+
+def test_the_rise_time_of_an_exponential_is_known():
+    time = np.linspace(0, 3, 3001)
+    x = 1e-5 * (1 - np.exp(-time / 0.1))
+    assert rise_time(Course(time, time, x)) == pytest.approx(0.1 * math.log(9), rel=1e-3)
+    assert math.isnan(rise_time(Course(time, time, 0 * x)))
+
+
+# -- the laws themselves -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def table():
+    return feature_table(processes=2)
+
+
+def test_every_law_is_in_the_table(table):
+    assert list(table.cells) == list(LAWS)
+    assert table.notes == []
+
+
+def test_the_table_is_the_thesis_except_where_the_reason_is_known(table):
+    """LuGre's presliding: 59 % too far at 1.5 N with the stiffness that the thesis identified."""
+    differing = {
+        (law, feature)
+        for law in THESIS
+        for feature, cell in table.cells[law].items()
+        if not cell.agrees
+    }
+    assert differing == {("lugre", "presliding")}
+    cell = table.cells["lugre"]["presliding"]
+    assert cell.decision == CONDITIONAL
+    assert len(table.differences) == 1
+    assert "Eq. 2.14" in table.differences[0]
+
+
+def test_lugre_moves_before_sliding_as_its_equations_say(table):
+    """Loaded slowly, x = -Fs/sigma0 ln(1 - F/Fs): 13, 31 and 60 % beyond F/sigma0."""
+    seen = table.observations["lugre"]
+    fs, sigma0 = 2.35, 66967.231
+    force, x = (a[seen.hold_ends] for a in (seen.staircase.force, seen.staircase.x))
+    np.testing.assert_allclose(x, -fs / sigma0 * np.log(1 - force / fs), rtol=0.02)
+
+
+def test_laws_lag_and_vary_if_and_only_if_they_claim_to(table):
+    for law, row in table.cells.items():
+        promised = claims(law)
+        assert (row["friction_lag"].decision == YES) == promised.lags, law
+        varies = promised.breaks_away_sooner_when_loaded_faster
+        assert (row["varying_breakaway_force"].decision == YES) == varies, law
+
+
+def test_break_away_of_bliman_and_sorine_is_the_peak_from_rest(table):
+    """Eq. 2.18 with its exponent mended: 2.277 N for row 6."""
+    f1, f2, eta = 19.875, 17.8227, 0.9063
+    peak = f1 - f2 + f2 * (1 - eta) * (eta * f2 / f1) ** (eta / (1 - eta))
+    assert table.observations["bliman_sorine"].forwards.force == pytest.approx(peak, rel=1e-3)
+
+
+def test_the_thesis_own_figures_stand_beside_those_found_here(table):
+    first, *others = table.named_figures
+    assert first.values["Fs_over_measured"] == pytest.approx(2.35 / 2.2 - 1)
+    assert [n.thesis for n in table.named_figures] == [0.05, 0.076, 0.08]
+    for n in others:
+        assert n.here is None
+        assert n.values["measured_if_below"] * (1 + n.thesis) == pytest.approx(
+            n.values["predicted"]
+        )
+
+
+def test_what_is_written_says_for_every_cell_why(table, tmp_path):
+    table.save(tmp_path)
+    written = json.loads((tmp_path / "features.json").read_text())
+    assert set(written["criteria"]) == set(FEATURES)
+    for law, row in written["laws"].items():
+        assert row["parameters"] == table.observations[law].parameters
+        for feature, cell in row["features"].items():
+            assert cell["decision"] == table.cells[law][feature].decision
+            assert cell["explanation"]
+            assert cell["checks"]
+            assert all({"measure", "threshold", "margin"} <= set(c) for c in cell["checks"])
+            assert bool(cell["difference"]) == (cell["agrees"] is False)
+    for number in range(14, 20):
+        for kind in ("png", "svg"):
+            (picture,) = tmp_path.glob(f"figure_2_{number}_*.{kind}")
+            assert picture.stat().st_size > 10_000
+    assert len(list(tmp_path.iterdir())) == 13
+
+
+def test_the_printed_table_has_both_decisions(table):
+    (line,) = [line for line in table.text().splitlines() if line.startswith("dahl ")]
+    assert "conditional (conditional)" in line
+    assert "conditional (yes) *" in table.text()
+
+
+def test_a_law_that_is_not_there_is_named_at_once():
+    with pytest.raises(UnknownLaw, match="no friction law 'coulomb'; there are classical, "):
+        feature_table(["lugre", "coulomb"])

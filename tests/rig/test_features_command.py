@@ -1,0 +1,77 @@
+"""``ballscrew features``: what it prints and writes, and how it ends."""
+
+import argparse
+import json
+import subprocess
+import sys
+
+import pytest
+
+from ballscrew import features_command
+from ballscrew.cli import BadRequest, _Parser
+
+
+def features(*arguments):
+    """Exit code of the command; a bad request is raised as the command line's `main` gets it."""
+    parser = _Parser(prog="ballscrew")
+    features_command.add_parser(parser.add_subparsers(parser_class=_Parser), _Parser)
+    options = parser.parse_args(["features", *map(str, arguments)])
+    return options.action(options)
+
+
+def test_the_table_is_printed_and_the_figures_are_written(tmp_path, capsys):
+    assert features("--laws", "dahl", "--out", tmp_path / "new") == 0
+    printed = capsys.readouterr()
+    assert "no (no)" in printed.out
+    assert "lugre" not in printed.out
+    assert printed.err == ""
+    assert (tmp_path / "new" / "features.json").exists()
+    assert len(list((tmp_path / "new").glob("figure_2_1*.svg"))) == 6
+
+
+def test_json_is_what_is_written(tmp_path, capsys):
+    assert features("--laws", "classical", "--json", "--out", tmp_path) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "features.json").read_text())
+    assert list(printed["laws"]) == ["classical"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--laws", "lugr", "--out", "x"], "no friction law 'lugr'; .*; did you mean lugre?"),
+        (["--laws", "lugre"], "required: --out"),
+        (["--laws", "--out", "x"], "expected at least one argument"),
+    ],
+)
+def test_a_request_that_makes_no_sense_is_answered_in_one_line(arguments, complaint, tmp_path):
+    wanted = [str(tmp_path / a) if a == "x" else a for a in arguments]
+    with pytest.raises(BadRequest, match=complaint):
+        features(*wanted)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_a_file_is_refused_before_any_work(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadRequest, match="is a file, expected a folder"):
+        features("--out", tmp_path / "file")
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import argparse, sys\n"
+        "from ballscrew.features_command import add_parser\n"
+        "p = argparse.ArgumentParser()\n"
+        "add_parser(p.add_subparsers(), argparse.ArgumentParser)\n"
+        "p.parse_args(['features', '--out', 'x'])\n"
+        "print([m for m in ('numpy', 'scipy', 'sympy', 'numba') if m in sys.modules])\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_help_shows_examples():
+    parser = _Parser(prog="ballscrew")
+    features_command.add_parser(parser.add_subparsers(parser_class=_Parser), _Parser)
+    (commands,) = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    assert "ballscrew features --out out/features" in commands.choices["features"].format_help()

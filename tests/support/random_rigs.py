@@ -1,0 +1,105 @@
+"""Random rigs of known truth, identified: what the proof counts and the tests sample."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from synthetic_records import Trial, constant_velocity, record_of, sine_velocity, slow_load
+
+from ballscrew.diagnosis.along_record import LAWS, fit_along, lay_out
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One parameter of one rig: its truth, what was found, and whether the interval holds it."""
+
+    law: str
+    seed: int
+    parameter: str
+    truth: float
+    value: float
+    low: float | None
+    high: float | None
+    identified: bool
+    covered: bool
+    seconds: float
+
+
+def random_truth(law: str, random: np.random.Generator) -> dict[str, float]:
+    """Parameters around the thesis', a factor of about one and a half to either side."""
+
+    def near(value: float, spread: float = 0.25) -> float:
+        return value * math.exp(float(np.clip(random.normal(0.0, spread), -0.6, 0.6)))
+
+    def lugre() -> dict[str, float]:
+        fc = near(1.284)
+        return {
+            "sigma0": near(66967.0),
+            "sigma1": near(344.56),
+            "sigma2": near(173.0),
+            "Fc": fc,
+            "Fs": fc * random.uniform(1.3, 2.2),
+            "Vs": near(1.14e-3),
+        }
+
+    if law == "dahl":
+        return {"sigma": near(87750.0), "Fc": near(2.0), "alpha": random.uniform(0.7, 1.8)}
+    if law == "bliman_sorine":
+        fc, f2 = near(2.06), near(7.0)
+        return {
+            "f1": fc + f2,
+            "f2": f2,
+            "eps_f": near(1.5e-4),
+            "eta": random.uniform(0.5, 0.85),
+        }
+    if law == "directional_lugre":
+        both = {side: lugre() for side in ("pos", "neg")}
+        return {f"{n}_{side}": v for side, values in both.items() for n, v in values.items()}
+    return lugre()
+
+
+def random_trials(random: np.random.Generator) -> list[Trial]:
+    """Sixteen trials in the manner of Tables 2.4, 2.6, 2.8 and of the Stribeck curve."""
+    trials = []
+    for sign in (1.0, -1.0):
+        rise = random.uniform(0.02, 0.1)
+        trials += [constant_velocity(sign * s, 2.0, rise) for s in (2e-3, 3.5e-3, 5.5e-3)]
+        trials += [sine_velocity(sign * 1e-3, w, math.pi / w) for w in (1.0, 0.5, 0.25)]
+        trials.append(slow_load(sign * random.uniform(5e-6, 2e-5)))
+        trials.append(sine_velocity(sign * 2e-3, 1.0, 4 * math.pi))
+    return trials
+
+
+def identify_random_rig(law: str, seed: int) -> list[Outcome]:
+    """Make a rig and its records from a seed, identify it, compare with the truth."""
+    random = np.random.default_rng([seed, list(LAWS).index(law)])
+    truth = random_truth(law, random)
+    delay = 0.005 / math.sqrt(12) * random.standard_normal()
+    noise = random.uniform(0.02, 0.05)
+    records = [record_of(t, law, truth, random, delay, noise) for t in random_trials(random)]
+    started = time.perf_counter()
+    fit = fit_along(records, law, lay_out(records))
+    seconds = time.perf_counter() - started
+    outcomes = []
+    for name, i in fit.intervals.items():
+        low = -math.inf if i.low is None else i.low
+        high = math.inf if i.high is None else i.high
+        covered = low <= truth[name] <= high
+        outcomes.append(
+            Outcome(
+                law,
+                seed,
+                name,
+                truth[name],
+                i.value,
+                i.low,
+                i.high,
+                i.identified,
+                covered,
+                seconds,
+            )
+        )
+    return outcomes

@@ -1,0 +1,95 @@
+"""Friction laws whose features are known because they are built in, one by one.
+
+`rigid` is a smooth sign of the velocity times whatever is switched on by a parameter that is not
+zero; `sprung` is a spring that gives way. Neither is a model of anything.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import sympy as sp
+
+from ballscrew.solver.component import ForceTerm, Output, Parameter, State, symbol
+
+CREEP = sp.Float("1e-8")
+"""Speed at which the smooth sign turns over [m/s]: a tenth of a micrometre in the longest hold."""
+STRIBECK_VELOCITY = sp.Float("1e-3")  # m/s
+MEMORY_TIME = sp.Float("0.1")  # s
+AGEING_TIME = sp.Float("2.0")  # s
+CONTACT_LENGTH = sp.Float("5e-6")  # m
+
+# What is compiled is kept under the law's name: another content, another name.
+_CONTENT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
+RIGID, SPRUNG = f"synthetic_rigid_{_CONTENT}", f"synthetic_sprung_{_CONTENT}"
+NAMES = {RIGID: "synthetic_laws:rigid", SPRUNG: "synthetic_laws:sprung"}
+
+
+def _parameter(name: str, default: float, unit: str, meaning: str) -> Parameter:
+    return Parameter(name, default, unit, meaning, "made up")
+
+
+def _term(
+    force: sp.Expr, states: tuple[State, ...], parameters: tuple[Parameter, ...]
+) -> ForceTerm:
+    return ForceTerm(
+        name="friction",
+        force=-force,
+        meaning="synthetic friction",
+        states=states,
+        parameters=parameters,
+        outputs=(Output("friction", "N", "friction force, opposing motion", force),),
+    )
+
+
+def rigid(velocity: sp.Expr) -> ForceTerm:
+    """No presliding: friction is there as soon as the block moves.
+
+    The Coulomb force, a share that fades with speed, a share that grows while the block sticks and
+    is worn off by sliding, a viscous share, and a share that follows the velocity's changes.
+    """
+    coulomb, fading, ageing, viscous, memory = map(
+        symbol, ("coulomb", "fading", "ageing", "viscous", "memory")
+    )
+    age, before = symbol("age"), symbol("before")
+    held = coulomb + fading * sp.exp(-((velocity / STRIBECK_VELOCITY) ** 2)) + ageing * age
+    force = sp.tanh(velocity / CREEP) * held + viscous * velocity + memory * (velocity - before)
+    states = (
+        State(
+            "age",
+            "1",
+            "age of the contact",
+            (1 - age) / AGEING_TIME - sp.Abs(velocity) / CONTACT_LENGTH * age,
+        ),
+        State("before", "m/s", "velocity a moment ago", (velocity - before) / MEMORY_TIME),
+    )
+    return _term(
+        force,
+        states,
+        (
+            _parameter("coulomb", 0.0, "N", "at any speed"),
+            _parameter("fading", 0.0, "N", "at low speed only"),
+            _parameter("ageing", 0.0, "N", "after long sticking"),
+            _parameter("viscous", 0.0, "N*s/m", "by the velocity"),
+            _parameter("memory", 0.0, "N*s/m", "by the change of velocity"),
+        ),
+    )
+
+
+def sprung(velocity: sp.Expr) -> ForceTerm:
+    """Presliding only: a spring that slides at `limit`, the more abruptly the larger `hardness`."""
+    stiffness, limit, hardness, z = map(symbol, ("stiffness", "limit", "hardness", "z"))
+    share = stiffness * z / limit
+    # tiny, so that the power has a derivative where the spring is slack
+    power = sp.exp((hardness - 1) * sp.log(sp.Abs(share) + sp.Float("1e-12")))
+    rate = velocity - sp.Abs(velocity) * power * share
+    return _term(
+        stiffness * z,
+        (State("z", "m", "deflection", rate, nominal=1e-5),),
+        (
+            _parameter("stiffness", 66967.231, "N/m", "of the spring"),
+            _parameter("limit", 2.0, "N", "largest force"),
+            _parameter("hardness", 20.0, "1", "how abruptly the spring gives way"),
+        ),
+    )
