@@ -13,13 +13,13 @@ def good():
     return good_files()
 
 
-def test_two_thousand_damaged_files_are_read_or_refused_and_nothing_lands_beside_them(
+def test_a_thousand_damaged_files_are_read_or_refused_and_nothing_lands_beside_them(
     good, tmp_path, monkeypatch
 ):
     (tmp_path / "in" / "tmp").mkdir(parents=True)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "in" / "tmp"))
     refused = 0
-    for seed in range(2000):
+    for seed in range(1000):
         suffix = "ssp" if seed % 5 == 0 else "fmu"
         path = tmp_path / "in" / f"bad.{suffix}"
         path.write_bytes(mutated(good[suffix], DESCRIPTIONS[suffix], seed).data)
@@ -34,10 +34,10 @@ def test_two_thousand_damaged_files_are_read_or_refused_and_nothing_lands_beside
         assert not list((tmp_path / "in" / "tmp").iterdir()), seed
     assert {p.name for p in tmp_path.iterdir()} == {"in"}
     assert {p.name for p in (tmp_path / "in").iterdir()} == {"tmp", "bad.fmu", "bad.ssp"}
-    assert 500 < refused < 1900  # the mutations neither all miss nor all kill
+    assert 250 < refused < 950  # the mutations neither all miss nor all kill
 
 
 def test_damaged_files_bring_no_traceback_no_hang_and_one_line(good):
-    outcomes = [outcome(seed, good) for seed in range(2000, 2050)]
+    outcomes = [outcome(seed, good) for seed in range(2000, 2030)]
     assert [o for o in outcomes if o.complaint] == []
     assert {o.code for o in outcomes} >= {0, 2}
