@@ -32,6 +32,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/trusted_loops.py
 	$(BIN)/python proofs/fuzz.py
 	$(BIN)/python proofs/identification.py
+	$(BIN)/python proofs/criteria.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/master.py

@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from unittest import mock
 
 import sympy as sp
 
+from ballscrew.plant import LAWS
+from ballscrew.rig.feature_criteria import Cell, judge
+from ballscrew.rig.features import observe
 from ballscrew.solver.component import ForceTerm, Output, Parameter, State, symbol
 
 CREEP = sp.Float("1e-8")
@@ -93,3 +97,59 @@ def sprung(velocity: sp.Expr) -> ForceTerm:
             _parameter("hardness", 20.0, "1", "how abruptly the spring gives way"),
         ),
     )
+
+
+# what is switched on, and the features that this is, in the order of FEATURES
+MADE = {
+    "Coulomb friction alone": (RIGID, {"coulomb": 1.3}, "no conditional no no no"),
+    "viscous friction alone": (RIGID, {"viscous": 173.0}, "no yes no no no"),
+    "twice the viscous friction": (
+        RIGID,
+        {"coulomb": 1.3, "viscous": 346.0},
+        "no no no no no",
+    ),
+    "weaker with speed": (RIGID, {"coulomb": 3.0, "viscous": -100.0}, "no no no no no"),
+    "a static Stribeck curve": (
+        RIGID,
+        {"coulomb": 1.3, "fading": 1.0, "viscous": 173.0},
+        "yes yes no no no",
+    ),
+    "a break-away force that is too large": (
+        RIGID,
+        {"coulomb": 1.3, "fading": 1.8, "viscous": 173.0},
+        "no yes no no no",
+    ),
+    "frictional memory alone": (
+        RIGID,
+        {"coulomb": 1.3, "memory": 200.0},
+        "no conditional yes no no",
+    ),
+    "memory the wrong way round": (
+        RIGID,
+        {"coulomb": 1.3, "memory": -200.0},
+        "no conditional no no no",
+    ),
+    "a contact that ages": (
+        RIGID,
+        {"coulomb": 1.3, "ageing": 1.0},
+        "yes conditional no yes no",
+    ),
+    "a spring that slides at 2 N": (SPRUNG, {}, "no conditional no no yes"),
+    "a spring that is too soft": (
+        SPRUNG,
+        {"stiffness": 20e3},
+        "no conditional no no no",
+    ),
+    "a spring that yields early": (
+        SPRUNG,
+        {"hardness": 1.0},
+        "no conditional no no conditional",
+    ),
+}
+
+
+def judged(what: str) -> dict[str, Cell]:
+    """Decisions on one of `MADE`, which is in the list of laws only while it runs."""
+    law, values, _ = MADE[what]
+    with mock.patch.dict(LAWS, {law: NAMES[law]}):
+        return judge(observe(law, values))
