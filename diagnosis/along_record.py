@@ -8,14 +8,15 @@ over displacement. Unknown besides the law's parameters, each with the spread th
 - the delay between force and motion, one for each sampling interval met;
 - the displacement of each record before its first sample, of the size of the position's error, or
   free where a record does not begin without force;
-- the scale of each record's position, where its sensor was calibrated with an error.
+- the scale of each record's position, where its sensor was calibrated with an error;
+- how fast each record's body is shaken to and fro below what its position shows.
 
 The maximum is found by Fisher scoring on the logarithms of the parameters (for Bliman-Sorine on
 coordinates that do not lie along its valley, see `values_of`). Standard errors come
 from the scores of pieces of the records (the piece is the unit of what is independent, so that
 residuals that hang together within it are accounted for), corrected for their leverage, with
 Student's t for their number; they are never smaller than what the likelihood says when it is not
-believed in what it claims of the delays.
+believed in what it claims of the delays, and never smaller than `FLOOR`.
 """
 
 from __future__ import annotations
@@ -39,9 +40,16 @@ Matrix = npt.NDArray[np.float64]
 SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; no record here says anything of it
 PIECE = 1.0  # length of what is taken as independent [s]
 _WALD = 0.25  # reach in logarithms beyond which the profile is followed
-OWN = 3  # unknowns that each record has for itself
+OWN = 4  # unknowns that each record has for itself: displacement, scale twice, shaking
 _WIDE = 3.0  # spread of the logarithm of a parameter of which nothing is known
 _FREE_SHIFT = 1e-3  # [m]
+_SHAKING = 5e-7  # spread of a motion below what sensors show [m/s]: 0.05 um at some hertz
+# Share of the largest force: what changes by more in a sampling interval hardly counts, since the
+# motion within it is not known, and wrong in the same way in all records.
+_SUDDEN = 0.05
+# Least standard error of a logarithm: what counts and smoothing between samples leave undone is of
+# this size on records of the closed-loop rig, and more data do not make it smaller.
+FLOOR = 3e-3
 _CORNER = 1.3  # the smoothed position is less certain where a motion begins
 _UNSEEN = 0.3  # share of a sample's change of force that the course between samples may hide
 _STEP = 1e-4  # of finite differences, in logarithms
@@ -268,7 +276,7 @@ class Problem:
         ways = np.maximum.reduceat(np.abs(course.x - self.begin), course.starts[:-1])
         self.per_way = 1.0 / np.maximum(ways, 1e-9)[self.owner]
 
-    def along(self, coordinates: Vector, shifts: Vector, gains: Matrix) -> Vector:
+    def along(self, coordinates: Vector, shifts: Vector, gains: Matrix, shaking: Vector) -> Vector:
         """Force along the records before the delay, shape (n,) [N]."""
         course = self.course
         way = course.x - self.begin
@@ -278,7 +286,7 @@ class Problem:
         values = values_of(self.law, coordinates)
         half = len(self.law.parameters)
         forwards, backwards = values[:half], values[-half:]
-        head = (x, v, course.step, course.starts, shifts, forwards, backwards)
+        head = (x, v, course.step, course.starts, shifts, shaking, forwards, backwards)
         if self.law.name == "dahl":
             dahl_along(*head, self.friction, self.stiffness)
         elif self.law.name == "bliman_sorine":
@@ -310,7 +318,10 @@ class Problem:
         first = course.starts[:-1]
         change[first] = 2 * np.abs(force[first + 1] - force[first])
         change[course.starts[1:] - 1] = 0.0
-        return np.asarray((self.stiffness * course.blur) ** 2 + (0.5 * _UNSEEN * change) ** 2)
+        change *= 0.5  # in one sampling interval
+        level = max(float(np.quantile(np.abs(force), 0.98)), 1e-9)
+        sudden = 1 + (change / (_SUDDEN * level)) ** 2
+        return np.asarray((self.stiffness * course.blur) ** 2 + (_UNSEEN * change * sudden) ** 2)
 
     def cost(self, predicted: Vector, spread: Vector) -> float:
         """Minus the log-likelihood."""
@@ -331,24 +342,27 @@ class Problem:
 class Point:
     """All that is unknown.
 
-    The law's coordinates, the delays, each record's displacement before its first sample and its
-    errors of scale, linear and quadratic over its way, the logarithm of the noise.
+    The law's coordinates, the delays, each record's displacement before its first sample, its
+    errors of scale, linear and quadratic over its way, and its shaking, the logarithm of the noise.
     """
 
     coordinates: Vector
     delays: Vector
     shifts: Vector
     gains: Matrix
+    shaking: Vector
     noise: float
 
     def moved(self, step: Vector) -> Point:
         cuts = np.cumsum([len(self.coordinates), len(self.delays), len(self.shifts)])
         coordinates, delays, shifts, rest = np.split(step, cuts)
+        linear, quadratic, shaking = rest[:-1].reshape(3, -1)
         return Point(
             self.coordinates + coordinates,
             self.delays + delays,
             self.shifts + shifts,
-            self.gains + rest[:-1].reshape(2, -1),
+            self.gains + np.stack([linear, quadratic]),
+            self.shaking + shaking,
             self.noise + float(rest[-1]),
         )
 
@@ -364,7 +378,8 @@ class Pieces:
     columns : ndarray, shape (p + clocks, n)
         Derivatives of the force.
     own : ndarray, shape (OWN, n)
-        Derivatives of the force by what only the sample's record has: displacement before, scale.
+        Derivatives of the force by what only the sample's record has: displacement
+        before, errors of scale, shaking.
     noisy : ndarray, shape (n,)
         Derivative of the spread by the logarithm of the noise.
     """
@@ -387,6 +402,7 @@ class Climb:
             np.zeros(course.clocks),
             np.zeros(course.records),
             np.zeros((2, course.records)),
+            np.zeros(course.records),
             math.log(course.noise),
         )
         self.centre = self.vector(self.point)
@@ -398,6 +414,7 @@ class Climb:
                 course.shift_doubt,
                 course.gain_doubt,
                 0.5 * course.gain_doubt,
+                np.full(course.records, _SHAKING),
                 [_WIDE],
             ]
         )
@@ -407,7 +424,14 @@ class Climb:
     @staticmethod
     def vector(point: Point) -> Vector:
         return np.concatenate(
-            [point.coordinates, point.delays, point.shifts, point.gains.ravel(), [point.noise]]
+            [
+                point.coordinates,
+                point.delays,
+                point.shifts,
+                point.gains.ravel(),
+                point.shaking,
+                [point.noise],
+            ]
         )
 
     def spread(self, point: Point) -> Vector:
@@ -423,7 +447,7 @@ class Climb:
 
     def force(self, point: Point) -> Vector:
         problem = self.problem
-        before = problem.along(point.coordinates, point.shifts, point.gains)
+        before = problem.along(point.coordinates, point.shifts, point.gains, point.shaking)
         return problem.later(before, point.delays)
 
     def cost(self, point: Point) -> float:
@@ -434,13 +458,13 @@ class Climb:
         problem = self.problem
         course = problem.course
         p = problem.size
-        base = problem.along(point.coordinates, point.shifts, point.gains)
+        base = problem.along(point.coordinates, point.shifts, point.gains, point.shaking)
         here = problem.later(base, point.delays)
         columns = np.empty((p + course.clocks, len(base)))
         for j in range(p):
             moved = point.coordinates.copy()
             moved[j] += _STEP
-            force = problem.along(moved, point.shifts, point.gains)
+            force = problem.along(moved, point.shifts, point.gains, point.shaking)
             columns[j] = (problem.later(force, point.delays) - here) / _STEP
         for c in range(course.clocks):
             moved = point.delays.copy()
@@ -448,13 +472,16 @@ class Climb:
             moved[c] += tiny
             columns[p + c] = (problem.later(base, moved) - here) / tiny
         own = np.empty((OWN, len(base)))
-        force = problem.along(point.coordinates, point.shifts + 1e-9, point.gains)
+        force = problem.along(point.coordinates, point.shifts + 1e-9, point.gains, point.shaking)
         own[0] = (problem.later(force, point.delays) - here) / 1e-9
         for k in range(2):
             bent = point.gains.copy()
             bent[k] += 1e-5
-            force = problem.along(point.coordinates, point.shifts, bent)
+            force = problem.along(point.coordinates, point.shifts, bent, point.shaking)
             own[1 + k] = (problem.later(force, point.delays) - here) / 1e-5
+        tiny = 1e-3 * _SHAKING
+        force = problem.along(point.coordinates, point.shifts, point.gains, point.shaking + tiny)
+        own[3] = (problem.later(force, point.delays) - here) / tiny
         return columns, own
 
     def normal(self, point: Point) -> Pieces:
@@ -529,6 +556,7 @@ def fit_along(
     course: Course | None = None,
     tied: bool | None = None,
     guess: Mapping[str, float] | None = None,
+    follow: bool = True,
 ) -> Fit:
     """Fit all parameters of a law to the force of the records.
 
@@ -542,7 +570,9 @@ def fit_along(
     tied : bool, optional
         Whether both directions have the same parameters; default as the law says.
     guess : mapping of str to float, optional
-        First guesses of parameters.
+        First guesses of all parameters.
+    follow : bool, optional
+        Whether wide intervals are followed along the profile likelihood.
     """
     described = LAWS[law]
     tied = not described.directional if tied is None else tied
@@ -550,11 +580,14 @@ def fit_along(
     problem = Problem(course, described, tied)
     best: Climb | None = None
     lowest = math.inf
-    for start in _starts(course, described, guess):
+    starts = _starts(course, described)
+    if guess:
+        starts = [np.array([guess[n] for n in described.parameters])]
+    for start in starts:
         one = coordinates_of(described, start)
         coordinates = one if tied else np.concatenate([one, one])
         climb = Climb(problem, coordinates)
-        cost = climb.run(8)
+        cost = climb.run(5)
         if cost < lowest:
             best, lowest = climb, cost
     if best is None:
@@ -563,10 +596,10 @@ def fit_along(
         best.hidden = problem.hidden(best.force(best.point))
         cost = best.run(25)
     fit = _summed_up(best, cost)
-    return replace(fit, intervals=_intervals(fit, best))
+    return replace(fit, intervals=_intervals(fit, best, follow))
 
 
-def _starts(course: Course, law: Law, guess: Mapping[str, float] | None) -> list[Vector]:
+def _starts(course: Course, law: Law) -> list[Vector]:
     """First guesses from what the eye would take from the friction-velocity map."""
     friction = course.force - course.inertial
     pull = np.abs(friction)
@@ -609,8 +642,6 @@ def _starts(course: Course, law: Law, guess: Mapping[str, float] | None) -> list
             }
             for share in (0.07, 0.25, 0.6)
         ]
-    if guess:
-        starts = [{**s, **guess} for s in starts]
     return [np.array([s[n] for n in law.parameters]) for s in starts]
 
 
@@ -652,6 +683,7 @@ def _summed_up(climb: Climb, cost: float) -> Fit:
     plain = cautious[:p, :p]
     scale = np.sqrt(np.maximum(np.diag(plain) / np.diag(robust), 1.0))
     covariance = robust * np.outer(scale, scale)
+    covariance[np.diag_indices(p)] += FLOOR**2
     share = np.array(shares)
     # Satterthwaite's; what is known beforehand is known for certain
     known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
@@ -711,7 +743,7 @@ def _fitted_names(law: Law, tied: bool) -> tuple[tuple[str, ...], tuple[str, ...
     return tuple(names), law.units * 2
 
 
-def _intervals(fit: Fit, climb: Climb) -> dict[str, Interval]:
+def _intervals(fit: Fit, climb: Climb, follow: bool) -> dict[str, Interval]:
     values = values_of(fit.law, fit.coordinates)
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
     errors = np.sqrt(np.diag(fit.covariance))
@@ -727,7 +759,7 @@ def _intervals(fit: Fit, climb: Climb) -> dict[str, Interval]:
             low, high = (float(b) for b in np.percentile(drawn[:, j], [tail, 100 - tail]))
             error = float(np.subtract(*np.percentile(drawn[:, j], [84.13, 15.87]))) / 2 / value
             method = "maximum likelihood, errors from pieces of the records, drawn"
-        elif reach < _WALD:
+        elif reach < _WALD or not follow:
             low, high = value * math.exp(-reach), value * math.exp(reach)
             method = "maximum likelihood, errors from pieces of the records"
         else:
@@ -768,13 +800,19 @@ def profile_bounds(
         walk.doubt[j] = 1e6  # the bound is the data's
         walk.point = climb.point.moved(np.zeros(len(climb.doubt)))
         base = walk.cost(walk.point)
+        # all else goes along as the information at the fit says, and is then fitted
+        ridge = np.linalg.inv(walk.normal(walk.point).information)[j]
+        ridge /= ridge[j]
         bound: float | None = None
         before, lost_before = 0.0, 0.0
-        for distance in (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.7, 3.4):
+        for distance in (0.15, 0.35, 0.6, 1.0, 1.6, 2.4, 3.4):
+            walk.point = walk.point.moved(sign * (distance - before) * ridge)
             walk.point.coordinates[j] = centre + sign * distance
-            lost = 2 * (walk.run(4) - base)
+            lost = 2 * (walk.run(3) - base)
             if lost > stretch:
-                share = (stretch - lost_before) / (lost - lost_before)
+                # the loss grows as the square of the distance, or nearly so
+                inner, outer = math.sqrt(lost_before), math.sqrt(lost)
+                share = (math.sqrt(stretch) - inner) / (outer - inner)
                 bound = math.exp(centre + sign * (before + share * (distance - before)))
                 break
             before, lost_before = distance, max(lost, lost_before)

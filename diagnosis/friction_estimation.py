@@ -1,7 +1,8 @@
 """Friction from what was measured: force less mass times acceleration, Eq. 2.3 of the thesis.
 
-Velocity and acceleration come from the position by a smoothing spline on the samples (least third
-differences), which looks both ways in time and therefore lags by nothing. It is as smooth as the
+Velocity and acceleration come from the position by a smoothing spline on the samples (least second
+differences: a friction's sudden stops are no oscillations), which looks both ways in time and
+therefore lags by nothing. It is as smooth as the
 noise of the position allows: residuals have the size of that noise, and where the position is
 counted they stay within a count. All signals are brought to the lag of the force.
 """
@@ -22,7 +23,8 @@ Vector = npt.NDArray[np.float64]
 
 _REST = 40  # samples at rest that are put before a record that begins so
 _WINDOW = 25  # samples to either side that decide whether a counted position moves
-_STRONGEST = 1e14  # weight of third differences beyond which the course is a parabola
+_STRONGER = 10.0
+_STRONGEST = 1e12  # weight of second differences beyond which the course is a straight line
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Motion:
     ----------
     x, v, a : ndarray, shape (n,)
         Position [m], velocity [m/s], acceleration [m/s^2].
+    bent : ndarray, shape (n,)
+        What the smoothing itself may have done to the position [m].
     noise : float
         Standard deviation of the measured position [m].
     count : float
@@ -46,6 +50,7 @@ class Motion:
     x: Vector
     v: Vector
     a: Vector
+    bent: Vector
     noise: float
     count: float
     bandwidth: float
@@ -56,7 +61,8 @@ class Motion:
         """Standard deviation of the smoothed position [m]; larger towards the end, shape (n,)."""
         left = self.step * np.arange(len(self.x))[::-1]
         inner = math.sqrt(min(1.0, 2 * self.bandwidth * self.step))
-        return np.asarray(self.noise * (inner + (1 - inner) * np.exp(-2 * self.bandwidth * left)))
+        of_noise = self.noise * (inner + (1 - inner) * np.exp(-2 * self.bandwidth * left))
+        return np.asarray(np.hypot(of_noise, self.bent), dtype=float)
 
 
 @dataclass(frozen=True)
@@ -213,26 +219,29 @@ def smooth_motion(
             weights[outside] *= 6.0
             smooth = _smoothed(data, weights, strength)
     times = step * (np.arange(n) - before)
+    # where a stronger smoothing would change the course, this one has changed it, too
+    bent = np.abs(_smoothed(data, weights, _STRONGER * strength) - smooth) if noise else 0 * smooth
     spline = CubicSpline(times, smooth)
     at = np.clip(times + later, times[0], times[-1])
     v = spline(at, 1)
     a = np.gradient(v, step)
-    # a sine of w passes by 1/(1 + strength*(2 sin(w h/2))^6)
-    half = 2 * math.asin(min(1.0, 0.5 * strength ** (-1 / 6))) if strength > 0 else math.pi
+    # a sine of w passes by 1/(1 + strength*(2 sin(w h/2))^4)
+    half = 2 * math.asin(min(1.0, 0.5 * strength ** (-1 / 4))) if strength > 0 else math.pi
     x = spline(at)[before:] + origin
-    return Motion(x, v[before:], a[before:], noise, count, half / (2 * math.pi * step), step)
+    bandwidth = half / (2 * math.pi * step)
+    return Motion(x, v[before:], a[before:], bent[before:], noise, count, bandwidth, step)
 
 
 def _smoothed(data: Vector, weights: Vector, strength: float) -> Vector:
-    """Minimise sum w (s - data)^2 + strength * sum (third differences of s)^2."""
+    """Minimise sum w (s - data)^2 + strength * sum (second differences of s)^2."""
     n = len(data)
-    bands = np.zeros((4, n))
-    stencil = (-1.0, 3.0, -3.0, 1.0)
-    for i in range(4):
-        for j in range(i, 4):
-            # rows 0..n-4 of the difference matrix touch entries (r+i, r+j)
-            bands[3 - (j - i), j : n - 3 + j] += strength * stencil[i] * stencil[j]
-    bands[3] += weights
+    bands = np.zeros((3, n))
+    stencil = (1.0, -2.0, 1.0)
+    for i in range(3):
+        for j in range(i, 3):
+            # rows 0..n-3 of the difference matrix touch entries (r+i, r+j)
+            bands[2 - (j - i), j : n - 2 + j] += strength * stencil[i] * stencil[j]
+    bands[2] += weights
     return np.asarray(solveh_banded(bands, weights * data, check_finite=False), dtype=float)
 
 

@@ -161,9 +161,8 @@ def identify(records: Sequence[Record], law: str) -> Identification:
     notes = []
     ways = _ways(course)
     if fit.tied and len(ways) == 2:
-        apart = fit_along(
-            records, law, course, tied=False, guess={n: i.value for n, i in judged.items()}
-        )
+        guess = {n: i.value for n, i in judged.items()}
+        apart = fit_along(records, law, course, tied=False, guess=guess, follow=False)
         split = {n: _judged(apart, n, course) for n in apart.names}
         per_direction = _by_direction(split, fit.law.parameters)
         notes += _difference(apart, split)
@@ -294,7 +293,10 @@ def _thesis_lugre(
         }
         result["stribeck_eq_1_8"]["averaged"] = {n: asdict(i) for n, i in static.items()}
     trials = []
+    fine = any(r.position_name == "x_fine" for r in records)
     for record, estimate in zip(records, estimates, strict=True):
+        if fine and record.position_name != "x_fine":
+            continue
         found = held_stiffness(record, estimate)
         if found is None:
             continue

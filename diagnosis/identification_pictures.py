@@ -20,7 +20,10 @@ def save_pictures(result: Identification, folder: Path) -> None:
     import matplotlib as mpl
 
     course, fit = result.course, result.fit
+    open_ones = [n for n, i in result.parameters.items() if not i.identified]
     word = "identified" if result.believed else "not to be believed"
+    if len(open_ones) == len(result.doubts) > 0:
+        word = "all but " + ", ".join(open_ones)
     title = f"{result.law} from {len(result.records)} records: {word}"
     measured = course.force - course.inertial
     friction = fit.predicted - course.inertial

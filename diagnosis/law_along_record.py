@@ -26,6 +26,7 @@ def lugre_along(
     step: Vector,
     starts: Bounds,
     shifts: Vector,
+    shaking: Vector,
     forwards: Vector,
     backwards: Vector,
     sharpness: float,
@@ -44,6 +45,9 @@ def lugre_along(
         First sample of each record; the last entry is n.
     shifts : ndarray, shape (records,)
         Displacement of each record before its first sample, from a state without force [m].
+    shaking : ndarray, shape (records,)
+        Mean speed of a motion to and fro that the samples do not show; it wears the deflection
+        down without getting anywhere [m/s].
     forwards, backwards : ndarray, shape (6,)
         sigma0, sigma1, sigma2, Fc, Fs, Vs. sigma0 goes with the side to which the bristles are
         bent, the others with the direction of motion.
@@ -70,6 +74,7 @@ def lugre_along(
                 stiffness[k] = b[0] * abs(1.0 - (b[0] * z / g if u > 0.0 else -b[0] * z / g))
                 if k + 1 == starts[r + 1]:
                     break
+                z *= math.exp(-b[0] * shaking[r] * h / q[4])
                 d = x[k + 1] - x[k]
             else:
                 d = shifts[r]
@@ -116,6 +121,7 @@ def dahl_along(
     step: Vector,
     starts: Bounds,
     shifts: Vector,
+    shaking: Vector,
     forwards: Vector,
     backwards: Vector,
     friction: Vector,
@@ -132,6 +138,7 @@ def dahl_along(
                 stiffness[k] = q[0] * max(left, 0.0) ** q[2]
                 if k + 1 == starts[r + 1]:
                     break
+                f *= math.exp(-q[0] * shaking[r] * step[r] / q[1])
                 d = x[k + 1] - x[k]
             else:
                 d = shifts[r]
@@ -156,6 +163,7 @@ def bliman_sorine_along(
     step: Vector,
     starts: Bounds,
     shifts: Vector,
+    shaking: Vector,
     forwards: Vector,
     backwards: Vector,
     friction: Vector,
@@ -173,6 +181,8 @@ def bliman_sorine_along(
                 stiffness[k] = abs((q[0] - s * one) / (q[3] * q[2]) - (q[1] + s * two) / q[2])
                 if k + 1 == starts[r + 1]:
                     break
+                one *= math.exp(-shaking[r] * step[r] / (q[3] * q[2]))
+                two *= math.exp(-shaking[r] * step[r] / q[2])
                 d = x[k + 1] - x[k]
             else:
                 d = shifts[r]

@@ -17,6 +17,8 @@ from .records import Record
 Vector = npt.NDArray[np.float64]
 
 STUCK = 6e-5  # a block that moved less is still in presliding: about 2.5 times Fs/sigma0 [m]
+CREPT = 3e-4  # near Fs presliding goes on for several times Fs/sigma0 [m]
+_DRIFT = 5e-6  # [m]
 _STEADY = 0.05  # share of the velocity that may vary while it is called constant
 _METHOD = "least squares on Eq. 1.8"
 
@@ -53,9 +55,11 @@ def steady_point(record: Record, estimate: FrictionEstimate) -> tuple[float, flo
 
 def held_force(record: Record, estimate: FrictionEstimate) -> float | None:
     """The friction [N] that held the block in the last fifth of a record; None if it moved on."""
-    if float(np.ptp(estimate.motion.x)) > STUCK:
+    last = slice(-max(5, len(record.force) // 5), None)
+    drift = float(np.ptp(estimate.motion.x[last]))
+    if float(np.ptp(estimate.motion.x)) > CREPT or drift > max(_DRIFT, 6 * estimate.motion.noise):
         return None
-    return float(estimate.friction[-max(5, len(record.force) // 5) :].mean())
+    return float(estimate.friction[last].mean())
 
 
 def stribeck_points(records: list[Record], estimates: list[FrictionEstimate]) -> StribeckPoints:
