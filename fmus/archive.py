@@ -1,14 +1,17 @@
-"""Unpack a zip file that may be anybody's into a new folder, so that nothing lands beside it."""
+"""Zip files: anybody's unpacked into a new folder, so that nothing lands beside it; ours packed."""
 
 from __future__ import annotations
 
+import io
 import shutil
 import tempfile
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 LARGEST = 2 * 1024**3  # bytes that an archive may unpack to
 MOST = 100_000  # files in it
+_FIXED_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 class BadArchive(ValueError):
@@ -67,3 +70,16 @@ def _check_name(name: str) -> None:
     parts = PurePosixPath(name.replace("\\", "/"))
     if parts.is_absolute() or ".." in parts.parts or ":" in name:
         raise BadArchive(f"holds {name!r}, which climbs out of its folder; nothing was unpacked")
+
+
+def packed(files: Mapping[str, bytes]) -> bytes:
+    """A zip file's bytes, the same for the same files in the same order."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, data in files.items():
+            entry = zipfile.ZipInfo(name, _FIXED_TIME)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            entry.create_system = 3
+            archive.writestr(entry, data)
+    return stream.getvalue()

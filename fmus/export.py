@@ -16,6 +16,7 @@ from ..solver.codegen import generate, hashed_name
 from ..solver.component import Component
 from ..solver.kernel import Kernel
 from . import process_end, runtime
+from .archive import packed
 from .documentation import html_page
 from .feedback_law import accept_law, report_law
 from .interface import interface_of
@@ -40,8 +41,6 @@ class Slave(ComponentSlave):
     equations = {cache}.load_file(Path(__file__).with_name("{equations}.py"))
     end_cleanly = staticmethod(end_cleanly)
 '''
-
-_FIXED_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def with_law_ports(component: Component) -> Component:
@@ -144,14 +143,7 @@ def _build(script: Path, others: list[Path], documentation: Path, target: Path) 
 
 def _normalized(built: Path, description: bytes) -> bytes:
     """The FMU's bytes with our model description, fixed order and fixed time stamps."""
-    with tempfile.TemporaryFile() as stream:
-        with zipfile.ZipFile(built) as old, zipfile.ZipFile(stream, "w") as new:
-            for name in sorted(old.namelist(), key=lambda n: (n != "modelDescription.xml", n)):
-                data = description if name == "modelDescription.xml" else old.read(name)
-                entry = zipfile.ZipInfo(name.replace(os.sep, "/"), _FIXED_TIME)
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                entry.external_attr = 0o644 << 16
-                entry.create_system = 3
-                new.writestr(entry, data)
-        stream.seek(0)
-        return stream.read()
+    with zipfile.ZipFile(built) as old:
+        names = sorted(old.namelist(), key=lambda n: (n != "modelDescription.xml", n))
+        files = {name.replace(os.sep, "/"): old.read(name) for name in names}
+    return packed(files | {"modelDescription.xml": description})

@@ -6,9 +6,7 @@ with an error of second order.
 
 from __future__ import annotations
 
-import io
 import math
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ from xml.etree import ElementTree as ET
 
 from .. import __version__
 from ..solver.kernel_cache import write_atomically
+from .archive import packed
 from .law_ports import gain_port, rate_port, reference_port
 from .reading import unpack
 from .system_xml import BASE_UNITS, unit_name
@@ -30,7 +29,6 @@ _NAMESPACES = {
     "xmlns:ssd": _STANDARD + "SystemStructureDescription",
     "xmlns:ssv": _STANDARD + "SystemStructureParameterValues",
 }
-_FIXED_TIME = (1980, 1, 1, 0, 0, 0)
 
 _Connection = tuple[str, str, str]  # from element, to element, name of both connectors
 _Units = dict[str, dict[str, str]]  # attributes of each unit's BaseUnit
@@ -116,7 +114,7 @@ def export_system(
             sides[1], dict.fromkeys(references, setpoint)
         ),
     }
-    write_atomically(path, _archive(files))
+    write_atomically(path, packed(files))
     return path
 
 
@@ -269,15 +267,3 @@ def _text(root: ET.Element) -> bytes:
     ET.indent(root)
     text: str = ET.tostring(root, "unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
-
-
-def _archive(files: dict[str, bytes]) -> bytes:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        for name, data in files.items():
-            entry = zipfile.ZipInfo(name, _FIXED_TIME)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.external_attr = 0o644 << 16
-            entry.create_system = 3
-            archive.writestr(entry, data)
-    return stream.getvalue()
