@@ -6,12 +6,16 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .rig.features import Identified
 
 _EXAMPLES = """examples:
   ballscrew features --out out/features
   ballscrew features --laws lugre dahl --out out/two
   ballscrew features --json --out out/features
+  ballscrew features --identified out/identified/identified.json --out out/features
 """
 PROCESSES = 2
 
@@ -31,6 +35,15 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     )
     add = parser.add_argument
     add("--laws", nargs="+", metavar="NAME", help="some of the friction laws (default all)")
+    add(
+        "--identified",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FILE",
+        help="identified.json of `ballscrew identify`, one for a law: what it calls identified "
+        "takes the place of the thesis' values",
+    )
     add("--json", action="store_true", help="print features.json instead of the table")
     add("--out", type=Path, required=True, metavar="DIR", help="folder for figures and numbers")
     parser.set_defaults(action=_features)
@@ -41,13 +54,23 @@ def _features(options: argparse.Namespace) -> int:
     from .plant import LAWS
 
     for name in options.laws or ():
-        _known(name, LAWS)
+        _known("--laws", name, LAWS)
+    read = [_read_identified(path) for path in options.identified]
+    for path, (law, _) in zip(options.identified, read, strict=True):
+        _known(str(path), law, LAWS)
+        if options.laws and law not in options.laws:
+            raise BadRequest(f"{path} is of {law}, which is not among --laws")
+        if [other for other, _ in read].count(law) > 1:
+            raise BadRequest(f"{path}: another file is of {law}, too; give one for each law")
     _prepare(options.out)
+    from .rig.bench import BadRig
     from .rig.features import feature_table
     from .solver.kernel import IntegrationError
 
     try:
-        table = feature_table(options.laws, PROCESSES)
+        table = feature_table(options.laws, PROCESSES, dict(read))
+    except BadRig as error:
+        raise BadRequest(f"--identified: {error}") from error
     except IntegrationError as error:
         raise BadRequest(f"{error}; this law cannot take part") from error
     _write(lambda: table.save(options.out))
@@ -61,7 +84,25 @@ def _features(options: argparse.Namespace) -> int:
     return NOT_TRUSTED if table.notes else TRUSTED
 
 
-def _known(name: str, laws: dict[str, str]) -> None:
+def _read_identified(path: Path) -> tuple[str, Identified]:
+    """A law's name and what a file of `ballscrew identify` says was identified of it."""
+    from .cli import BadRequest
+    from .rig.features import Identified
+
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        values = {n: float(p["value"]) for n, p in data["parameters"].items() if p["identified"]}
+        law = str(data["law"])
+    except OSError as error:
+        raise BadRequest(f"--identified {path}: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise BadRequest(
+            f"--identified {path} is no identified.json, expected what `ballscrew identify` writes"
+        ) from error
+    return law, Identified(values, f"identified, {path.name}")
+
+
+def _known(option: str, name: str, laws: dict[str, str]) -> None:
     import difflib
 
     from .cli import BadRequest
@@ -69,4 +110,4 @@ def _known(name: str, laws: dict[str, str]) -> None:
     if name not in laws:
         near = difflib.get_close_matches(name, laws, n=1, cutoff=0.5)
         hint = f"; did you mean {near[0]}?" if near else ""
-        raise BadRequest(f"--laws: no friction law {name!r}; there are {', '.join(laws)}{hint}")
+        raise BadRequest(f"{option}: no friction law {name!r}; there are {', '.join(laws)}{hint}")

@@ -17,6 +17,7 @@ examples:
   ballscrew rig --list
   ballscrew rig 2.4/7 --law modified_lugre --out out/trial
   ballscrew rig 2.8 presliding --law lugre --set plant.sigma0=6e4 --seed 3 --out out/trials
+  ballscrew rig 2.4/7 --law lugre --export --out out/fmus
 """
 DEFAULT_LAW = "modified_lugre"
 
@@ -50,6 +51,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     )
     add("--seed", default="0", metavar="N", help="decides all noise (default 0)")
     add(
+        "--export",
+        action="store_true",
+        help="instead, write the rig's parts as FMUs, what wires them (wiring.json), and all that "
+        "one trial gives them (values.json, outside.csv)",
+    )
+    add(
         "--out",
         type=Path,
         metavar="DIR",
@@ -73,12 +80,24 @@ def _rig(options: argparse.Namespace) -> int:
     trials = _trials(options.trials)
     seed = _seed(options.seed)
     values = _values(options.set)
+    if options.export and len(trials) > 1:
+        raise BadRequest(f"--export takes one TRIAL, as in 2.4/7; these are {len(trials)}")
     _prepare(options.out)
     from .plant.law import UnknownLaw
     from .rig.bench import BadRig, run_trial
+    from .rig.fmu_bench import export_trial
     from .solver.codegen import UnsupportedComponent
     from .solver.kernel import IntegrationError
 
+    if options.export:
+        paths: list[Path] = []
+        request = (options.out, trials[0], options.law, values, seed)
+        try:
+            _write(lambda: paths.extend(export_trial(*request)))
+        except (BadRig, UnknownLaw, UnsupportedComponent) as error:
+            raise BadRequest(str(error)) from error
+        print(*paths, sep="\n")
+        return TRUSTED
     progress = _Progress(sum(t.duration for t in trials))
     done, believed = 0.0, True
     try:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..orchestration.pictures import _STYLE, COLOURS, _new_figure, _write
+from ..orchestration.pictures import STYLE, COLOURS, new_figure, write_figure
 
 if TYPE_CHECKING:
     from .identification import Identification
@@ -27,8 +27,8 @@ def save_pictures(result: Identification, folder: Path) -> None:
     title = f"{result.law} from {len(result.records)} records: {word}"
     measured = course.force - course.inertial
     friction = fit.predicted - course.inertial
-    with mpl.rc_context(_STYLE):
-        figure, ((over_velocity, over_way),) = _new_figure(1, 2, (11, 4.6))
+    with mpl.rc_context(STYLE):
+        figure, ((over_velocity, over_way),) = new_figure(1, 2, (11, 4.6))
         some = slice(None, None, max(1, len(course.x) // _MOST_POINTS))
         _scatter(over_velocity, 1e3 * course.v[some], measured[some], friction[some])
         still = result.points.velocity == 0
@@ -57,9 +57,9 @@ def save_pictures(result: Identification, folder: Path) -> None:
         over_way.set_xlabel("displacement from the start [µm]")
         over_way.set_ylabel("friction [N]")
         over_way.set_title("Presliding")
-        _write(figure, folder, "friction_map")
+        write_figure(figure, folder, "friction_map")
 
-        figure, grid = _new_figure(2, 1, (9, 6))
+        figure, grid = new_figure(2, 1, (9, 6))
         course_axes, histogram = grid[0][0], grid[1][0]
         residual = course.force - fit.predicted
         for r in range(course.records):
@@ -77,7 +77,7 @@ def save_pictures(result: Identification, folder: Path) -> None:
         )
         histogram.set_xlabel("force less fit [N]")
         histogram.set_ylabel("density [1/N]")
-        _write(figure, folder, "residuals")
+        write_figure(figure, folder, "residuals")
 
 
 def _scatter(axes: Any, where: Any, measured: Any, friction: Any) -> None:

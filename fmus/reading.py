@@ -12,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from .archive import BadArchive, unpack_archive
+from .system_xml import BASE_UNITS
 
 
 class FmuError(ValueError):
@@ -25,6 +26,8 @@ class NumberVariable:
     Attributes
     ----------
     type : str
+    unit : str
+        Its own or that of its declared type; empty if none.
     direct : bool
         Whether this output may follow inputs at once; True where the FMU does not say.
     """
@@ -45,6 +48,9 @@ class Description:
 
     Attributes
     ----------
+    units : dict of str to dict of str to str
+        Of each unit that is defined in base units, the attributes of its BaseUnit as they are
+        written: exponents, factor, offset.
     message_reference : int, optional
         Value reference of the String output ``message`` in which our FMUs say why a step failed.
     """
@@ -52,6 +58,7 @@ class Description:
     guid: str
     identifier: str
     variables: tuple[NumberVariable, ...]
+    units: dict[str, dict[str, str]]
     message_reference: int | None
     saves_state: bool
     once_per_process: bool
@@ -162,7 +169,7 @@ def _described(read: Any) -> Description:
                 v.type,
                 int(v.valueReference),
                 str(v.causality),
-                str(v.unit or ""),
+                unit_name(v),
                 nominal if math.isfinite(nominal) and nominal > 0 else 1.0,
                 float(v.start) if v.start is not None and v.type != "Boolean" else None,
                 v.name in followers or v.name in silent or v.name not in listed,
@@ -172,7 +179,27 @@ def _described(read: Any) -> Description:
         str(read.guid),
         str(read.coSimulation.modelIdentifier),
         tuple(variables),
+        defined_units(read),
         message,
         bool(read.coSimulation.canGetAndSetFMUstate),
         bool(read.coSimulation.canBeInstantiatedOnlyOncePerProcess),
     )
+
+
+def unit_name(variable: Any) -> str:
+    """The unit of a variable as fmpy read it, or of its declared type; empty if none."""
+    declared = variable.declaredType
+    return str(variable.unit or (declared.unit if declared is not None else None) or "")
+
+
+def defined_units(read: Any) -> dict[str, dict[str, str]]:
+    """`Description.units` of a model description as fmpy read it."""
+    return {
+        unit.name: {
+            key: str(value)
+            for key in (*BASE_UNITS, "factor", "offset")
+            if (value := getattr(unit.baseUnit, key)) is not None
+        }
+        for unit in read.unitDefinitions or ()
+        if unit.baseUnit is not None
+    }

@@ -9,15 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as ET
 
 from .. import __version__
 from ..solver.kernel_cache import write_atomically
 from .archive import packed
 from .law_ports import gain_port, rate_port, reference_port
-from .reading import unpack
-from .system_xml import BASE_UNITS, unit_name
+from .reading import NumberVariable, unpack
+from .system_xml import BASE_UNITS
 
 PLANT, CONTROLLER = "plant", "controller"
 # One name for both sides' sets: masters that choose a set by name then find both.
@@ -45,7 +44,7 @@ class _Side:
     name: str
     path: Path
     fmu: bytes
-    variables: dict[str, Any]
+    variables: dict[str, NumberVariable]
     units: _Units
 
     def names(self, causality: str) -> list[str]:
@@ -119,27 +118,24 @@ def export_system(
 
 
 def _side(name: str, path: Path | str) -> _Side:
-    from fmpy import read_model_description
-
     unpacked = unpack(path)
-    try:
-        description = read_model_description(str(unpacked.folder), validate=False)
-        # An Integer, a Boolean or a String is no signal of this loop, and SSP wants connectors only
-        # where something is connected.
-        variables = {v.name: v for v in description.modelVariables if v.type == "Real"}
-        units: _Units = {}
-        for unit in description.unitDefinitions or []:
-            base = unit.baseUnit
-            if base is None:
-                continue
-            units[unit.name] = {k: str(p) for k in BASE_UNITS if (p := int(getattr(base, k) or 0))}
-            for key, neutral in (("factor", 1.0), ("offset", 0.0)):
-                value = float(getattr(base, key) or neutral)
-                if value != neutral:
-                    units[unit.name][key] = repr(value)
-        return _Side(name, Path(path), Path(path).read_bytes(), variables, units)
-    finally:
-        unpacked.remove()
+    unpacked.remove()
+    description = unpacked.description
+    # An Integer, a Boolean or a String is no signal of this loop, and SSP wants connectors only
+    # where something is connected.
+    variables = {v.name: v for v in description.variables if v.type == "Real"}
+    units = {unit: _base_unit(given) for unit, given in description.units.items()}
+    return _Side(name, Path(path), Path(path).read_bytes(), variables, units)
+
+
+def _base_unit(given: dict[str, str]) -> dict[str, str]:
+    """The attributes of a BaseUnit that are not at their defaults, each written in one way."""
+    base = {key: str(power) for key in BASE_UNITS if (power := int(given.get(key) or 0))}
+    for key, neutral in (("factor", 1.0), ("offset", 0.0)):
+        value = float(given.get(key) or neutral)
+        if value != neutral:
+            base[key] = repr(value)
+    return base
 
 
 def _connections(plant: _Side, controller: _Side) -> list[_Connection]:
@@ -219,21 +215,21 @@ def _write_component(parent: ET.Element, side: _Side) -> None:
 def _parameter_set(side: _Side, inputs: dict[str, float]) -> bytes:
     """Every parameter at its default, and the starts of inputs that nothing drives."""
     values = {n: side.variables[n].start for n in side.names("parameter")}
-    values |= {n: repr(float(value)) for n, value in inputs.items()}
+    values |= {n: float(value) for n, value in inputs.items()}
     root = _root("ssv:ParameterSet", PARAMETERS, "ssv", "ssc")
     parameters = ET.SubElement(root, "ssv:Parameters")
     for name, value in values.items():
         if value is None:
             continue
         parameter = ET.SubElement(parameters, "ssv:Parameter", name=name)
-        ET.SubElement(parameter, "ssv:Real", {"value": value} | _unit_of(side, name))
-    used = {unit_name(side.variables[n]) for n in values}
+        ET.SubElement(parameter, "ssv:Real", {"value": repr(value)} | _unit_of(side, name))
+    used = {side.variables[n].unit for n in values}
     _write_units(root, "ssv:Units", {n: base for n, base in side.units.items() if n in used})
     return _text(root)
 
 
 def _unit_of(side: _Side, name: str) -> dict[str, str]:
-    unit = unit_name(side.variables[name])
+    unit = side.variables[name].unit
     return {"unit": unit} if unit in side.units else {}
 
 

@@ -9,8 +9,8 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree as ET
 
+from .reading import defined_units, unit_name
 from .system_xml import (
-    BASE_UNITS,
     SSC,
     SSD,
     BadSystem,
@@ -20,7 +20,6 @@ from .system_xml import (
     nearest,
     plain_type,
     scaling_of,
-    unit_name,
 )
 
 DEEPEST = 50  # systems within systems
@@ -369,12 +368,7 @@ def _variables(fmu: Path, where: str) -> dict[str, Connector]:
         raise BadSystem(f"{where}: {fmu.name} is no FMU that can be read: {reason}") from error
     if read.fmiVersion != "2.0":
         raise BadSystem(f"{where}: {fmu.name} is FMI {read.fmiVersion}, expected FMI 2.0")
-    units = {}
-    for unit in read.unitDefinitions or ():
-        if unit.baseUnit is not None:
-            base = {key: getattr(unit.baseUnit, key) for key in (*BASE_UNITS, "factor", "offset")}
-            given = {key: str(value) for key, value in base.items() if value is not None}
-            units[unit.name] = Unit.defined(unit.name, given)
+    units = {name: Unit.defined(name, base) for name, base in defined_units(read).items()}
     return {
         v.name: Connector(
             str(v.causality),

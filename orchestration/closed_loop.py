@@ -211,21 +211,8 @@ def _monolithic(study: Study, progress: Progress | None) -> LoopRun:
             )
     if study.adaptive or study.corrections or study.mapping:
         raise CouplingError("the monolithic coupling has no steps to adapt, correct or map")
-    sides = (
-        ("plant", study.plant, study.plant_values),
-        ("controller", study.controller, study.controller_values),
-    )
-    for side, name, values in sides:
-        ranges = dict(interface_of(fmu_kernel(name), name).layout.ranges)
-        ranges.pop(TOLERANCE, None)  # the one solver has its own two
-        check_values(side, values or {}, list(ranges))
-        for parameter, value in (values or {}).items():
-            low, high = ranges[parameter]
-            if (low is not None and value < low) or (high is not None and value > high):
-                raise BadParameter(
-                    f"{side}: parameter {parameter} = {value:g} is out of its range "
-                    f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
-                )
+    check_named("plant", study.plant, study.plant_values or {})
+    check_named("controller", study.controller, study.controller_values or {})
     return run_monolithic(
         study.plant,
         study.controller,
@@ -236,6 +223,25 @@ def _monolithic(study: Study, progress: Progress | None) -> LoopRun:
         controller_values=study.controller_values,
         progress=progress,
     )
+
+
+def check_named(side: str, name: str, values: Mapping[str, float]) -> None:
+    """Make sure that a part of ours has these parameters, and that they are in range.
+
+    Raises
+    ------
+    BadParameter
+    """
+    ranges = dict(interface_of(fmu_kernel(name), name).layout.ranges)
+    ranges.pop(TOLERANCE, None)  # a setting of the FMU's own solver
+    check_values(side, values, list(ranges))
+    for parameter, value in values.items():
+        low, high = ranges[parameter]
+        if (low is not None and value < low) or (high is not None and value > high):
+            raise BadParameter(
+                f"{side}: parameter {parameter} = {value:g} is out of its range "
+                f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
+            )
 
 
 def _file(name: str, known: Mapping[str, str]) -> Path:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (7, 2)), ":")
-_STYLE: Any = {
+STYLE: Any = {
     "axes.grid": True,
     "grid.color": "#dddddd",
     "grid.linewidth": 0.8,
@@ -54,7 +54,7 @@ def _label(name: str) -> str:
     return f"{text} [{unit}]" if unit else text
 
 
-def _write(figure: Any, folder: Path, stem: str) -> None:
+def write_figure(figure: Any, folder: Path, stem: str) -> None:
     for kind in ("png", "svg"):
         stream = io.BytesIO()
         metadata = {"Date": None} if kind == "svg" else {}
@@ -62,7 +62,7 @@ def _write(figure: Any, folder: Path, stem: str) -> None:
         write_atomically(folder / f"{stem}.{kind}", stream.getvalue())
 
 
-def _new_figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
+def new_figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -79,18 +79,18 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
     name = result.study.label
     badge = run.verdict.word
     title = f"{name}, {run.coupling.value} coupling: {badge}"
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         if "x" in run.outputs:
-            figure, ((axes,),) = _new_figure(1, 1, (8, 4.2))
+            figure, ((axes,),) = new_figure(1, 1, (8, 4.2))
             _draw_course(axes, run.time, run.outputs["x"], "x", 0, "position")
             axes.plot(
                 run.time, run.reference * 1e2, color="#555555", lw=1, ls=":", label="set-point"
             )
             axes.set_title(title)
             axes.legend(loc="best")
-            _write(figure, folder, "position")
+            write_figure(figure, folder, "position")
         if "u" in run.commands:
-            figure, ((axes,),) = _new_figure(1, 1, (8, 4.2))
+            figure, ((axes,),) = new_figure(1, 1, (8, 4.2))
             _draw_course(axes, run.time, run.commands["u"], "u", 1, "voltage")
             peak = int(np.argmax(np.abs(run.commands["u"])))
             axes.annotate(
@@ -101,22 +101,22 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
                 arrowprops={"arrowstyle": "-", "color": "#555555"},
             )
             axes.set_title(title)
-            _write(figure, folder, "voltage")
+            write_figure(figure, folder, "voltage")
         shown: list[str] = [n for n in ("x", "v", "z", "i", "friction") if n in run.outputs]
         shown = shown or list(run.outputs)
-        figure, axes_grid = _new_figure(len(shown), 1, (8, 2.0 * len(shown)))
+        figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)))
         for k, n in enumerate(shown):
             _draw_course(axes_grid[k][0], run.time, run.outputs[n], n, k, n)
             axes_grid[k][0].set_xlabel("")
         axes_grid[-1][0].set_xlabel("time [s]")
         axes_grid[0][0].set_title(title)
         figure.align_ylabels()
-        _write(figure, folder, "states")
+        write_figure(figure, folder, "states")
         if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
-            figure, ((axes,),) = _new_figure(1, 1, (6.5, 5.2))
+            figure, ((axes,),) = new_figure(1, 1, (6.5, 5.2))
             _draw_phase(figure, axes, run)
             axes.set_title(title)
-            _write(figure, folder, "phase")
+            write_figure(figure, folder, "phase")
 
 
 def _draw_course(axes: Any, time: Any, values: Any, name: str, colour: int, label: str) -> None:
@@ -159,8 +159,8 @@ def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -
     """Write one picture of several controllers on the same plant."""
     import matplotlib as mpl
 
-    with mpl.rc_context(_STYLE):
-        figure, grid = _new_figure(3, 1, (9, 9))
+    with mpl.rc_context(STYLE):
+        figure, grid = new_figure(3, 1, (9, 9))
         position, fine, voltage = (row[0] for row in grid)
         ends = []
         for k, result in enumerate(results):
@@ -191,4 +191,4 @@ def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -
             axes.set_xlim(0, min(max(ends), run.time[-1]))
         fine.set_xlim(0, run.time[-1])
         figure.align_ylabels()
-        _write(figure, folder, "comparison")
+        write_figure(figure, folder, "comparison")

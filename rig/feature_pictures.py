@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..orchestration.pictures import _STYLE, COLOURS, DASHES, _new_figure, _write
+from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
 from .feature_criteria import (
     LAG_SPEED,
     MEASURED_BREAK_AWAY,
@@ -44,7 +44,7 @@ def save_pictures(laws: Laws, folder: Path) -> None:
     """
     import matplotlib as mpl
 
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         _break_away(laws, folder)
         _viscous(laws, folder)
         _lag(laws, folder)
@@ -83,7 +83,7 @@ def _measured_curve(direction: int, speed: Any) -> Any:
 
 
 def _break_away(laws: Laws, folder: Path) -> None:
-    figure, (axes,) = _new_figure(1, 3, (13, 4.8))
+    figure, (axes,) = new_figure(1, 3, (13, 4.8))
     whole, *zooms = axes
     speed = np.linspace(0, 8e-3, 400)
     for direction in (1, -1):
@@ -113,11 +113,11 @@ def _break_away(laws: Laws, folder: Path) -> None:
         zoom.set_ylabel("break-away force [N]")
         zoom.margins(y=0.25)
     _legend_below(figure, whole)
-    _write(figure, folder, "figure_2_14_break_away")
+    write_figure(figure, folder, "figure_2_14_break_away")
 
 
 def _viscous(laws: Laws, folder: Path) -> None:
-    figure, (axes,) = _new_figure(1, 2, (11, 5))
+    figure, (axes,) = new_figure(1, 2, (11, 5))
     for direction, panel in zip((1, -1), axes, strict=True):
         for k, (law, seen) in enumerate(laws.items()):
             there = direction * seen.speed > 0
@@ -136,7 +136,7 @@ def _viscous(laws: Laws, folder: Path) -> None:
         panel.set_ylabel("steady friction [N]")
         panel.set_title("positive velocity" if direction > 0 else "negative velocity")
     _legend_below(figure, axes[0])
-    _write(figure, folder, "figure_2_15_viscous_friction")
+    write_figure(figure, folder, "figure_2_15_viscous_friction")
 
 
 def _means(speed: Any, friction: Any) -> tuple[Any, Any]:
@@ -151,7 +151,7 @@ def _means(speed: Any, friction: Any) -> tuple[Any, Any]:
 
 
 def _lag(laws: Laws, folder: Path) -> None:
-    figure, ((axes,),) = _new_figure(1, 1, (8, 5.6))
+    figure, ((axes,),) = new_figure(1, 1, (8, 5.6))
     for k, (law, seen) in enumerate(laws.items()):
         axes.plot(seen.loop_speed * 1e3, seen.loop_friction, **_line(k, law))
     axes.axvline(LAG_SPEED * 1e3, color=GREY, ls=":", lw=1)
@@ -167,11 +167,11 @@ def _lag(laws: Laws, folder: Path) -> None:
     axes.set_ylabel("friction [N]")
     axes.set_title("Friction lag: 1.5 mm/s + 1 mm/s sin(3 t)")
     _legend_below(figure, axes)
-    _write(figure, folder, "figure_2_16_friction_lag")
+    write_figure(figure, folder, "figure_2_16_friction_lag")
 
 
 def _varying(laws: Laws, folder: Path) -> None:
-    figure, ((axes,),) = _new_figure(1, 1, (8, 5.6))
+    figure, ((axes,),) = new_figure(1, 1, (8, 5.6))
     for k, (law, seen) in enumerate(laws.items()):
         if np.isfinite(seen.rate_peaks).any():
             axes.semilogx(
@@ -183,11 +183,11 @@ def _varying(laws: Laws, folder: Path) -> None:
     axes.set_ylabel("break-away force [N]")
     axes.set_title(f"Break-away force by loading rate{without}")
     _legend_below(figure, axes)
-    _write(figure, folder, "figure_2_17_varying_break_away_force")
+    write_figure(figure, folder, "figure_2_17_varying_break_away_force")
 
 
 def _presliding(laws: Laws, folder: Path) -> None:
-    figure, (axes,) = _new_figure(1, 2, (12, 5.4))
+    figure, (axes,) = new_figure(1, 2, (12, 5.4))
     force, displacement = axes
     for k, (law, seen) in enumerate(laws.items()):
         course = seen.staircase
@@ -212,11 +212,11 @@ def _presliding(laws: Laws, folder: Path) -> None:
         panel.margins(x=0.01)
     _limit(displacement, laws, [s.staircase for s in laws.values()])
     _legend_below(figure, displacement)
-    _write(figure, folder, "figure_2_18_presliding")
+    write_figure(figure, folder, "figure_2_18_presliding")
 
 
 def _step(laws: Laws, folder: Path) -> None:
-    figure, axes = _new_figure(2, 1, (8, 7))
+    figure, axes = new_figure(2, 1, (8, 7))
     force, displacement = (row[0] for row in axes)
     for k, (law, seen) in enumerate(laws.items()):
         course = seen.step
@@ -230,7 +230,7 @@ def _step(laws: Laws, folder: Path) -> None:
     displacement.set_xlabel("time [s]")
     _limit(displacement, laws, [s.step for s in laws.values()])
     _legend_below(figure, displacement)
-    _write(figure, folder, "figure_2_19_force_step")
+    write_figure(figure, folder, "figure_2_19_force_step")
 
 
 def _limit(axes: Any, laws: Laws, courses: list[Course]) -> None:

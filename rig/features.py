@@ -1,13 +1,13 @@
 """The five experiments of Section 2.4 on every friction law, and the table that comes of them.
 
 All is decided on the trials' truth: what the instruments add says nothing of a law. Parameters are
-the laws' nominal ones, which the thesis identified (Tables 2.3, 2.5, 2.7, 2.9); laws that it does
-not have borrow theirs from it, as their files say.
+those that were identified from records, where they are given, and otherwise the laws' nominal ones,
+which the thesis identified (Tables 2.3, 2.5, 2.7, 2.9); laws that it does not have borrow theirs
+from it, as their files say. Where each came from stands in ``features.json``.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..orchestration.closed_loop import write_json
 from ..plant import LAWS
 from ..plant.law import UnknownLaw
-from ..solver.kernel_cache import write_atomically
 from .bench import plant_kernel, run_trial
 from .feature_criteria import (
     CRITERIA,
@@ -209,10 +209,13 @@ class FeatureTable:
     observations : dict of str to Observations
     cells : dict of str to dict of str to Cell
         By law and feature.
+    sources : dict of str to dict of str to str
+        By law and parameter: where its value comes from.
     """
 
     observations: dict[str, Observations]
     cells: dict[str, dict[str, Cell]]
+    sources: dict[str, dict[str, str]]
 
     @property
     def notes(self) -> list[str]:
@@ -265,11 +268,11 @@ class FeatureTable:
     def to_dict(self) -> dict[str, Any]:
         """What goes into ``features.json``."""
         return {
-            "parameters": "nominal ones of each law: those that the thesis identified",
             "criteria": CRITERIA,
             "laws": {
                 law: {
                     "parameters": self.observations[law].parameters,
+                    "sources_of_parameters": self.sources[law],
                     "features": {name: _cell_dict(cell) for name, cell in row.items()},
                 }
                 for law, row in self.cells.items()
@@ -293,11 +296,30 @@ class FeatureTable:
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         save_pictures(self.observations, folder)
-        text = json.dumps(self.to_dict(), indent=1) + "\n"
-        write_atomically(folder / "features.json", text.encode())
+        write_json(folder / "features.json", self.to_dict())
 
 
-def feature_table(laws: Sequence[str] | None = None, processes: int = 1) -> FeatureTable:
+@dataclass(frozen=True)
+class Identified:
+    """Parameters of one law that were identified from records.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        By the law's own names; those that are left out stay nominal.
+    source : str
+        Where they come from, in words.
+    """
+
+    values: dict[str, float]
+    source: str
+
+
+def feature_table(
+    laws: Sequence[str] | None = None,
+    processes: int = 1,
+    identified: Mapping[str, Identified] | None = None,
+) -> FeatureTable:
     """Run all experiments on several laws and decide.
 
     Parameters
@@ -306,6 +328,8 @@ def feature_table(laws: Sequence[str] | None = None, processes: int = 1) -> Feat
         Of `plant.LAWS`; all of them if left out.
     processes : int
         How many to share the laws among.
+    identified : mapping of str to Identified, optional
+        By law.
 
     Returns
     -------
@@ -313,19 +337,31 @@ def feature_table(laws: Sequence[str] | None = None, processes: int = 1) -> Feat
 
     Raises
     ------
-    UnknownLaw, IntegrationError
+    UnknownLaw, BadRig, IntegrationError
     """
     names = list(dict.fromkeys(laws or LAWS))
-    unknown = [name for name in names if name not in LAWS]
+    identified = identified or {}
+    unknown = [name for name in (*names, *identified) if name not in LAWS]
     if unknown:
         raise UnknownLaw(f"no friction law {unknown[0]!r}; there are {', '.join(LAWS)}")
+    values = [identified[name].values if name in identified else None for name in names]
     if processes > 1 and len(names) > 1:
         with ProcessPoolExecutor(min(processes, len(names)), get_context("spawn")) as pool:
             # the last ones of the list take longest
-            found = list(pool.map(observe, reversed(names)))[::-1]
+            found = list(pool.map(observe, reversed(names), reversed(values)))[::-1]
     else:
-        found = [observe(name) for name in names]
-    return FeatureTable({s.law: s for s in found}, {s.law: judge(s) for s in found})
+        found = [observe(name, given) for name, given in zip(names, values, strict=True)]
+    return FeatureTable(
+        {s.law: s for s in found},
+        {s.law: judge(s) for s in found},
+        {s.law: _sources(s, identified.get(s.law)) for s in found},
+    )
+
+
+def _sources(seen: Observations, identified: Identified | None) -> dict[str, str]:
+    nominal = {p.name: p.source for p in plant_kernel(seen.law).parameters}
+    own = {name: nominal[name] for name in seen.parameters}
+    return own | (dict.fromkeys(identified.values, identified.source) if identified else {})
 
 
 def _words(feature: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import io
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,8 +11,10 @@ import numpy.typing as npt
 
 from ..fmus.export import export
 from ..fmus.interface import TOLERANCE as SOLVER_TOLERANCE
+from ..orchestration.closed_loop import write_json
 from ..orchestration.participant import FmuParticipant
 from ..plant import law as laws
+from ..solver.kernel_cache import write_atomically
 from .bench import TOLERANCE, Noise, Setup, finish, one_trial, set_up
 from .instruments import SAMPLE_TIME
 from .plant import rig_plant
@@ -64,9 +66,62 @@ def export_rig(folder: Path | str, law: str = "modified_lugre") -> dict[str, Pat
         }
         for control, wiring in WIRINGS.items()
     }
-    text = json.dumps({"step": SAMPLE_TIME, "trials": table}, indent=1)
-    (folder / "wiring.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / "wiring.json", {"step": SAMPLE_TIME, "trials": table})
     return paths
+
+
+def export_trial(
+    folder: Path | str,
+    trial: Trial | str,
+    law: str = "modified_lugre",
+    parameters: Mapping[str, float] | None = None,
+    seed: int = 0,
+    noise: Noise | None = None,
+    tolerance: float = TOLERANCE,
+) -> list[Path]:
+    """Write the rig as `export_rig` does, and all that one trial gives its parts.
+
+    ``values.json`` holds the parameters and start values of every part, ``outside.csv`` over time
+    [s] what comes from outside: noise and reference. With them and ``wiring.json`` any master can
+    repeat the trial.
+
+    Returns
+    -------
+    list of Path
+        All files that were written.
+
+    Raises
+    ------
+    UnknownTrial, UnknownLaw, BadRig
+        For names and values that make no sense; before anything is written.
+    OSError
+        If a file cannot be written.
+    """
+    trial = one_trial(trial)
+    setup = set_up(trial, law, parameters, seed, noise or Noise())
+    folder = Path(folder)
+    fmus = export_rig(folder, law)
+    names = [*(part.name for part in WIRINGS[trial.control].parts), PLANT]
+    about = {
+        "trial": trial.name,
+        "control": trial.control,
+        "asked": trial.asked,
+        "duration": trial.duration,
+        "values": {name: _values(setup, name, tolerance) for name in names},
+    }
+    write_json(folder / "values.json", about)
+    columns = {"time": trial.time} | setup.external
+    table, stream = np.column_stack(list(columns.values())), io.StringIO()
+    np.savetxt(stream, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
+    write_atomically(folder / "outside.csv", stream.getvalue().encode())
+    others = [folder / name for name in ("wiring.json", "values.json", "outside.csv")]
+    return [*fmus.values(), *others]
+
+
+def _values(setup: Setup, name: str, tolerance: float) -> dict[str, float]:
+    """All that a part is given before it starts."""
+    values = setup.values_of(name)
+    return values | {SOLVER_TOLERANCE: tolerance} if name == PLANT else values
 
 
 def run_trial_with_fmus(
@@ -96,10 +151,7 @@ def run_trial_with_fmus(
     participants = {name: FmuParticipant(fmus[name], name) for name in names}
     try:
         for name, participant in participants.items():
-            values = setup.values_of(name)
-            if name == PLANT:
-                values[SOLVER_TOLERANCE] = tolerance
-            participant.initialize(values, trial.duration)
+            participant.initialize(_values(setup, name, tolerance), trial.duration)
         taps, truth = _run(setup, participants)
     finally:
         for participant in participants.values():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..orchestration.closed_loop import write_json
 from ..solver.kernel_cache import write_atomically
 from .calibration import Calibration
 from .trials import Trial
@@ -93,9 +93,8 @@ class TrialRecord:
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(self.description(), indent=1) + "\n"
         write_atomically(folder / "truth.csv", _csv(self.truth))
-        write_atomically(folder / "trial.json", text.encode())
+        write_json(folder / "trial.json", self.description())
         write_atomically(folder / "record.png", self.plot())
         write_atomically(folder / "record.csv", _csv(self.record))
 
@@ -106,10 +105,13 @@ class TrialRecord:
         from matplotlib.figure import Figure
 
         with mpl.rc_context({"axes.grid": True, "grid.color": "#dddddd", "font.size": 9}):
-            figure = Figure(figsize=(7, 6), layout="constrained")
+            figure = Figure(figsize=(7, 6))
             FigureCanvasAgg(figure)
             rows = figure.subplots(3, 1, sharex=True)
+            # looking for the best layout would take as long as the drawing itself
+            figure.subplots_adjust(left=0.11, right=0.98, top=0.95, bottom=0.08, hspace=0.12)
             self._draw(rows)
+            figure.align_ylabels(rows)
             stream = io.BytesIO()
             figure.savefig(stream, format="png", dpi=90)
         return stream.getvalue()

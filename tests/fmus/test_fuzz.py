@@ -7,19 +7,21 @@ from mutations import mutated
 from ballscrew.fmus.reading import FmuError, unpack
 from ballscrew.fmus.system_reading import BadSystem, read_system
 
+FILES = 300
+
 
 @pytest.fixture(scope="module")
 def good():
     return good_files()
 
 
-def test_a_thousand_damaged_files_are_read_or_refused_and_nothing_lands_beside_them(
+def test_damaged_files_are_read_or_refused_and_nothing_lands_beside_them(
     good, tmp_path, monkeypatch
 ):
     (tmp_path / "in" / "tmp").mkdir(parents=True)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "in" / "tmp"))
     refused = 0
-    for seed in range(1000):
+    for seed in range(FILES):
         suffix = "ssp" if seed % 5 == 0 else "fmu"
         path = tmp_path / "in" / f"bad.{suffix}"
         path.write_bytes(mutated(good[suffix], DESCRIPTIONS[suffix], seed).data)
@@ -34,10 +36,10 @@ def test_a_thousand_damaged_files_are_read_or_refused_and_nothing_lands_beside_t
         assert not list((tmp_path / "in" / "tmp").iterdir()), seed
     assert {p.name for p in tmp_path.iterdir()} == {"in"}
     assert {p.name for p in (tmp_path / "in").iterdir()} == {"tmp", "bad.fmu", "bad.ssp"}
-    assert 250 < refused < 950  # the mutations neither all miss nor all kill
+    assert 0.25 * FILES < refused < 0.95 * FILES  # the mutations neither all miss nor all kill
 
 
 def test_damaged_files_bring_no_traceback_no_hang_and_one_line(good):
-    outcomes = [outcome(seed, good) for seed in range(2000, 2030)]
+    outcomes = [outcome(seed, good) for seed in range(2000, 2010)]
     assert [o for o in outcomes if o.complaint] == []
     assert {o.code for o in outcomes} >= {0, 2}

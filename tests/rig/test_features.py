@@ -21,9 +21,6 @@ from ballscrew.rig.feature_criteria import (
 )
 from ballscrew.rig.features import feature_table
 
-# the experiments are run once, by whichever worker gets this file
-pytestmark = pytest.mark.xdist_group("features")
-
 # each feature there in one and missing in another; all of them: proofs/criteria.py
 SAMPLE = (
     "Coulomb friction alone",
@@ -37,17 +34,10 @@ SAMPLE = (
 LEAST_MARGIN = 0.2
 
 
-@pytest.fixture(scope="module")
-def made():
-    """Decisions on the synthetic laws; each is run once, and is in the list only while it runs."""
-    known = {}
-
-    def cells(what):
-        if what not in known:
-            known[what] = synthetic.judged(what)
-        return known[what]
-
-    return cells
+@pytest.fixture
+def made(once):
+    """Decisions on the synthetic laws; each is in the list only while it runs."""
+    return lambda what: once(what, lambda: synthetic.judged(what))
 
 
 @pytest.mark.parametrize("what", SAMPLE)
@@ -115,8 +105,8 @@ def test_the_rise_time_of_an_exponential_is_known():
 
 
 @pytest.fixture(scope="module")
-def table():
-    return feature_table(processes=2)
+def table(once):
+    return once("table of all laws", lambda: feature_table(processes=2))
 
 
 def test_every_law_is_in_the_table(table):
@@ -179,6 +169,8 @@ def test_what_is_written_says_for_every_cell_why(table, tmp_path):
     assert set(written["criteria"]) == set(FEATURES)
     for law, row in written["laws"].items():
         assert row["parameters"] == table.observations[law].parameters
+        assert row["sources_of_parameters"].keys() == row["parameters"].keys()
+        assert all(row["sources_of_parameters"].values())
         for feature, cell in row["features"].items():
             assert cell["decision"] == table.cells[law][feature].decision
             assert cell["explanation"]

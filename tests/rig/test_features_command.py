@@ -29,11 +29,59 @@ def test_the_table_is_printed_and_the_figures_are_written(tmp_path, capsys):
     assert len(list((tmp_path / "new").glob("figure_2_1*.svg"))) == 6
 
 
-def test_json_is_what_is_written(tmp_path, capsys):
-    assert features("--laws", "classical", "--json", "--out", tmp_path) == 0
+def identified(path, law, **values):
+    """A file as `ballscrew identify` writes it; what is None was not identified."""
+    parameters = {
+        name: {"value": 1.0 if value is None else value, "identified": value is not None}
+        for name, value in values.items()
+    }
+    path.write_text(json.dumps({"law": law, "parameters": parameters}))
+    return path
+
+
+def test_identified_parameters_replace_nominal_ones_and_json_is_what_is_written(tmp_path, capsys):
+    file = identified(tmp_path / "mine.json", "dahl", sigma=50e3, Fc=None)
+    arguments = ("--laws", "dahl", "--identified", file, "--json", "--out", tmp_path / "out")
+    assert features(*arguments) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((tmp_path / "features.json").read_text())
-    assert list(printed["laws"]) == ["classical"]
+    assert printed == json.loads((tmp_path / "out" / "features.json").read_text())
+    assert list(printed["laws"]) == ["dahl"]
+    written = printed["laws"]["dahl"]
+    assert written["parameters"]["sigma"] == 50e3
+    assert written["parameters"]["Fc"] != 1.0
+    assert written["sources_of_parameters"]["sigma"] == "identified, mine.json"
+    assert "Table 2" in written["sources_of_parameters"]["Fc"]
+
+
+@pytest.mark.parametrize(
+    ("content", "laws", "complaint"),
+    [
+        (None, (), "gone.json: No such file"),
+        ("{", (), "is no identified.json, expected what `ballscrew identify` writes"),
+        ("[]", (), "is no identified.json"),
+        ('{"law": "dahl", "parameters": {"Fc": 1}}', (), "is no identified.json"),
+        ('{"law": "dall", "parameters": {}}', (), "no friction law 'dall'; .*did you mean dahl"),
+        ('{"law": "dahl", "parameters": {}}', ("lugre",), "is of dahl, which is not among --laws"),
+        (
+            '{"law": "dahl", "parameters": {"Fd": {"value": 1, "identified": true}}}',
+            ("dahl",),
+            "--identified: the rig with dahl has no 'plant.Fd'",
+        ),
+    ],
+)
+def test_a_file_that_is_not_of_an_identification_is_refused(content, laws, complaint, tmp_path):
+    path = tmp_path / ("gone.json" if content is None else "given.json")
+    if content is not None:
+        path.write_text(content)
+    chosen = ("--laws", *laws) if laws else ()
+    with pytest.raises(BadRequest, match=complaint):
+        features(*chosen, "--identified", path, "--out", tmp_path / "out")
+
+
+def test_two_files_of_one_law_are_refused(tmp_path):
+    files = [identified(tmp_path / name, "dahl") for name in ("a.json", "b.json")]
+    with pytest.raises(BadRequest, match="another file is of dahl, too"):
+        features("--identified", *files, "--out", tmp_path / "out")
 
 
 @pytest.mark.parametrize(

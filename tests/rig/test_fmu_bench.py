@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from ballscrew.fmus.reading import unpack
-from ballscrew.orchestration.participant import StepFailed
+from ballscrew.orchestration.participant import FmuParticipant, StepFailed
 from ballscrew.rig.bench import run_trial
-from ballscrew.rig.fmu_bench import export_rig, run_trial_with_fmus
+from ballscrew.rig.fmu_bench import export_rig, export_trial, run_trial_with_fmus
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory):
-    return export_rig(tmp_path_factory.mktemp("rig"))
+def rig(once, tmp_path_factory):
+    return once("FMUs of the rig", lambda: export_rig(tmp_path_factory.mktemp("rig")))
 
 
 @pytest.mark.parametrize("trial", ["2.4/1", "2.8/4", "loading-rate/20"])
@@ -49,6 +49,42 @@ def test_the_wiring_that_is_written_names_what_the_fmus_have(rig):
                 first, second = source.partition(".")[0], target.partition(".")[0]
                 if first != "plant":
                     assert trial["order"].index(first) < trial["order"].index(second)
+
+
+def test_what_is_exported_with_a_trial_repeats_it(tmp_path):
+    """A master of a few lines, which knows the files only."""
+    changed = {"plant.Fs": 2.0, "encoder.counts": 2048.0}
+    export_trial(tmp_path, "loading-rate/20", "lugre", changed, seed=5)
+    about = json.loads((tmp_path / "values.json").read_text())
+    wiring = json.loads((tmp_path / "wiring.json").read_text())
+    trial, step = wiring["trials"][about["control"]], wiring["step"]
+    names = (tmp_path / "outside.csv").read_text().partition("\n")[0].split(",")
+    outside = np.loadtxt(tmp_path / "outside.csv", delimiter=",", skiprows=1)
+    parts = {n: FmuParticipant(tmp_path / f"{n}.fmu", n) for n in trial["order"]}
+    now, force = {}, []
+    try:
+        for name, part in parts.items():
+            part.initialize(about["values"][name], about["duration"])
+        plant = parts["plant"]
+        read = plant.reader(["x", "force"])
+        for row in outside:
+            now |= dict(zip(names, row, strict=True))
+            now |= dict(zip(("plant.x", "plant.force"), read(), strict=True))
+            for name, part in parts.items():
+                feeds = {t: s for t, s in trial["feeds"].items() if t.startswith(f"{name}.")}
+                ports = [target.partition(".")[2] for target in feeds]
+                part.writer(ports)(np.array([now[s] for s in feeds.values()]))
+                if name != "plant" or row[0] < about["duration"] - step / 2:
+                    part.step(row[0], step)
+                if name != "plant":
+                    outputs = (f"{name}.{o}" for o in part.outputs)
+                    now |= dict(zip(outputs, part.reader(part.outputs)(), strict=True))
+            force.append(now["acquisition.force"])
+    finally:
+        for part in parts.values():
+            part.close()
+    expected = run_trial("loading-rate/20", "lugre", changed, seed=5)
+    np.testing.assert_allclose(force, expected.record["force"], atol=1e-12)
 
 
 def test_a_part_that_refuses_its_parameter_says_so(rig, monkeypatch):
