@@ -17,7 +17,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import __version__, features_command, identify_command, rig_command
+from . import (
+    __version__,
+    features_command,
+    identify_command,
+    lyapunov_command,
+    map_command,
+    rig_command,
+)
 from .controllers import CONTROLLERS
 from .plant import PLANTS
 
@@ -135,7 +142,13 @@ def _parser() -> argparse.ArgumentParser:
     swap.add_argument("--controllers", required=True, nargs="+", metavar="NAME|FMU")
     _add_loop_options(swap)
     swap.set_defaults(action=_swap)
-    for command in (rig_command, identify_command, features_command):
+    for command in (
+        lyapunov_command,
+        map_command,
+        rig_command,
+        identify_command,
+        features_command,
+    ):
         command.add_parser(commands, _Parser)
     return parser
 

@@ -12,7 +12,15 @@ if TYPE_CHECKING:
     from .diagnosis.identification import Identification
     from .diagnosis.intervals import Interval
 
-NAMES = ("lugre", "modified_lugre", "directional_lugre", "dahl", "bliman_sorine")
+NAMES = (
+    "lugre",
+    "modified_lugre",
+    "directional_lugre",
+    "dahl",
+    "bliman_sorine",
+    "maxwell_slip",
+    "classical",
+)
 _EXAMPLES = """DATA are folders that `ballscrew rig` wrote, or CSV or MAT files with the columns
 time [s], force [N] (on the block, positive in +x) and x [m] or x_fine [m].
 

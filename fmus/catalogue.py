@@ -60,6 +60,22 @@ def fmu(name: str) -> Path:
     return path
 
 
+def variational_fmu(name: str, tangents: int) -> Path:
+    """Path of the FMU of this name with tangents, as `fmu`."""
+    stem = f"{name}_variational_{tangents}"
+    path = kernel_cache.folder() / "fmus" / f"{stem}-{fingerprint()}.fmu"
+    if not path.is_file():
+        from .export import export_kernel
+
+        def make() -> Component:
+            from .variational import variational
+
+            return variational(component(name), tangents)
+
+        export_kernel(stored_kernel(f"fmu_{stem}", make), path)
+    return path
+
+
 def is_ours(path: Path) -> bool:
     """Whether a file is, byte for byte, an FMU of this catalogue, wherever it lies."""
     ready = kernel_cache.folder() / "fmus"

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..solver import stepper
 from ..solver.kernel import DEFAULT_TOLERANCE, Kernel
+from .tangent_ports import FRAME_ROLE, SET, SET_ROLE
 
 TOLERANCE = "solver_tolerance"
 MESSAGE = "message"
@@ -55,6 +56,7 @@ class Layout:
     samples: int
     step_start: int
     sample_time: int
+    frame: dict[str, int]
     size: int
     initial: list[float]
     nominal: list[float]
@@ -87,7 +89,8 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
     info = tolerance + 1
     time = info + stepper.INFO_SIZE
     samples = time + 1
-    size = samples + 1
+    frame = _frame(kernel, states, samples + 1)
+    size = samples + 1 + bool(frame)
     held_states = list(kernel.states) + list(kernel.discrete)
 
     variables: list[Variable] = []
@@ -198,6 +201,7 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
             ),
             -1,
         ),
+        frame=frame,
         size=size,
         initial=initial,
         nominal=[s.nominal for s in kernel.states],
@@ -212,3 +216,20 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
         },
     )
     return Interface(tuple(variables), layout)
+
+
+def _frame(kernel: Kernel, states: int, free: int) -> dict[str, int]:
+    """Where an input with a new value (`ask`, last seen at `seen`) sets states from inputs."""
+    asks = [k for k, i in enumerate(kernel.inputs) if i.role == FRAME_ROLE]
+    if not asks:
+        return {}
+    given = [k for k, i in enumerate(kernel.inputs) if i.role == SET_ROLE]
+    names = [s.name for s in kernel.states]
+    first = names.index(kernel.inputs[given[0]].name.removesuffix(SET))
+    return {
+        "ask": asks[0],
+        "seen": free,
+        "from": given[0],
+        "to": states + first,
+        "count": len(given),
+    }

@@ -87,6 +87,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     def _compute_outputs(self) -> None:
         if not self.started:
             self._initialize_states()
+        self._take_frame()
         try:
             self.equations.out(
                 self.memory[self.layout["time"]], self._x, self._held, self._p, self._y
@@ -95,6 +96,14 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             self._y[:] = math.nan
             self._fail(f"outputs cannot be computed: {error}")
         self._stale = False
+
+    def _take_frame(self) -> None:
+        """Let tangents take the values of their inputs, where a new frame is asked for."""
+        at = self.layout["frame"]
+        if at and self.memory[at["ask"]] != self.memory[at["seen"]]:
+            self.memory[at["seen"]] = self.memory[at["ask"]]
+            given = self.memory[at["from"] : at["from"] + at["count"]]
+            self.memory[at["to"] : at["to"] + at["count"]] = given
 
     # -- life cycle --------------------------------------------------------------------------
 
@@ -160,6 +169,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             self._fail(f"a step from t = {current_time} s by {step_size} s makes no sense")
             return False
         at = self.layout
+        self._take_frame()
         try:
             if at["step_start"] >= 0:
                 self._held[at["step_start"]] = current_time

@@ -226,12 +226,6 @@ def plain_type(name: str) -> str:
     return "Integer" if name.startswith(("Int", "UInt")) else name
 
 
-def unit_name(variable: Any) -> str:
-    """The unit of an FMU's variable as fmpy read it, or of its declared type; empty if none."""
-    declared = variable.declaredType
-    return str(variable.unit or (declared.unit if declared is not None else None) or "")
-
-
 def nearest(name: str, names: Iterable[str]) -> str:
     """A hint that ends a message about an unknown name."""
     names = list(names)

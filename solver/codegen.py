@@ -15,7 +15,7 @@ import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from . import stepper
-from .component import TIME, Component, Mode, Output, symbol
+from .component import TIME, Component, Event, Mode, Output, symbol
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
 
 # The stepper's text comes first and the equations after it, in one module whose name is a hash of
@@ -28,6 +28,7 @@ jac = njit(error_model="numpy")(jac)
 indicate = njit(error_model="numpy")(indicate)
 kind = njit(error_model="numpy")(kind)
 react = njit(error_model="numpy")(react)
+slopes = njit(error_model="numpy")(slopes)
 out = njit(cache=True, error_model="numpy")(out)
 sample = njit(cache=True, error_model="numpy")(sample)
 integrate, settle_events = build(rhs, jac, indicate, kind, react, MOST_EVENTS)
@@ -166,7 +167,7 @@ def _outputs(component: Component, mode: Mode | None) -> list[sp.Expr]:
 
 
 def _events(component: Component, most: int) -> str:
-    """The functions `indicate`, `kind` and `react`, and the number of events they are for."""
+    """The functions `indicate`, `kind`, `react` and `slopes`, and for how many events they are."""
     unpack = _places(component)
     modes = component.modes
     names = [m.name for m in modes]
@@ -179,6 +180,7 @@ def _events(component: Component, most: int) -> str:
             rows[f"g[{k}]"] = -event.indicator if event.direction < 0 else event.indicator
         indicators.append(rows)
     kinds, reactions = ["def kind(u, k):"], ["def react(t, x, u, p, k):"]
+    slopes = ["def slopes(t, x, u, p, k, g, R, rt):"]
     for m, mode in enumerate(modes):
         for k, event in enumerate(mode.events):
             here = f"{_INDENT}if {mode_at} == {m}.0 and k == {k}:"
@@ -192,6 +194,7 @@ def _events(component: Component, most: int) -> str:
             if event.next_mode is not None:
                 reactions.append(f"{2 * _INDENT}{mode_at} = {names.index(event.next_mode)}.0")
             reactions.append(f"{2 * _INDENT}return")
+            slopes += [here, *_slopes(component, event, unpack)]
     kinds.append(f"{_INDENT}return 0")
     reactions.append(f"{_INDENT}return")
     return "\n\n".join(
@@ -200,8 +203,26 @@ def _events(component: Component, most: int) -> str:
             _function("def indicate(t, x, u, p, g):", unpack, indicators or [{}]),
             "\n".join(kinds) + "\n",
             "\n".join(reactions) + "\n",
+            "\n".join([*slopes, f"{_INDENT}return 0.0"]) + "\n",
         ]
     )
+
+
+def _slopes(component: Component, event: Event, unpack: dict[str, list[str]]) -> list[str]:
+    """Lines of `slopes` for one event: the gradient of its indicator and the slopes of its reset.
+
+    They return the indicator's partial derivative by time.
+    """
+    names = [s.name for s in component.all_states]
+    states = [symbol(n) for n in names]
+    after = sp.Matrix([sp.sympify(event.reset.get(n, symbol(n))) for n in names])
+    indicator = sp.sympify(event.indicator)
+    targets = {f"g[{k}]": indicator.diff(s) for k, s in enumerate(states)}
+    if states:
+        targets |= _matrix("R", after.jacobian(states))
+        targets |= {f"rt[{k}]": e for k, e in enumerate(after.diff(TIME))}
+    targets["rate"] = indicator.diff(TIME)
+    return [*_assignments(unpack, targets, 2 * _INDENT), f"{2 * _INDENT}return rate"]
 
 
 def _places(component: Component) -> dict[str, list[str]]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import sympy as sp
 
-from .component import Component, ContractError, Output, symbol
+from .component import Component, ContractError, Event, Mode, Output, symbol
 
 PLANT, CONTROLLER = "plant_", "controller_"
 
@@ -24,16 +25,6 @@ def connect(plant: Component, controller: Component) -> Component:
         If a signal is missing, or both sides depend directly on each other.
     """
     p, c = plant.prefixed(PLANT), controller.prefixed(CONTROLLER)
-    if any(m.outputs for m in p.modes) and any(
-        i.name in m.outputs for i in c.inputs for m in p.modes
-    ):
-        raise ContractError(
-            f"{plant.name}: a measured output that differs between modes cannot be connected yet"
-        )
-    if c.modes:
-        raise ContractError(
-            f"{controller.name} has modes and cannot be connected in one solver yet"
-        )
     measured = {}
     for signal in (i for i in c.inputs if i.role != "reference"):
         value = p.output(signal.name).value
@@ -62,7 +53,65 @@ def connect(plant: Component, controller: Component) -> Component:
         balances=ours["balances"] + theirs["balances"],
         discrete=ours["discrete"] + theirs["discrete"],
         sample_time=c.sample_time or p.sample_time,
-        modes=ours["modes"],
+        modes=_modes(p, c) if p.modes or c.modes else (),
+    )
+
+
+def _modes(plant: Component, controller: Component) -> tuple[Mode, ...]:
+    """Every pair of a mode of the plant and one of the controller, each with all its equations."""
+    alone = Mode("")
+    modes = []
+    for ours in plant.modes or (alone,):
+        seen = {o.name: sp.sympify(ours.outputs.get(o.name, o.value)) for o in plant.all_outputs}
+        measured = {
+            symbol(i.name): seen[i.name] for i in controller.inputs if i.role != "reference"
+        }
+        for theirs in controller.modes or (alone,):
+            answers = {
+                o.name: sp.sympify(theirs.outputs.get(o.name, o.value)).xreplace(measured)
+                for o in controller.all_outputs
+            }
+            command = {symbol(i.name): answers[i.name] for i in plant.inputs}
+            outputs = {n: e.xreplace(command) for n, e in seen.items()}
+            outputs |= {(CONTROLLER + n if n in seen else n): e for n, e in answers.items()}
+            modes.append(
+                Mode(
+                    _pair(ours.name, theirs.name),
+                    derivatives=_rates(plant, ours, command) | _rates(controller, theirs, measured),
+                    outputs=outputs,
+                    events=(
+                        *(
+                            _swapped(e, command, _pair(e.next_mode, theirs.name))
+                            for e in ours.events
+                        ),
+                        *(
+                            _swapped(e, measured, _pair(ours.name, e.next_mode))
+                            for e in theirs.events
+                        ),
+                    ),
+                )
+            )
+    return tuple(modes)
+
+
+def _pair(first: str | None, second: str | None) -> str | None:
+    return None if first is None or second is None else "_".join(n for n in (first, second) if n)
+
+
+def _rates(
+    component: Component, mode: Mode, table: Mapping[sp.Symbol, sp.Expr]
+) -> dict[str, sp.Expr]:
+    common = zip(component.all_states, component.derivatives, strict=True)
+    own = {s.name: mode.derivatives.get(s.name, derivative) for s, derivative in common}
+    return {n: sp.sympify(e).xreplace(dict(table)) for n, e in own.items()}
+
+
+def _swapped(event: Event, table: Mapping[sp.Symbol, sp.Expr], next_mode: str | None) -> Event:
+    return replace(
+        event,
+        indicator=sp.sympify(event.indicator).xreplace(dict(table)),
+        reset={n: sp.sympify(e).xreplace(dict(table)) for n, e in event.reset.items()},
+        next_mode=next_mode,
     )
 
 

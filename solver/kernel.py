@@ -236,13 +236,13 @@ class Model:
         self._f.out(t, x, self.u, self.p, y)
         return {o.name: float(v) for o, v in zip(self.kernel.outputs, y, strict=True)}
 
-    def advance(self, t0: float, t1: float) -> None:
+    def advance(self, t0: float, t1: float, max_steps: int = MAX_STEPS) -> None:
         """Move the state from `t0` to `t1` with the present inputs held.
 
         Raises
         ------
         IntegrationError
-            If the tolerance cannot be met.
+            If the tolerance cannot be met, or not in `max_steps` steps.
         """
         status = self._f.advance(
             t0,
@@ -254,10 +254,12 @@ class Model:
             self.tolerance,
             self._work,
             self.info,
-            MAX_STEPS,
+            max_steps,
         )
         if status != stepper.DONE:
-            raise IntegrationError(describe_failure(self.kernel.name, status, self.info, t1))
+            raise IntegrationError(
+                describe_failure(self.kernel.name, status, self.info, t1, max_steps)
+            )
 
     def simulate(self, times: npt.ArrayLike) -> Trajectory:
         """Run from the present state over a time grid and record states and outputs.
@@ -300,12 +302,14 @@ class Model:
         )
 
 
-def describe_failure(name: str, status: int, info: Vector, target: float) -> str:
+def describe_failure(
+    name: str, status: int, info: Vector, target: float, max_steps: int = MAX_STEPS
+) -> str:
     """One line for a status that `stepper.integrate` returned."""
     reached = info[stepper.REACHED]
     if status == stepper.TOO_MANY_STEPS:
         return (
-            f"{name}: {MAX_STEPS} internal steps were not enough to get from t = {reached:.9g} s "
+            f"{name}: {max_steps} internal steps were not enough to get from t = {reached:.9g} s "
             f"to {target:.9g} s"
         )
     if status == stepper.CHATTER:

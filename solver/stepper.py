@@ -104,8 +104,8 @@ TIME = (
 
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER = 0, 1, 2, 3
 # layout of the vector ``info`` that `integrate` reads and writes
-NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS = 0, 1, 2, 3, 4, 5
-INFO_SIZE = 6
+NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = 0, 1, 2, 3, 4, 5, 6
+INFO_SIZE = 7
 # kinds of events: a crossing either way; one that changes the mode; one that only resets the state
 EITHER, CHANGES_MODE, RESETS = 0, 1, 2
 MOST_AT_ONCE = 64  # events at one instant
@@ -189,6 +189,8 @@ def _integrator(jac: Any, react: Any, events: int, attempt: Any, locate: Any, se
         info : ndarray, shape (INFO_SIZE,)
             ``info[NEXT_STEP]`` is the step to try first (0: choose one) and on return the step that
             the error control would take next; accepted and rejected steps and events are added up.
+            The error control's memory is kept where a call ends for want of steps, so that calls of
+            one step each walk as one call of many.
         max_steps : int
             Most steps, accepted or rejected, that this call may take.
 
@@ -215,7 +217,8 @@ def _integrator(jac: Any, react: Any, events: int, attempt: Any, locate: Any, se
             h = span
         smallest = 1e-13 * max(abs(t0), abs(t1), span)
         t = t0
-        last_error = 1e-4
+        last_error = info[LAST_ERROR] if info[LAST_ERROR] > 0.0 else 1e-4
+        info[LAST_ERROR] = 0.0
         fresh = True  # the Jacobian belongs to the present point
         rejected_before = False
         still = 0  # events since time last moved on
@@ -291,6 +294,7 @@ def _integrator(jac: Any, react: Any, events: int, attempt: Any, locate: Any, se
                     h *= 0.1
         info[NEXT_STEP] = h
         info[REACHED] = t
+        info[LAST_ERROR] = last_error
         return TOO_MANY_STEPS
 
     return integrate

@@ -1,0 +1,171 @@
+"""Tangent states, inputs and outputs beside the ordinary ones of a component.
+
+For each of a number of tangents, every state gains its tangent, every input and every output, too:
+
+    d/dt state_d1 = A state_d1 + B input_d1        output_d1 = C state_d1 + D input_d1
+
+with the partial derivatives at the present state and inputs. The feedback law's ports are
+differentiated like all others, so that tangents carried from FMU to FMU beside the signals are
+those of the coupled scheme itself. What comes out is a component and exports like any other.
+
+A master that orthonormalizes needs to set tangents on the way. An FMI master may only set inputs
+then, so each tangent of a state has an input for it, ``<state>_d<k>_set``; the tangents take these
+values when the input ``tangent_frame`` has a new value, before anything else happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import sympy as sp
+
+from ..solver.codegen import UnsupportedComponent
+from ..solver.component import Component, Input, Output, State, symbol
+from .tangent_ports import FRAME, FRAME_ROLE, SET_ROLE, TRACE, set_port, tangent_port
+
+
+def variational(component: Component, tangents: int) -> Component:
+    """The component with the feedback law's ports and with tangents.
+
+    Parameters
+    ----------
+    component : Component
+        Without the feedback law's ports.
+    tangents : int
+        How many; for a loop, as many as plant and controller have states together. At the start
+        tangent k is the k-th axis of the component's own states, and zero where there are fewer;
+        parameters ``<state>_d<k>_start`` change that.
+
+    Returns
+    -------
+    Component
+        States in the order position, velocity, friction, the rest; then the tangents, the first
+        one's first; then the integral of the trace of the Jacobian by the states [1].
+
+    Raises
+    ------
+    UnsupportedComponent
+        If it has modes, delays or discrete states.
+    ValueError
+        If `tangents` is less than 1.
+    """
+    from .export import with_law_ports
+
+    if tangents < 1:
+        raise ValueError(f"{tangents} tangents, expected at least 1")
+    for what, parts in (
+        ("modes", component.modes),
+        ("delays", component.delays),
+        ("discrete states", component.discrete),
+    ):
+        if parts:
+            raise UnsupportedComponent(
+                f"{component.name} has {what}; only what moves continuously and without events can "
+                "be exported with tangents. Take it without, or without FMUs (--via model)"
+            )
+    lawful = with_law_ports(component)
+    states = _ordered(lawful)
+    signals = [i for i in lawful.inputs if i.role != "internal"]
+    own = [s.name for s in states]
+    derivatives = sp.Matrix([lawful.derivative(name) for name in own])
+    outputs = lawful.all_outputs
+    values = sp.Matrix([sp.sympify(o.value) for o in outputs])
+    names = [*own, *(i.name for i in signals)]
+    moved = [symbol(name) for name in names]
+    slopes = derivatives.jacobian(moved) if states else sp.zeros(0, len(moved))
+    shown = values.jacobian(moved)
+
+    new_states: list[State] = []
+    new_inputs: list[Input] = []
+    new_outputs: list[Output] = []
+    set_inputs: list[Input] = []
+    for k in range(1, tangents + 1):
+        vector = sp.Matrix([symbol(tangent_port(name, k)) for name in names])
+        for row, s in enumerate(states):
+            name = tangent_port(s.name, k)
+            new_states.append(
+                State(
+                    name,
+                    s.unit,
+                    f"tangent {k} of {s.meaning}",
+                    (slopes[row, :] * vector)[0],
+                    start=1.0 if row == k - 1 else 0.0,
+                    nominal=s.nominal,
+                )
+            )
+            set_inputs.append(
+                Input(
+                    set_port(name),
+                    s.unit,
+                    f"value that {name} takes with a new {FRAME}",
+                    nominal=s.nominal,
+                    role=SET_ROLE,
+                )
+            )
+        new_inputs += [
+            Input(tangent_port(i.name, k), i.unit, f"tangent {k} of {i.meaning}", nominal=i.nominal)
+            for i in signals
+        ]
+        new_outputs += [
+            Output(
+                tangent_port(o.name, k),
+                o.unit,
+                f"tangent {k} of {o.meaning}",
+                (shown[row, :] * vector)[0],
+                nominal=o.nominal,
+            )
+            for row, o in enumerate(outputs)
+        ]
+        new_outputs += (
+            [
+                Output(name, s.unit, s.meaning, symbol(name), nominal=s.nominal)
+                for s, name in zip(
+                    new_states[-len(own) :], (tangent_port(n, k) for n in own), strict=True
+                )
+                if name not in {o.name for o in new_outputs}
+            ]
+            if own
+            else []
+        )
+    hidden = [n for n in own if any(o.name == n and o.value != symbol(n) for o in outputs)]
+    if hidden:
+        raise UnsupportedComponent(
+            f"{component.name} has a state and another output, both named {hidden[0]!r}: their "
+            "tangents would have one name, too"
+        )
+    if states:
+        trace = slopes[:, : len(states)].trace()
+        meaning = "integral over time of the trace of the Jacobian by the states"
+        new_states.append(State(TRACE, "1", meaning, trace))
+        new_outputs.append(Output(TRACE, "1", meaning, symbol(TRACE)))
+        set_inputs.append(
+            Input(
+                FRAME, "1", "a new value lets the tangents take the ..._set inputs", role=FRAME_ROLE
+            )
+        )
+    return Component(
+        name=f"{component.name}_variational",
+        description=f"{component.description}; with {tangents} tangents",
+        parameters=lawful.all_parameters,
+        inputs=(*map(_wired, lawful.inputs), *new_inputs, *set_inputs),
+        states=(*states, *new_states),
+        outputs=(*outputs, *new_outputs),
+    )
+
+
+def _wired(port: Input) -> Input:
+    """The input without its part in a feedback law, whose ports are there already."""
+    return replace(port, law=(), role="signal" if port.role == "measurement" else port.role)
+
+
+def _ordered(component: Component) -> Sequence[State]:
+    """States with their derivatives; those of force terms right behind the state they act on."""
+    explicit = {
+        s.name: replace(s, derivative=derivative)
+        for s, derivative in zip(component.all_states, component.derivatives, strict=True)
+    }
+    names = [s.name for s in component.states]
+    last = max((names.index(b.state) for b in component.balances), default=-1) + 1
+    inner = [s.name for t in component.terms for s in t.states]
+    return [explicit[n] for n in (*names[:last], *inner, *names[last:])]

@@ -1,0 +1,61 @@
+"""Pictures of Lyapunov exponents and their convergence."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
+
+if TYPE_CHECKING:
+    from .lyapunov import LyapunovRun
+
+_BITS = 1.0 / math.log(2.0)
+
+
+def save_convergence_picture(run: LyapunovRun, folder: Path) -> None:
+    """Write the running estimates against time, with their limits, as PNG and SVG."""
+    import matplotlib as mpl
+
+    time, rates, _ = run.running()
+    rates = rates * _BITS
+    with mpl.rc_context(STYLE):
+        figure, ((axes,), (drift,)) = new_figure(2, 1, (8, 7.5))
+        for k in range(rates.shape[1]):
+            finite = np.isfinite(rates[:, k])
+            style: dict[str, Any] = {
+                "color": COLOURS[k % len(COLOURS)],
+                "ls": DASHES[k % len(DASHES)],
+                "label": rf"$\lambda_{k + 1}$: {rates[-1, k]:.5g}",
+            }
+            axes.plot(time[finite], rates[finite, k], **style)
+        if run.motion.limit is not None:
+            for value in run.motion.limit:
+                axes.axhline(value * _BITS, color="#555555", lw=0.8, ls=":")
+            axes.plot([], [], color="#555555", lw=0.8, ls=":", label="limits")
+        axes.set_yscale("symlog", linthresh=_threshold(rates))
+        axes.set_ylabel("exponent up to now [bits/s]")
+        axes.set_title(
+            f"{run.label}: {run.motion.kind.value}" if run.label else run.motion.kind.value
+        )
+        axes.legend(loc="center right", ncols=2)
+        first = rates[:, 0] * time
+        drift.plot(time, first, color=COLOURS[0])
+        drift.set_ylabel(
+            r"$\lambda_1 t$ [bits]: flat for a neutral direction,"
+            "\n"
+            r"rising with chaos, falling with rest"
+        )
+        drift.set_xlabel("time [s]")
+        figure.align_ylabels()
+        write_figure(figure, folder, "lyapunov")
+
+
+def _threshold(rates: Any) -> float:
+    """Where the axis turns from linear to logarithmic: below the smallest last estimate."""
+    last = np.abs(rates[-1][np.isfinite(rates[-1])])
+    last = last[last > 0.0]
+    return float(10.0 ** np.floor(np.log10(last.min()))) if len(last) else 1.0

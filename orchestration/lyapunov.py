@@ -1,0 +1,318 @@
+"""Lyapunov exponents of a closed loop, with a verdict and what it rests on."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..solver.connect import CONTROLLER, PLANT
+from ..solver.kernel import Kernel, Model
+from ..solver.kernel_cache import write_atomically
+from ..solver.spectrum import Spectrum, follow
+from .closed_loop import write_json
+from .motion import Kind, Motion, judge
+from .whole_loop import loop_kernel
+
+Vector = npt.NDArray[np.float64]
+Maker = Callable[[float], Model]
+"""Makes one and the same model, at its start, with a relative tolerance."""
+
+TOLERANCE = 1e-11
+TIGHTER = 0.1
+JUDGED = 100.0  # times the tolerance suffice to tell what a motion becomes
+COARSEST = 1e-6
+SAMPLES = 400
+SAME = 1e-2  # relative difference up to which periods and amplitudes are the same
+_BITS = 1.0 / math.log(2.0)
+_FIRST = ("x", "v")  # states of the axis that come first in the frame, as in the thesis
+_LAST = ("i",)
+
+
+class NoExponents(ValueError):
+    """The exponents of this system are not defined or not computed here; the message says why."""
+
+
+@dataclass(frozen=True)
+class LyapunovRun:
+    """Exponents of one motion.
+
+    Attributes
+    ----------
+    names : list of str
+        The states.
+    spectrum : Spectrum
+        Motion and tangents at the given tolerance.
+    tighter : Spectrum
+        The same at a tenth of it.
+    motion : Motion
+        What the motion becomes.
+    tolerance : float
+    """
+
+    names: list[str]
+    spectrum: Spectrum
+    tighter: Spectrum
+    motion: Motion
+    tolerance: float
+    label: str = ""
+
+    @property
+    def exponents(self) -> Vector:
+        """Finite-time exponents at the last time reached, largest first [nats/s]."""
+        return np.sort(self.spectrum.exponents)[::-1]
+
+    @property
+    def error(self) -> Vector:
+        """By how much a tenth of the tolerance moves each of them [nats/s]."""
+        other = np.sort(self.tighter.exponents)[::-1]
+        with np.errstate(invalid="ignore"):
+            moved = np.abs(self.exponents - other)
+        return np.asarray(np.where(np.isnan(moved), 0.0, moved))
+
+    @property
+    def decided(self) -> bool:
+        return self.motion.kind is not Kind.UNDECIDED
+
+    def sum_rule_error(self) -> float | None:
+        """How far the exponents' sum is from the mean trace, relative to the larger of both.
+
+        None where not all exponents were computed, or one is minus infinity.
+        """
+        growth, trace = self.spectrum.growth[-1], float(self.spectrum.trace[-1])
+        if len(growth) < len(self.names) or not np.isfinite(growth).all():
+            return None
+        total = float(growth.sum())
+        largest = max(abs(total), abs(trace))
+        return abs(total - trace) / largest if largest > 0.0 else 0.0
+
+    def figures(self) -> dict[str, Any]:
+        """Everything of ``lyapunov.json``."""
+        run, motion = self.spectrum, self.motion
+        span = float(run.time[-1] - run.time[0])
+        exponents = self.exponents
+        limit = motion.limit
+        return {
+            "label": self.label,
+            "states": self.names,
+            "time_s": float(run.time[-1]),
+            "exponents_bits_per_s": (exponents * _BITS).tolist(),
+            "exponents_nats_per_s": exponents.tolist(),
+            "exponents_error_bits_per_s": (self.error * _BITS).tolist(),
+            "asymptotic_bits_per_s": None if limit is None else (limit * _BITS).tolist(),
+            "asymptotic_error_bits_per_s": None
+            if motion.limit_error is None
+            else (motion.limit_error * _BITS).tolist(),
+            "mean_trace_bits_per_s": float(run.trace[-1]) / span * _BITS if span > 0 else None,
+            "sum_rule_error": self.sum_rule_error(),
+            "lambda1_times_t_bits": float(run.growth[-1].max()) * _BITS,
+            "verdict": motion.kind.value,
+            "evidence": motion.evidence,
+            "would_decide": motion.would_decide,
+            "neutral_directions": None
+            if motion.equilibrium is None
+            else motion.equilibrium.neutral,
+            "rest": None
+            if motion.equilibrium is None
+            else dict(zip(self.names, motion.equilibrium.state.tolist(), strict=True)),
+            "period_s": motion.period,
+            "amplitude": motion.amplitude,
+            "return_error": motion.return_error,
+            "diverges_at_s": motion.since,
+            "tolerance": self.tolerance,
+            "events": run.events,
+        }
+
+    def estimates_csv(self) -> str:
+        """The running estimates, in bits/s, on the grid of times."""
+        stream = io.StringIO()
+        count = self.spectrum.growth.shape[1]
+        header = ["time", *(f"lambda{k + 1}_bits_per_s" for k in range(count)), "trace_bits_per_s"]
+        stream.write(",".join(header) + "\n")
+        for t, rates, trace in zip(*self.running(), strict=True):
+            row = [t, *rates * _BITS, trace * _BITS]
+            stream.write(",".join(f"{value:.12g}" for value in row) + "\n")
+        return stream.getvalue()
+
+    def running(self) -> tuple[Vector, npt.NDArray[np.float64], Vector]:
+        """Times, estimates in the order of the tangents, mean trace [nats/s]; without the start."""
+        run = self.spectrum
+        span = (run.time - run.time[0])[1:]
+        return run.time[1:], run.growth[1:] / span[:, None], run.trace[1:] / span
+
+    def save(self, folder: Path | str) -> None:
+        """Write lyapunov.json, lyapunov.csv and a picture of the convergence."""
+        from .exponent_pictures import save_convergence_picture
+
+        folder = Path(folder)
+        write_atomically(folder / "lyapunov.csv", self.estimates_csv().encode())
+        write_json(folder / "lyapunov.json", self.figures())
+        save_convergence_picture(self, folder)
+
+
+def lyapunov(
+    make: Maker,
+    stop: float,
+    tolerance: float = TOLERANCE,
+    count: int | None = None,
+    order: Sequence[int] | None = None,
+    label: str = "",
+) -> LyapunovRun:
+    """Exponents of a model's motion from its start, and what the motion becomes.
+
+    Everything is computed at `tolerance` and at a tenth of it. A verdict that differs between the
+    two is undecided.
+
+    Parameters
+    ----------
+    make : function of a relative tolerance, returning a Model
+    stop : float
+        [s]
+    count : int, optional
+        Only the so many largest.
+    order : sequence of int, optional
+        Order of the states in the first frame; their own if left out.
+
+    Raises
+    ------
+    NoExponents
+        For a system with sampled states.
+    ValueError
+        For a time or tolerance that makes no sense.
+    """
+    if not (stop > 0.0 and math.isfinite(stop)):
+        raise ValueError(f"the stop time is {stop} s, expected more than 0")
+    if not 1e-13 <= tolerance <= 1e-3:
+        raise ValueError(f"the tolerance is {tolerance:g}, expected 1e-13 to 1e-3")
+    runs: list[Spectrum] = []
+    motions: list[Motion] = []
+    for share in (1.0, TIGHTER):
+        model = make(tolerance * share)
+        if model.kernel.discrete:
+            raise NoExponents(
+                f"{model.kernel.name} holds {model.kernel.discrete[0].name} between samples: its "
+                "motion is a map from sample to sample, whose exponents are not computed here"
+            )
+        n = len(model.x)
+        frame = np.eye(n)[list(order) if order is not None else range(n)]
+        run = follow(
+            model,
+            np.linspace(0.0, stop, SAMPLES + 1),
+            frame=frame[: count or n],
+            count=count or n,
+        )
+        runs.append(run)
+        if run.ran_away:
+            motion = Motion(Kind.DIVERGES, run.failure, since=float(model.info[3]))
+        elif run.failure:
+            motion = Motion(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
+        else:
+            onward = make(min(tolerance * JUDGED * share, COARSEST))
+            onward.x[:], onward.u[:] = model.x, model.u
+            motion = judge(onward, stop, stop)
+        motions.append(motion)
+    return LyapunovRun(
+        [s.name for s in model.kernel.states],
+        runs[0],
+        runs[1],
+        _agreed(*motions),
+        tolerance,
+        label,
+    )
+
+
+def _agreed(first: Motion, second: Motion) -> Motion:
+    """The second verdict, the tighter, unless the first is another."""
+    same = first.kind is second.kind
+    text = f"{first.kind.value} ({first.evidence}) against {second.kind.value}"
+    if same and first.period and second.period:
+        ratio = second.period / first.period
+        swings = [
+            abs(second.amplitude[n] - a) / max(a, abs(second.amplitude[n]))
+            for n, a in first.amplitude.items()
+            if a > 0.0
+        ]
+        same = abs(ratio - 1.0) <= SAME and max(swings, default=0.0) <= SAME
+        text = f"periods of {first.period:.6g} and {second.period:.6g} s, or their amplitudes"
+    if not same:
+        return Motion(
+            Kind.UNDECIDED,
+            f"a tenth of the tolerance changes the verdict: {text}",
+            "a tighter tolerance, until two in a row agree",
+        )
+    if first.limit is None or second.limit is None or second.limit_error is None:
+        return second
+    moved = np.abs(first.limit - second.limit)
+    error = np.maximum(second.limit_error, np.where(np.isfinite(moved), moved, 0.0))
+    if second.kind is Kind.CHAOS:  # two orbits of one attractor differ by chance
+        error = second.limit_error
+    return Motion(**{**vars(second), "limit_error": error})
+
+
+def loop_maker(
+    plant: str,
+    controller: str,
+    setpoint: float,
+    plant_values: Mapping[str, float] | None = None,
+    controller_values: Mapping[str, float] | None = None,
+) -> Maker:
+    """A `Maker` of the closed loop of two parts by name, around a constant set-point [m].
+
+    Raises
+    ------
+    KeyError
+        For a parameter that does not exist.
+    """
+    kernel = loop_kernel(plant, controller)
+    values = {PLANT + k: v for k, v in (plant_values or {}).items()}
+    values |= {CONTROLLER + k: v for k, v in (controller_values or {}).items()}
+
+    def make(tolerance: float) -> Model:
+        model = Model(kernel, values, tolerance)
+        for name in [i.name for i in kernel.inputs if i.role == "reference"]:
+            model.set_input(name, setpoint)
+        return model
+
+    return make
+
+
+def loop_order(kernel: Kernel) -> list[int]:
+    """The thesis' order of states: x, v, the friction law's, the current, the controller's."""
+    names = [s.name for s in kernel.states]
+
+    def place(k: int) -> tuple[int, int]:
+        name = names[k]
+        if name.startswith(CONTROLLER):
+            return 3, k
+        own = name.removeprefix(PLANT)
+        if own in _FIRST:
+            return 0, _FIRST.index(own)
+        return (2 if own in _LAST else 1), k
+
+    return sorted(range(len(names)), key=place)
+
+
+def loop_lyapunov(
+    controller: str,
+    stop: float,
+    setpoint: float = 0.08,
+    plant: str = "plant",
+    plant_values: Mapping[str, float] | None = None,
+    controller_values: Mapping[str, float] | None = None,
+    tolerance: float = TOLERANCE,
+) -> LyapunovRun:
+    """Exponents of a closed loop of two parts by name; parameters as in `run_loop`.
+
+    Raises
+    ------
+    NoExponents, KeyError, ValueError
+    """
+    make = loop_maker(plant, controller, setpoint, plant_values, controller_values)
+    order = loop_order(loop_kernel(plant, controller))
+    return lyapunov(make, stop, tolerance, order=order, label=f"{controller} on {plant}")

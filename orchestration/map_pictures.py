@@ -1,0 +1,111 @@
+"""Pictures of stability maps, in the manner of the thesis' Fig. 3.18."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .motion import Kind
+from .pictures import STYLE, new_figure, write_figure
+
+if TYPE_CHECKING:
+    from .stability_map import MapStudy
+
+# Okabe and Ito's colours, the same verdict always the same one
+COLOUR = {
+    Kind.FIXED_POINT: "#009E73",
+    Kind.LINE: "#56B4E9",
+    Kind.CREEPING: "#0072B2",
+    Kind.CYCLE: "#E69F00",
+    Kind.TORUS: "#F0E442",
+    Kind.CHAOS: "#CC79A7",
+    Kind.DIVERGES: "#D55E00",
+    Kind.UNDECIDED: "#000000",
+}
+_BOUNDARY_POINTS = 48
+
+
+def save_map_picture(study: MapStudy, folder: Path) -> None:
+    """Draw ``map.parquet`` in `folder` as PNG and SVG."""
+    import matplotlib as mpl
+    import pyarrow.parquet as pq
+    from matplotlib.colors import ListedColormap, LogNorm
+    from matplotlib.patches import Patch
+
+    table = pq.read_table(folder / "map.parquet")
+    shape = (study.y.count, study.x.count)
+    kinds = list(COLOUR)
+    verdict = np.array([kinds.index(Kind(v)) for v in table.column("verdict").to_pylist()])
+    verdict = verdict.reshape(shape)
+    xs, ys = study.x.values(), study.y.values()
+    size = np.abs(table.column("final_error").to_numpy().reshape(shape)) * 1e6
+    swing = table.column("oscillation_amplitude").to_numpy().reshape(shape) * 1e6
+    panels: list[tuple[str, Any]] = [
+        ("distance to the set-point at the end [µm]", size),
+        ("swing of the position at the end [µm]", swing),
+    ]
+    rate = table.column("lambda1_bits_per_s").to_numpy().reshape(shape)
+    if np.isfinite(rate).any():
+        panels.append((r"largest exponent $\lambda_1$ [bits/s]", rate))
+    with mpl.rc_context({**STYLE, "axes.grid": False}):
+        figure, (axes,) = new_figure(1, 1 + len(panels), (5.6 * (1 + len(panels)), 5.4))
+        axes[0].pcolormesh(
+            xs,
+            ys,
+            verdict,
+            cmap=ListedColormap([COLOUR[k] for k in kinds]),
+            vmin=-0.5,
+            vmax=len(kinds) - 0.5,
+            rasterized=True,
+        )
+        met = [Patch(color=COLOUR[k], label=k.value) for n, k in enumerate(kinds) if n in verdict]
+        axes[0].set_title(f"{study.controller}: what becomes of the loop")
+        line = _draw_boundary(axes[0], study)
+        figure.legend(handles=met + line, loc="outside lower center", ncols=len(met) + len(line))
+        for place, (label, values) in zip(axes[1:], panels, strict=True):
+            norm = None
+            style: dict[str, Any] = {"cmap": "viridis"}
+            if "µm" in label:
+                finite = values[np.isfinite(values) & (values > 0)]
+                if len(finite):
+                    norm = LogNorm(max(finite.min(), 1e-4), max(finite.max(), 1e-3))
+                values = np.maximum(values, 1e-4)
+            else:
+                bound = float(np.nanpercentile(np.abs(values), 99)) or 1.0
+                style = {"cmap": "PuOr", "vmin": -bound, "vmax": bound}
+            image = place.pcolormesh(xs, ys, values, norm=norm, rasterized=True, **style)
+            figure.colorbar(image, ax=place, label=label)
+            _draw_boundary(place, study)
+        for place in axes:
+            place.set_xlabel(_label(study, study.x.name))
+            place.ticklabel_format(useOffset=False, axis="both")
+            place.tick_params(axis="x", rotation=30)
+        axes[0].set_ylabel(_label(study, study.y.name))
+        write_figure(figure, folder, "map")
+
+
+def _label(study: MapStudy, name: str) -> str:
+    from .stability_map import axis_unit
+
+    unit = axis_unit(study, name)
+    return f"{name} [{unit}]" if unit not in ("", "1") else name
+
+
+def _draw_boundary(axes: Any, study: MapStudy) -> list[Any]:
+    """The line on which the loop, while stuck, neither falls nor grows."""
+    from matplotlib.lines import Line2D
+
+    from .stability_map import DESIGN, stuck_growth
+
+    if DESIGN in (study.x.side, study.y.side):
+        return []  # a design for each of its points would take longer than the map
+    xs = np.linspace(study.x.low, study.x.high, _BOUNDARY_POINTS)
+    ys = np.linspace(study.y.low, study.y.high, _BOUNDARY_POINTS)
+    growth = np.array([[stuck_growth(study, float(x), float(y)) for x in xs] for y in ys])
+    label = "growth zero while stuck (Routh-Hurwitz)"
+    if not (growth.min() < 0.0 < growth.max()):
+        return []
+    axes.contour(xs, ys, growth, levels=[0.0], colors="black", linewidths=1.6, linestyles="--")
+    return [Line2D([], [], color="black", ls="--", lw=1.6, label=label)]

@@ -1,0 +1,371 @@
+"""What a motion becomes: rest, a cycle, a torus, chaos, or flight; with the evidence.
+
+A verdict is drawn from the motion itself and from its exponents, never from one of them alone: a
+spectrum with a zero may be a line of equilibria, a cycle, or a run that was too short.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from ..solver.kernel import IntegrationError, Model
+from ..solver.spectrum import Returns, follow, follow_returns
+from .rest import Equilibrium, equilibrium_near
+
+Vector = npt.NDArray[np.float64]
+
+SETTLED = 1e-7  # nominal magnitudes from an equilibrium that are as good as none
+NEAR = 100.0  # nominal magnitudes within which an equilibrium may be what a motion falls to
+PATIENCE = 20_000  # steps of the solver for coming closer to it
+ROUNDS = 8
+LONGER = 4.0  # each round is so many times as long as the one before
+LONGEST_CYCLE = 8  # returns of one period
+CROSSINGS = 64
+CLOSED = 1e-2  # share of the size of a motion that may be left until it closes
+MANY = 400  # returns from which a torus is told from a long cycle
+CERTAIN = 4.0  # standard errors
+SHARPER = 0.01  # of the tolerance, for the exponents of a cycle
+
+
+class Kind(StrEnum):
+    """What a motion becomes."""
+
+    FIXED_POINT = "isolated fixed point"
+    LINE = "stuck on a line of equilibria"
+    CYCLE = "limit cycle"
+    TORUS = "torus"
+    CHAOS = "chaos"
+    DIVERGES = "diverges"
+    CREEPING = "creeping along equilibria"
+    UNDECIDED = "undecided"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A verdict on a motion.
+
+    Attributes
+    ----------
+    kind : Kind
+    evidence : str
+        A sentence or two with the numbers it rests on.
+    would_decide : str
+        Where undecided: what would decide.
+    equilibrium : Equilibrium or None
+        Where it comes to rest.
+    period : float or None
+        Of a cycle [s].
+    amplitude : dict of str to float
+        Half the range of each state in the cycle, or in what was seen last.
+    return_error : float or None
+        Distance between states one period apart, over the motion's size.
+    since : float or None
+        When it ran away [s].
+    limit : ndarray, shape (count,), or None
+        The exponents' limits [nats/s], largest first.
+    limit_error : ndarray, shape (count,), or None
+        How far they may be off [nats/s].
+    """
+
+    kind: Kind
+    evidence: str
+    would_decide: str = ""
+    equilibrium: Equilibrium | None = None
+    period: float | None = None
+    amplitude: dict[str, float] = field(default_factory=dict)
+    return_error: float | None = None
+    since: float | None = None
+    limit: Vector | None = None
+    limit_error: Vector | None = None
+
+
+def judge(
+    model: Model, time: float, span: float, exponents: bool = True, rounds: int = ROUNDS
+) -> Motion:
+    """Follow a model on from its present state and say what its motion becomes.
+
+    Parameters
+    ----------
+    model : Model
+        Its state and mode are moved on.
+    time : float
+        The present [s].
+    span : float
+        How long the motion has been going on; cycles are looked for over as long again [s].
+    exponents : bool
+        Whether to compute the limits of the exponents, too. Without them neither a torus nor chaos
+        can be told, and are undecided.
+    rounds : int
+        How often to look on, each time `LONGER` times as long, for rest or a cycle.
+    """
+    for _ in range(rounds):
+        resting = _resting(model, time)
+        if resting is not None:
+            return resting
+        coordinate, level, seen = _plane(model, time, 0.25 * span)
+        if seen.failure:
+            return _run_away(seen) if seen.ran_away else _broken(seen)
+        passes = follow_returns(
+            model, seen.end, seen.end + 4.0 * span, coordinate, level, CROSSINGS
+        )
+        if passes.failure:
+            return _run_away(passes) if passes.ran_away else _broken(passes)
+        cycle = _cycle(model, passes, exponents)
+        if cycle is not None:
+            return cycle
+        time = passes.end
+        if len(passes.time) == CROSSINGS:
+            if not exponents:
+                return _without_exponents(model, passes)
+            return _unclosed(model, passes)
+        span *= LONGER
+    amplitude = _ranges(model, passes)
+    text = f"no rest and {len(passes.time)} returns that do not close until t = {time:.4g} s"
+    creeping = all(a < 0.5 * _nominal(model, n) for n, a in amplitude.items())
+    if creeping and equilibrium_near(model, time) is not None:
+        share = max(a / _nominal(model, n) for n, a in amplitude.items())
+        text += (
+            f"; all the while it stays near equilibria and moves by {2 * share:.2g} nominal "
+            "magnitudes at most"
+        )
+        return Motion(Kind.CREEPING, text, "a longer run", amplitude=amplitude)
+    return Motion(Kind.UNDECIDED, text, "a longer run", amplitude=amplitude)
+
+
+def _without_exponents(model: Model, passes: Returns) -> Motion:
+    return Motion(
+        Kind.UNDECIDED,
+        f"{len(passes.time)} returns until t = {passes.end:.4g} s that do not close",
+        "the exponents",
+        amplitude=_ranges(model, passes),
+    )
+
+
+def _resting(model: Model, time: float) -> Motion | None:
+    """Rest, where the motion comes near an equilibrium and falls towards it as it must.
+
+    The distance has to shrink to a fifth, over three time constants of the slowest eigenvalue, or
+    to what round-off leaves, and the equilibrium has to stay where it is meanwhile.
+    """
+    nominal = np.array([s.nominal for s in model.kernel.states])
+    before = equilibrium_near(model, time)
+    if before is None or before.slowest > 0.0:
+        return None
+    if before.slowest == 0.0 and before.neutral < len(nominal):
+        return None  # it neither falls nor grows: the linear part cannot tell
+    distance = float(np.max(np.abs(model.x - before.state) / nominal))
+    wait = 3.0 / -before.slowest if before.slowest < 0.0 else 1.0
+    if distance > NEAR:
+        return None
+    state, held = model.x.copy(), model.u.copy()
+    try:
+        model.advance(time, time + wait, PATIENCE)
+    except IntegrationError:
+        found = None
+    else:
+        found = equilibrium_near(model, time + wait)
+    if found is not None and found.slowest <= 0.0:
+        left = float(np.max(np.abs(model.x - found.state) / nominal))
+        moved = float(np.max(np.abs(found.state - before.state) / nominal))
+        if (left <= 0.2 * distance or left <= SETTLED) and moved <= 2.0 * max(distance, SETTLED):
+            return _rest(model, found, time + wait, wait, distance, left)
+    model.x[:], model.u[:] = state, held
+    return None
+
+
+def _rest(
+    model: Model, found: Equilibrium, time: float, wait: float, distance: float, left: float
+) -> Motion:
+    names = [s.name for s in model.kernel.states]
+    line = found.neutral > 0
+    where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(names, found.state, strict=True))
+    text = (
+        f"at t = {time:.4g} s it is {left:.2g} nominal magnitudes from the equilibrium {where}, "
+        f"after {distance:.2g} of them {wait:.3g} s before; the eigenvalues there are "
+        + ", ".join(_complex(v) for v in found.eigenvalues)
+        + " 1/s"
+    )
+    if line:
+        some = "direction is" if found.neutral == 1 else "directions are"
+        text += f"; {found.neutral} {some} neutral: every point along it is an equilibrium"
+    return Motion(
+        Kind.LINE if line else Kind.FIXED_POINT,
+        text,
+        equilibrium=found,
+        limit=found.eigenvalues.real.copy(),
+        limit_error=np.zeros(len(names)),
+    )
+
+
+def _complex(value: complex) -> str:
+    return f"{value.real:.4g}" + (f"{value.imag:+.4g}i" if value.imag else "")
+
+
+def _plane(model: Model, time: float, span: float) -> tuple[int, float, Returns]:
+    """The plane that the motion crosses widest: a state, and the middle of its range."""
+    nominal = np.array([s.nominal for s in model.kernel.states])
+    seen = follow_returns(model, time, time + span, 0, np.inf, 1)
+    widest = int(np.argmax((seen.high - seen.low) / nominal))
+    return widest, float(0.5 * (seen.high + seen.low)[widest]), seen
+
+
+def _run_away(passes: Returns) -> Motion:
+    return Motion(Kind.DIVERGES, passes.failure, since=passes.end)
+
+
+def _broken(passes: Returns) -> Motion:
+    return Motion(Kind.UNDECIDED, passes.failure, "a solver that gets beyond that point")
+
+
+def _ranges(model: Model, passes: Returns) -> dict[str, float]:
+    names = [s.name for s in model.kernel.states]
+    return dict(zip(names, (0.5 * (passes.high - passes.low)).tolist(), strict=True))
+
+
+def _cycle(model: Model, passes: Returns, exponents: bool) -> Motion | None:
+    """A cycle, where states one period apart close upon each other faster than the motion dies."""
+    count = len(passes.time)
+    size = passes.high - passes.low
+    size[size == 0.0] = np.inf
+    for lag in range(1, LONGEST_CYCLE + 1):
+        if count < 3 * lag + 3:
+            break
+        apart = [
+            float(
+                np.max(
+                    np.abs(
+                        passes.states[count - 1 - k * lag]
+                        - passes.states[count - 1 - (k + 1) * lag]
+                    )
+                    / size
+                )
+            )
+            for k in range(2)
+        ]
+        new, old = apart
+        if new > CLOSED:
+            continue
+        share = new / old if old > 0.0 else 0.0
+        noise = 100.0 * model.tolerance
+        if new > noise and share >= 1.0:
+            continue
+        # what is still to come, were the distances to shrink on as they do
+        ahead = 0.0 if new <= noise else new * share / (1.0 - share)
+        # the motion around it must not shrink with it
+        if ahead > CLOSED:
+            continue
+        period = float(passes.time[-1] - passes.time[-1 - lag])
+        begin = float(passes.time[-1])
+        model.x[:] = passes.states[-1]
+        once = follow_returns(model, begin, begin + 1.5 * period, 0, np.inf, 1)
+        if once.failure:
+            return None
+        wide = once.high - once.low
+        if np.max(np.abs(wide - size)[np.isfinite(size)] / size[np.isfinite(size)]) > 0.5:
+            continue  # the motion has shrunk or grown since: no cycle yet
+        return _closed(model, passes, once, lag, period, new, exponents)
+    return None
+
+
+def _closed(
+    model: Model,
+    passes: Returns,
+    once: Returns,
+    lag: int,
+    period: float,
+    error: float,
+    exponents: bool,
+) -> Motion:
+    amplitude = _ranges(model, once)
+    wide = max(amplitude, key=lambda n: amplitude[n] / _nominal(model, n))
+    text = (
+        f"states {period:.6g} s apart ({lag} return{'s' if lag > 1 else ''}) differ by {error:.2g} "
+        f"of the motion's size, {wide} swings by {amplitude[wide]:.4g} to either side"
+    )
+    if not exponents:
+        return Motion(Kind.CYCLE, text, period=period, amplitude=amplitude, return_error=error)
+    limit, doubt = _over_periods(model, once.end, period)
+    order = np.argsort(-limit)
+    limit, doubt = limit[order], doubt[order]
+    zeros = int(np.sum(np.abs(limit) <= np.maximum(doubt, 1e-3 / period)))
+    text += f"; over whole periods the exponents are {', '.join(f'{v:.4g}' for v in limit)} nats/s"
+    kind, would = Kind.CYCLE, ""
+    if zeros > 1 and limit[0] <= 1e-3 / period:
+        kind = Kind.UNDECIDED
+        text += f"; {zeros} of them are zero: the orbit closes but is one of many side by side"
+        would = "whether a disturbed motion returns to the same orbit"
+    return Motion(
+        kind,
+        text,
+        would,
+        period=period,
+        amplitude=amplitude,
+        return_error=error,
+        limit=limit,
+        limit_error=doubt,
+    )
+
+
+def _nominal(model: Model, name: str) -> float:
+    return next(s.nominal for s in model.kernel.states if s.name == name)
+
+
+def _over_periods(
+    model: Model, time: float, period: float, periods: int = 12
+) -> tuple[Vector, Vector]:
+    """Exponents over whole periods, and what the two halves differ by."""
+    # where a law turns over within a hair's breadth, exponents ask for more than the motion does
+    model.tolerance *= SHARPER
+    model.atol = model.atol * SHARPER
+    settle = follow(model, time + period * np.arange(periods + 1))
+    again = follow(model, time + period * (periods + np.arange(periods + 1)), frame=settle.frame)
+    half = periods // 2
+    growth = again.growth
+    if len(again.time) <= periods:
+        none = np.full(growth.shape[1], np.nan)
+        return none, none
+    first = (growth[half] - growth[0]) / (half * period)
+    second = (growth[-1] - growth[half]) / ((periods - half) * period)
+    with np.errstate(invalid="ignore"):
+        doubt = np.where(np.isfinite(first - second), np.abs(first - second), 0.0)
+    return np.asarray((growth[-1] - growth[0]) / (periods * period)), doubt
+
+
+def _unclosed(model: Model, passes: Returns) -> Motion:
+    """A motion that keeps returning but does not close: by its exponents."""
+    amplitude = _ranges(model, passes)
+    between = float(np.mean(np.diff(passes.time)))
+    blocks = 24
+    grid = passes.end + between * MANY * np.arange(blocks + 1) / blocks
+    settle = follow(model, passes.end + between * np.array([0.0, 20.0]))
+    grid = grid + 20.0 * between
+    run = follow(model, grid, frame=settle.frame)
+    if run.failure:
+        return Motion(
+            Kind.DIVERGES if run.ran_away else Kind.UNDECIDED,
+            run.failure,
+            "" if run.ran_away else "a solver that gets beyond that point",
+            since=float(run.time[-1]) if run.ran_away else None,
+        )
+    rates = np.diff(run.growth, axis=0) / np.diff(run.time)[:, None]
+    limit = rates.mean(axis=0)
+    error = rates.std(axis=0, ddof=1) / np.sqrt(blocks)
+    order = np.argsort(-limit)
+    limit, error = limit[order], error[order]
+    small = 1.0 / (run.time[-1] - run.time[0])  # one nat over the run
+    values = ", ".join(f"{a:.4g} +- {b:.2g}" for a, b in zip(limit, error, strict=True))
+    text = (
+        f"{len(passes.time)} returns that do not close; over another {MANY} of them the exponents "
+        f"are {values} nats/s"
+    )
+    zero = np.abs(limit) <= np.maximum(CERTAIN * error, 2.0 * small)
+    common = {"amplitude": amplitude, "limit": limit, "limit_error": np.maximum(error, small)}
+    if limit[0] > CERTAIN * error[0] and limit[0] > 5.0 * small:
+        return Motion(Kind.CHAOS, text, **common)
+    if len(limit) > 1 and zero[:2].all() and not zero.all():
+        return Motion(Kind.TORUS, text, **common)
+    return Motion(Kind.UNDECIDED, text, "a longer run", **common)

@@ -1,0 +1,277 @@
+"""Follow a model and its tangent vectors: the finite-time Lyapunov exponents of its motion."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import kernel_cache, propagation, stepper, tangents
+from .kernel import MAX_STEPS, Kernel, Model, describe_failure
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+RUNAWAY = 1e6  # times a state's nominal value
+
+_FOOTER = """
+
+if MOST_EVENTS:
+    noting = build_noting(rhs, react, slopes, {states}, {parameters})
+    integrate, settle_events = build(rhs, jac, indicate, kind, noting, MOST_EVENTS)
+_spectrum = build_spectrum(rhs, jac, integrate, settle_events)
+_returns = build_returns(integrate)
+
+
+@njit(cache=True, error_model="numpy")
+def spectrum(
+    times, X, L, trace, u, p, atol, rtol, work, info, max_steps, bound, scale, frame, jumps, scratch
+):
+    return _spectrum(
+        times, X, L, trace, u, p, atol, rtol, work, info, max_steps, bound, scale, frame, jumps,
+        scratch
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def returns(
+    t0, t1, x, u, p, atol, rtol, work, info, max_steps, bound, coordinate, level, times, states,
+    low, high
+):
+    return _returns(
+        t0, t1, x, u, p, atol, rtol, work, info, max_steps, bound, coordinate, level, times,
+        states, low, high
+    )
+"""
+
+
+@dataclass
+class Spectrum:
+    """The motion and its tangents on a grid of times.
+
+    Attributes
+    ----------
+    time : ndarray, shape (m,)
+        [s]; ends early where the motion could not be followed.
+    states : ndarray, shape (m, n)
+    growth : ndarray, shape (m, count)
+        Logarithms of the lengths of the orthonormalized tangents since the start [nats].
+    trace : ndarray, shape (m,)
+        Integral of the trace of the Jacobian over time, with the logarithms of the determinants of
+        the events' saltation matrices [nats]: with all tangents followed, the sum of `growth`.
+    frame : ndarray, shape (count, n)
+        The orthonormal tangents at the end, a row each.
+    events : int
+        Events met.
+    failure : str
+        Why the motion ends early; empty if it does not.
+    ran_away : bool
+        Whether it ends early because a state left every bound.
+    """
+
+    time: Vector
+    states: Matrix
+    growth: Matrix
+    trace: Vector
+    frame: Matrix
+    events: int
+    failure: str
+    ran_away: bool
+
+    @property
+    def exponents(self) -> Vector:
+        """Finite-time exponents at the end [nats/s], in the order of the tangents."""
+        span = self.time[-1] - self.time[0]
+        return self.growth[-1] / span if span > 0 else np.zeros(self.growth.shape[1])
+
+
+@cache
+def _functions(module: str, source: str, states: int, parameters: int) -> Any:
+    added = Path(tangents.__file__).read_text(encoding="utf-8")
+    lines = [line for line in added.splitlines() if not line.startswith("from .stepper")]
+    added = "\n".join(lines).replace("from .propagation", f"from {propagation.__name__}")
+    shared = hashlib.sha256(Path(propagation.__file__).read_bytes()).hexdigest()
+    text = "\n\n".join([source, added, f"# with {shared}"])
+    text += _FOOTER.format(states=states, parameters=parameters)
+    name = f"tangents_{module}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+    return kernel_cache.load(name, text)
+
+
+def functions(kernel: Kernel) -> Any:
+    """The module with the compiled tangents of a kernel."""
+    return _functions(kernel.module, kernel.source, len(kernel.states), len(kernel.parameters))
+
+
+def follow(
+    model: Model,
+    times: npt.ArrayLike,
+    count: int | None = None,
+    frame: npt.ArrayLike | None = None,
+    runaway: float = RUNAWAY,
+) -> Spectrum:
+    """Follow a model from its present state, and `count` tangents with it.
+
+    Parameters
+    ----------
+    model : Model
+        Its state, inputs and mode are moved on.
+    times : array_like, shape (m,)
+        Rising [s].
+    count : int, optional
+        How many tangents, the slowest to shrink first; all if left out. Few are cheaper than all
+        where the others are much faster.
+    frame : array_like, shape (count, n), optional
+        The tangents at the start, a row each, orthonormal; the states' axes if left out.
+        Finite-time exponents depend on them.
+    runaway : float
+        A state beyond this many times its nominal magnitude has run away.
+
+    Returns
+    -------
+    Spectrum
+
+    Raises
+    ------
+    ValueError
+        For a count or frame that does not fit the states.
+    """
+    kernel = model.kernel
+    n = len(model.x)
+    count = n if count is None else count
+    if not 1 <= count <= n:
+        raise ValueError(f"{count} tangents, expected 1 to {n}, the number of states")
+    rows = np.array(np.eye(n)[:count] if frame is None else frame, dtype=float)
+    if rows.shape != (count, n):
+        raise ValueError(f"the frame has the shape {rows.shape}, expected {(count, n)}")
+    f = functions(kernel)
+    grid = np.asarray(times, dtype=float)
+    states = np.empty((len(grid), n))
+    states[0] = model.x
+    growth = np.zeros((len(grid), count))
+    trace = np.zeros(len(grid))
+    nominal = np.array([s.nominal for s in kernel.states])
+    parameters, jumps = _with_note(model, f)
+    done = f.spectrum(
+        grid,
+        states,
+        growth,
+        trace,
+        model.u,
+        parameters,
+        model.atol,
+        model.tolerance,
+        model._work,
+        model.info,
+        MAX_STEPS,
+        runaway * nominal,
+        2.0 ** np.round(np.log2(nominal)),
+        rows,
+        jumps,
+        np.zeros(tangents.tangent_work_size(n)),
+    )
+    failure, ran_away = _failure(model, states[min(done, len(grid) - 1)], grid[-1])
+    model.x[:] = states[done - 1]
+    return Spectrum(
+        grid[:done],
+        states[:done],
+        growth[:done],
+        trace[:done],
+        rows,
+        int(model.info[stepper.EVENTS]),
+        failure,
+        ran_away,
+    )
+
+
+def _with_note(model: Model, f: Any) -> tuple[Vector, int]:
+    """The parameters with room for a note on events behind them, and where it begins."""
+    if not f.MOST_EVENTS:
+        return model.p, -1
+    return np.concatenate([model.p, np.zeros(tangents.note_size(len(model.x)))]), len(model.p)
+
+
+def _failure(model: Model, state: Vector, end: float) -> tuple[str, bool]:
+    """Why the last call did not reach its end, if so, and whether the state ran away."""
+    kernel, status = model.kernel, int(model.info[stepper.STATUS])
+    if status == stepper.DONE:
+        return "", False
+    if status != tangents.RAN_AWAY:
+        return describe_failure(kernel.name, status, model.info, end), False
+    size = np.abs(state) / np.array([s.nominal for s in kernel.states])
+    worst = kernel.states[int(np.argmax(np.nan_to_num(size, nan=np.inf)))].name
+    reached = model.info[stepper.REACHED]
+    return f"{kernel.name} runs away: {worst} leaves every bound at t = {reached:.6g} s", True
+
+
+@dataclass(frozen=True)
+class Returns:
+    """Where a motion crossed a plane upwards.
+
+    Attributes
+    ----------
+    time : ndarray, shape (k,)
+        [s]
+    states : ndarray, shape (k, n)
+    low, high : ndarray, shape (n,)
+        Least and largest values of the states on the way.
+    end : float
+        The time that was reached [s].
+    failure : str
+        Why it ended early; empty if it did not.
+    ran_away : bool
+    """
+
+    time: Vector
+    states: Matrix
+    low: Vector
+    high: Vector
+    end: float
+    failure: str
+    ran_away: bool
+
+
+def follow_returns(
+    model: Model, start: float, stop: float, coordinate: int, level: float, most: int
+) -> Returns:
+    """Follow a model from `start` to `stop` [s], or until it crossed a plane `most` times.
+
+    Parameters
+    ----------
+    model : Model
+        Its state and mode are moved on.
+    coordinate, level : int, float
+        The plane: where this state has this value.
+    """
+    f = functions(model.kernel)
+    n = len(model.x)
+    nominal = np.array([s.nominal for s in model.kernel.states])
+    times, states = np.empty(most), np.empty((most, n))
+    low, high = np.empty(n), np.empty(n)
+    parameters, _ = _with_note(model, f)
+    found = f.returns(
+        start,
+        stop,
+        model.x,
+        model.u,
+        parameters,
+        model.atol,
+        model.tolerance,
+        model._work,
+        model.info,
+        MAX_STEPS,
+        RUNAWAY * nominal,
+        coordinate,
+        level,
+        times,
+        states,
+        low,
+        high,
+    )
+    failure, ran_away = _failure(model, model.x, stop)
+    reached = float(model.info[stepper.REACHED])
+    return Returns(times[:found], states[:found], low, high, reached, failure, ran_away)
