@@ -113,6 +113,17 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="instead, write one .ssp per closed loop: both FMUs, wired, with a parameter set",
     )
+    export.add_argument(
+        "--variational",
+        action="store_true",
+        help="instead, write FMUs that carry tangent vectors, for exponents over FMUs",
+    )
+    export.add_argument(
+        "--tangents",
+        default="5",
+        metavar="N",
+        help="with --variational: tangents, as many as the loop has states (default 5)",
+    )
     export.set_defaults(action=_export)
 
     run = commands.add_parser(
@@ -209,9 +220,13 @@ def _export(options: argparse.Namespace) -> int:
         if name not in known:
             what = "closed loop" if options.ssp else "component"
             raise BadRequest(f"no {what} {name!r}; there are {', '.join(known)}")
+    if options.variational and options.ssp:
+        raise BadRequest("--variational and --ssp: expected one of them")
+    tangents = _whole("--tangents", options.tangents, 1, 12)
     _prepare(options.out)
-    from .fmus.catalogue import fmu
+    from .fmus.catalogue import fmu, variational_fmu
     from .fmus.system_export import export_system
+    from .solver.codegen import UnsupportedComponent
     from .solver.kernel_cache import write_atomically
 
     for name in names:
@@ -221,8 +236,18 @@ def _export(options: argparse.Namespace) -> int:
             _write(partial(export_system, *loop, name=name))
             print(target)
             continue
-        target = options.out / f"{name}.fmu"
-        data = fmu(name).read_bytes()
+        if options.variational:
+            target = options.out / f"{name}_variational.fmu"
+            try:
+                data = variational_fmu(name, tangents).read_bytes()
+            except UnsupportedComponent as error:
+                if options.only:
+                    raise BadRequest(str(error)) from error
+                print(f"left out: {error}", file=sys.stderr)
+                continue
+        else:
+            target = options.out / f"{name}.fmu"
+            data = fmu(name).read_bytes()
         _write(partial(write_atomically, target, data))
         print(target)
     return TRUSTED
@@ -464,6 +489,16 @@ def _pair(option: str, text: str, form: str) -> tuple[str, str]:
     if not equals or not name.strip() or not value.strip():
         raise BadRequest(f"{option} {text!r} is not of the form {form}")
     return name.strip(), value.strip()
+
+
+def _whole(option: str, text: str, least: int, most: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if not least <= value <= most:
+        raise BadRequest(f"{option} is {text!r}, expected a whole number from {least} to {most}")
+    return value
 
 
 def _number(option: str, text: str) -> float:

@@ -54,6 +54,9 @@ class LyapunovRun:
     motion : Motion
         What the motion becomes.
     tolerance : float
+    label : str
+    method : str
+        How the tangents were followed.
     """
 
     names: list[str]
@@ -62,6 +65,7 @@ class LyapunovRun:
     motion: Motion
     tolerance: float
     label: str = ""
+    method: str = "one solver"
 
     @property
     def exponents(self) -> Vector:
@@ -126,6 +130,7 @@ class LyapunovRun:
             "return_error": motion.return_error,
             "diverges_at_s": motion.since,
             "tolerance": self.tolerance,
+            "method": self.method,
             "events": run.events,
         }
 
@@ -316,3 +321,71 @@ def loop_lyapunov(
     make = loop_maker(plant, controller, setpoint, plant_values, controller_values)
     order = loop_order(loop_kernel(plant, controller))
     return lyapunov(make, stop, tolerance, order=order, label=f"{controller} on {plant}")
+
+
+def loop_lyapunov_over_fmus(
+    controller: str,
+    stop: float,
+    step: float,
+    setpoint: float = 0.08,
+    plant: str = "plant",
+    plant_values: Mapping[str, float] | None = None,
+    controller_values: Mapping[str, float] | None = None,
+) -> LyapunovRun:
+    """Exponents of a closed loop from its variational FMUs, and their master.
+
+    The errors of the exponents are their distances to those of one solver. The verdict is that of
+    the equations, too: it follows the motion far beyond `stop`.
+
+    Parameters
+    ----------
+    step : float
+        Communication step [s].
+
+    Raises
+    ------
+    NoExponents
+        If the loop cannot be followed so.
+    """
+    from ..fmus.catalogue import variational_fmu
+    from ..solver.codegen import UnsupportedComponent
+    from .participant import FmuParticipant
+    from .tangents_over_fmus import TangentsImpossible, follow_over_fmus
+
+    given = (setpoint, plant, plant_values, controller_values)
+    known = loop_lyapunov(controller, stop, *given)
+    count = len(known.names)
+    try:
+        sides = [
+            FmuParticipant(variational_fmu(name, count), side)
+            for name, side in ((plant, "plant"), (controller, "controller"))
+        ]
+        try:
+            run = follow_over_fmus(
+                *sides,
+                setpoint,
+                stop,
+                step,
+                plant_values=plant_values,
+                controller_values=controller_values,
+            )
+        finally:
+            for side in sides:
+                side.close()
+    except (TangentsImpossible, UnsupportedComponent) as error:
+        raise NoExponents(str(error)) from error
+    keep = np.unique(np.linspace(0, len(run.time) - 1, SAMPLES + 1).astype(int))
+    spectrum = Spectrum(
+        run.time[keep],
+        np.full((len(keep), count), np.nan),
+        run.growth[keep],
+        run.trace[keep],
+        np.eye(count),
+        0,
+        run.stopped,
+        False,
+    )
+    method = f"variational FMUs, {run.method}; {run.accuracy}"
+    return LyapunovRun(
+        known.names, spectrum, known.spectrum, known.motion, known.tolerance, known.label, method
+    )

@@ -16,7 +16,79 @@ PADE = (1.0, 1 / 2, 5 / 44, 1 / 66, 1 / 792, 1 / 15840, 1 / 665280)  # of exp, s
 SMALL = 0.5  # norm up to which they are right to the last digit
 SPREAD = 16.0  # nats between first and last tangent that one orthonormalization may meet
 TOO_WIDE = 25.0  # nats at which it has lost digits that count, and is done again
+# A tangent is slow where a step changes it by less than a share of SLOW * MOST_PARTS of its length:
+# collocation in as many parts of the step is better for it than piecewise constant Jacobians.
+SLOW = 0.3
+MOST_PARTS = 4
 COLLAPSED = 1e-13  # share of a tangent's length below which its direction of its own is gone
+
+
+_ROOT = math.sqrt(6.0)
+RADAU = (
+    ((88 - 7 * _ROOT) / 360, (296 - 169 * _ROOT) / 1800, (-2 + 3 * _ROOT) / 225),
+    ((296 + 169 * _ROOT) / 1800, (88 + 7 * _ROOT) / 360, (-2 - 3 * _ROOT) / 225),
+    ((16 - _ROOT) / 36, (16 + _ROOT) / 36, 1 / 9),
+)
+RADAU_NODES = ((4 - _ROOT) / 10, (4 + _ROOT) / 10, 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def collocate(jacobians: Any, h: float, frame: Any, count: int, n: int, scratch: Any) -> None:
+    """Let the linear equation act on the first `count` tangents over a step, in place.
+
+    Radau IIA of three stages (e.g. E. Hairer and G. Wanner, Solving Ordinary Differential
+    Equations II, Springer 1996, Section IV.5), as one linear system.
+
+    Parameters
+    ----------
+    jacobians : ndarray, shape (3, n, n)
+        At `RADAU_NODES` of the step.
+    scratch : ndarray, shape (9 n n + 6 n,) at least
+    """
+    size = 3 * n
+    matrix = scratch[: size * size].reshape((size, size))
+    stages = scratch[size * size : size * size + size]
+    pivots = scratch[size * size + size : size * size + 2 * size]
+    for a in range(3):
+        for b in range(3):
+            weight = h * RADAU[a][b]
+            for i in range(n):
+                for j in range(n):
+                    matrix[a * n + i, b * n + j] = -weight * jacobians[b, i, j]
+        for i in range(n):
+            matrix[a * n + i, a * n + i] += 1.0
+    factorize(matrix, pivots, size)
+    for k in range(count):
+        for a in range(3):
+            for i in range(n):
+                stages[a * n + i] = frame[k, i]
+        solve_factorized(matrix, pivots, size, stages)
+        for i in range(n):
+            frame[k, i] = stages[2 * n + i]
+
+
+@njit(cache=True, error_model="numpy")
+def slow_ones(jacobian: Any, frame: Any, scale: Any, h: float, changes: Any) -> int:
+    """How many of the first tangents are slow; their changes in a step of `h`, over their lengths.
+
+    Parameters
+    ----------
+    changes : ndarray, shape (count,)
+        Out.
+    """
+    count, n = frame.shape
+    for k in range(count):
+        length, change = 0.0, 0.0
+        for i in range(n):
+            rate = 0.0
+            for j in range(n):
+                rate += jacobian[i, j] * frame[k, j]
+            change += (h * rate / scale[i]) ** 2
+            length += (frame[k, i] / scale[i]) ** 2
+        changes[k] = math.sqrt(change / length)
+        if not changes[k] <= SLOW * MOST_PARTS:
+            return k
+    return count
 
 
 @njit(cache=True, error_model="numpy")

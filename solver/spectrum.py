@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -30,11 +31,12 @@ _returns = build_returns(integrate)
 
 @njit(cache=True, error_model="numpy")
 def spectrum(
-    times, X, L, trace, u, p, atol, rtol, work, info, max_steps, bound, scale, frame, jumps, scratch
+    times, X, L, trace, u, p, atol, rtol, work, info, max_steps, bound, scale, frame, jumps,
+    collocating, scratch
 ):
     return _spectrum(
         times, X, L, trace, u, p, atol, rtol, work, info, max_steps, bound, scale, frame, jumps,
-        scratch
+        collocating, scratch
     )
 
 
@@ -93,8 +95,9 @@ class Spectrum:
 @cache
 def _functions(module: str, source: str, states: int, parameters: int) -> Any:
     added = Path(tangents.__file__).read_text(encoding="utf-8")
-    lines = [line for line in added.splitlines() if not line.startswith("from .stepper")]
-    added = "\n".join(lines).replace("from .propagation", f"from {propagation.__name__}")
+    # the stepper's names stand in the kernel's source already
+    added = re.sub(r"^from \.stepper import (\([^)]*\)|.*)$", "", added, flags=re.MULTILINE)
+    added = added.replace("from .propagation", f"from {propagation.__name__}")
     shared = hashlib.sha256(Path(propagation.__file__).read_bytes()).hexdigest()
     text = "\n\n".join([source, added, f"# with {shared}"])
     text += _FOOTER.format(states=states, parameters=parameters)
@@ -140,7 +143,6 @@ def follow(
     ValueError
         For a count or frame that does not fit the states.
     """
-    kernel = model.kernel
     n = len(model.x)
     count = n if count is None else count
     if not 1 <= count <= n:
@@ -148,11 +150,37 @@ def follow(
     rows = np.array(np.eye(n)[:count] if frame is None else frame, dtype=float)
     if rows.shape != (count, n):
         raise ValueError(f"the frame has the shape {rows.shape}, expected {(count, n)}")
-    f = functions(kernel)
     grid = np.asarray(times, dtype=float)
+    if count < n:
+        return _walk(model, grid, rows, runaway, collocating=True)
+    start, held, info = model.x.copy(), model.u.copy(), model.info.copy()
+    run = _walk(model, grid, rows.copy(), runaway, collocating=False)
+    # The slow ones again, by themselves, where they are slow beside others.
+    mean_step = (run.time[-1] - grid[0]) / max(
+        1.0, model.info[stepper.ACCEPTED] - info[stepper.ACCEPTED]
+    )
+    with np.errstate(invalid="ignore"):
+        slow = np.abs(run.exponents) * mean_step <= propagation.SLOW
+    leading = int(np.argmin(slow)) if not slow.all() else 0
+    if not leading or run.failure:
+        return run
+    end, last, notes = model.x.copy(), model.u.copy(), model.info.copy()
+    model.x[:], model.u[:], model.info[:] = start, held, info
+    again = _walk(model, grid, rows[:leading], runaway, collocating=True)
+    model.x[:], model.u[:], model.info[:] = end, last, notes
+    if again.failure:
+        return run
+    run.growth[:, :leading] = again.growth
+    return run
+
+
+def _walk(model: Model, grid: Vector, frame: Matrix, runaway: float, collocating: bool) -> Spectrum:
+    kernel = model.kernel
+    n = len(model.x)
+    f = functions(kernel)
     states = np.empty((len(grid), n))
     states[0] = model.x
-    growth = np.zeros((len(grid), count))
+    growth = np.zeros((len(grid), len(frame)))
     trace = np.zeros(len(grid))
     nominal = np.array([s.nominal for s in kernel.states])
     parameters, jumps = _with_note(model, f)
@@ -170,8 +198,9 @@ def follow(
         MAX_STEPS,
         runaway * nominal,
         2.0 ** np.round(np.log2(nominal)),
-        rows,
+        frame,
         jumps,
+        collocating,
         np.zeros(tangents.tangent_work_size(n)),
     )
     failure, ran_away = _failure(model, states[min(done, len(grid) - 1)], grid[-1])
@@ -181,7 +210,7 @@ def follow(
         states[:done],
         growth[:done],
         trace[:done],
-        rows,
+        frame,
         int(model.info[stepper.EVENTS]),
         failure,
         ran_away,

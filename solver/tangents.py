@@ -11,6 +11,12 @@ stiff as a stable step would, so the fast exponents come out right. It is applie
 parts as keep the fastest tangent above the round-off of the slowest, with an orthonormalization
 after each: the parts are powers of two of one small exponential, so that they cost a product of
 small matrices each, not a step of the solver.
+
+For what is slow beside something stiff, Jacobians that are constant piece by piece lose order:
+where the slow direction turns, each piece sends a little of it into the stiff one. Slow tangents
+can be collocated instead. The two do not mix well, since a slow tangent moved by a hair moves the
+volume of the stiff ones by much: all tangents are followed by exponentials, or the slow ones by
+themselves.
 """
 
 import math
@@ -18,9 +24,31 @@ from typing import Any
 
 import numpy as np
 
-from .propagation import apply, orthonormalize, push
-from .stepper import ACCEPTED, CHATTER, DONE, REACHED, STAGES, STATUS, TOO_MANY_STEPS, njit
+from .propagation import (
+    RADAU_NODES,
+    SLOW,
+    apply,
+    collocate,
+    orthonormalize,
+    push,
+    slow_ones,
+)
+from .stepper import (
+    ACCEPTED,
+    CHATTER,
+    DONE,
+    NEXT_STEP,
+    REACHED,
+    STAGES,
+    STATUS,
+    TOO_MANY_STEPS,
+    njit,
+)
 
+# Two rules' integrals of the Jacobian over a step may differ by DOUBT * rtol**ORDER, over the
+# states' magnitudes [nats]: both are of order four where the stepper is of order five.
+DOUBT, ORDER = 1.0, 0.45
+SHORTEST = 1e-14  # step over time at which it is left at that
 RAN_AWAY = 4  # a status, beside the stepper's
 GAUSS = 0.5 - math.sqrt(3.0) / 6.0
 HEAVY, LIGHT = (3.0 + 2.0 * math.sqrt(3.0)) / 12.0, (3.0 - 2.0 * math.sqrt(3.0)) / 12.0
@@ -28,7 +56,19 @@ HEAVY, LIGHT = (3.0 + 2.0 * math.sqrt(3.0)) / 12.0, (3.0 - 2.0 * math.sqrt(3.0))
 
 def tangent_work_size(n: int) -> int:
     """Number of floats of scratch memory of `spectrum` for `n` states."""
-    return 14 * n * n + 8 * n + 2
+    return 20 * n * n + 20 * n + 2
+
+
+@njit(error_model="numpy")
+def place(x0: Any, slope0: Any, x1: Any, slope1: Any, s: float, h: float, at: Any) -> None:
+    """Write Hermite's cubic through both ends of a step, at the share `s` of it, to `at`."""
+    for i in range(x0.shape[0]):
+        at[i] = (
+            (1.0 + 2.0 * s) * (1.0 - s) ** 2 * x0[i]
+            + s * (1.0 - s) ** 2 * h * slope0[i]
+            + s * s * (3.0 - 2.0 * s) * x1[i]
+            + s * s * (s - 1.0) * h * slope1[i]
+        )
 
 
 def build_noting(rhs: Any, react: Any, slopes: Any, n: int, at: int) -> Any:
@@ -113,6 +153,7 @@ def build_spectrum(rhs: Any, jac: Any, integrate: Any, settle: Any) -> Any:
         scale: Any,
         frame: Any,
         jumps: int,
+        collocating: bool,
         scratch: Any,
     ) -> int:
         """Follow the state ``X[0]`` and its tangents over a grid of times.
@@ -132,6 +173,8 @@ def build_spectrum(rhs: Any, jac: Any, integrate: Any, settle: Any) -> Any:
             Orthonormal tangents, a row each, in and out.
         jumps : int
             Where the note on events begins in `p`; -1 without events.
+        collocating : bool
+            Whether slow tangents are collocated.
         scratch : ndarray, shape (tangent_work_size(n),)
 
         Returns
@@ -148,7 +191,13 @@ def build_spectrum(rhs: Any, jac: Any, integrate: Any, settle: Any) -> Any:
         j1 = scratch[base : base + n * n].reshape((n, n))
         j2 = scratch[base + n * n : base + 2 * n * n].reshape((n, n))
         omega = scratch[base + 2 * n * n : base + 3 * n * n].reshape((n, n))
-        rest = scratch[base + 3 * n * n :]
+        mean = scratch[base + 3 * n * n : base + 4 * n * n].reshape((n, n))
+        radau = scratch[base + 4 * n * n : base + 7 * n * n].reshape((3, n, n))
+        slow = scratch[base + 7 * n * n : base + 7 * n * n + count * n].reshape((count, n))
+        logs = scratch[base + 8 * n * n : base + 8 * n * n + n]
+        changes = scratch[base + 8 * n * n + n : base + 8 * n * n + 2 * n]
+        rest = scratch[base + 8 * n * n + 2 * n :]
+        doubt = DOUBT * rtol**ORDER
         ends = work[2 * n * n + STAGES * n : 2 * n * n + STAGES * n + n]
         rate = 0.0  # nats per second between first and last tangent
         for row in range(1, times.shape[0]):
@@ -170,6 +219,7 @@ def build_spectrum(rhs: Any, jac: Any, integrate: Any, settle: Any) -> Any:
                     apply(omega, frame, at)
                     orthonormalize(frame, L[row])
             taken = 0
+            until = goal
             while t < goal:
                 for i in range(n):
                     first[i] = x[i]
@@ -177,7 +227,7 @@ def build_spectrum(rhs: Any, jac: Any, integrate: Any, settle: Any) -> Any:
                 if jumps >= 0:
                     p[jumps] = 0.0
                 accepted = info[ACCEPTED]
-                status = integrate(t, goal, x, u, p, atol, rtol, work, info, 1)
+                status = integrate(t, until, x, u, p, atol, rtol, work, info, 1)
                 if status != DONE and status != TOO_MANY_STEPS:
                     info[STATUS] = status
                     return row
@@ -203,39 +253,74 @@ def build_spectrum(rhs: Any, jac: Any, integrate: Any, settle: Any) -> Any:
                     rhs(t, first, u, p, slope0)
                     rhs(t + h, last, u, p, slope1)
                     # Simpson's rule for the trace: other points than the propagator's
+                    for i in range(n):
+                        for j in range(n):
+                            mean[i, j] = 0.0
                     for part in range(3):
                         s = 0.5 * part
-                        for i in range(n):
-                            at[i] = (
-                                (1.0 + 2.0 * s) * (1.0 - s) ** 2 * first[i]
-                                + s * (1.0 - s) ** 2 * h * slope0[i]
-                                + s * s * (3.0 - 2.0 * s) * last[i]
-                                + s * s * (s - 1.0) * h * slope1[i]
-                            )
+                        place(first, slope0, last, slope1, s, h, at)
                         jac(t + s * h, at, u, p, omega, by_time)
-                        total = 0.0
-                        for i in range(n):
-                            total += omega[i, i]
-                        trace[row] += h * total * (4.0 if part == 1 else 1.0) / 6.0
-                    for part in range(2):
-                        s = GAUSS if part == 0 else 1.0 - GAUSS
-                        for i in range(n):
-                            at[i] = (
-                                (1.0 + 2.0 * s) * (1.0 - s) ** 2 * first[i]
-                                + s * (1.0 - s) ** 2 * h * slope0[i]
-                                + s * s * (3.0 - 2.0 * s) * last[i]
-                                + s * s * (s - 1.0) * h * slope1[i]
-                            )
-                        jac(t + s * h, at, u, p, j1 if part == 0 else j2, by_time)
-                    if jumps >= 0:
-                        u[-1] = after
-                    for part in range(2):
-                        a, b = (HEAVY, LIGHT) if part == 0 else (LIGHT, HEAVY)
+                        weight = (4.0 if part == 1 else 1.0) / 6.0
                         for i in range(n):
                             for j in range(n):
-                                omega[i, j] = h * (a * j1[i, j] + b * j2[i, j])
-                        met = push(omega, frame, L[row], scale, 0.75 * rate * h, n, rest)
-                        rate = 2.0 * met / h
+                                mean[i, j] += weight * omega[i, j]
+                    for part in range(2):
+                        s = GAUSS if part == 0 else 1.0 - GAUSS
+                        place(first, slope0, last, slope1, s, h, at)
+                        jac(t + s * h, at, u, p, j1 if part == 0 else j2, by_time)
+                    # The stepper sees what moves the state; tangents may feel more within a step.
+                    apart = 0.0
+                    for i in range(n):
+                        for j in range(n):
+                            gap = mean[i, j] - 0.5 * (j1[i, j] + j2[i, j])
+                            apart = max(apart, abs(gap) * h * scale[j] / scale[i])
+                    if apart > doubt and h > SHORTEST * max(abs(t), abs(goal)):
+                        for i in range(n):
+                            x[i] = first[i]
+                        if jumps >= 0:
+                            u[-1] = mode
+                        until = t + 0.5 * h
+                        info[NEXT_STEP] = 0.5 * h
+                        continue
+                    until = goal
+                    for i in range(n):
+                        trace[row] += h * mean[i, i]
+                    for j in range(count):
+                        logs[j] = L[row, j]
+                        for i in range(n):
+                            slow[j, i] = frame[j, i]
+                    leading = slow_ones(mean, slow, scale, h, changes) if collocating else 0
+                    if leading < count:
+                        for part in range(2):
+                            a, b = (HEAVY, LIGHT) if part == 0 else (LIGHT, HEAVY)
+                            for i in range(n):
+                                for j in range(n):
+                                    omega[i, j] = h * (a * j1[i, j] + b * j2[i, j])
+                            met = push(omega, frame, L[row], scale, 0.75 * rate * h, n, rest)
+                            rate = 2.0 * met / h
+                    if leading > 0:
+                        widest = 0.0
+                        for j in range(leading):
+                            widest = max(widest, changes[j])
+                            L[row, j] = logs[j]
+                        parts = max(1, math.ceil(widest / SLOW))
+                        for part in range(parts):
+                            for stage in range(3):
+                                s = (part + RADAU_NODES[stage]) / parts
+                                place(first, slope0, last, slope1, s, h, at)
+                                jac(t + s * h, at, u, p, radau[stage], by_time)
+                            collocate(radau, h / parts, slow, leading, n, rest)
+                        for j in range(leading):
+                            for i in range(n):
+                                frame[j, i] = slow[j, i]
+                        for j in range(leading, count):
+                            logs[j] = L[row, j]
+                        orthonormalize(frame, L[row])
+                        # the faster ones turn with them, and keep what the exponential said
+                        for j in range(leading, count):
+                            L[row, j] = logs[j]
+                    if jumps >= 0:
+                        u[-1] = after
                 t = info[REACHED]
                 if jumps >= 0 and p[jumps] > 0.0:
                     trace[row] += jump(t, x, u, p, jumps, True, omega, at)

@@ -1,0 +1,247 @@
+"""Maps: what is in a cell, borders, chunks that survive a kill, and the picture's boundary."""
+
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from ballscrew.orchestration import stability_map
+from ballscrew.orchestration.motion import Kind
+from ballscrew.orchestration.stability_map import (
+    BadMap,
+    MapStudy,
+    make_map,
+    read_axis,
+    run_cell,
+    stuck_growth,
+)
+from ballscrew.orchestration.workers import Processes
+
+SIGMA0, SIGMA1 = 66967.231, 344.56
+
+
+def gamma(columns=5, rows=4, **options):
+    """A coarse map of the estimates of an input-output linearization (Fig. 3.18)."""
+    x = read_axis(f"sigma0_hat=66965.89:66969.24:{columns}", "plant", "iol")
+    y = read_axis(f"sigma1_hat=340:366:{rows}", "plant", "iol")
+    return MapStudy("iol", x, y, **options)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("map")
+    return folder, make_map(gamma(), folder, Processes(1), refine=True)
+
+
+def test_cells_know_what_becomes_of_a_loop():
+    study = gamma()
+    cycle = run_cell(study, SIGMA0, 342.5, 1e-8)
+    stuck = run_cell(study, 66966.331, 349.41, 1e-8)
+    away = run_cell(study, 66969.2, 350.0, 1e-8)
+    assert cycle.verdict is Kind.CYCLE
+    assert cycle.oscillation == pytest.approx(2.9e-4, rel=0.05)  # half of 0.58 mm
+    assert stuck.verdict is Kind.LINE
+    assert stuck.final_error == pytest.approx(23.4e-6, rel=0.01)  # shared with four other solvers
+    assert away.verdict is Kind.DIVERGES
+    assert np.isnan(away.final_error)
+
+
+def test_the_table_has_a_row_for_every_cell_in_order_and_counts_agree(whole):
+    folder, summary = whole
+    table = pq.read_table(folder / "map.parquet")
+    assert table.column_names == [
+        "sigma0_hat",
+        "sigma1_hat",
+        "verdict",
+        "final_error",
+        "lambda1_bits_per_s",
+        "oscillation_amplitude",
+        "checked",
+    ]
+    rows = table.to_pylist()
+    assert len(rows) == 20
+    assert [(r["sigma1_hat"], r["sigma0_hat"]) for r in rows] == sorted(
+        (r["sigma1_hat"], r["sigma0_hat"]) for r in rows
+    )
+    for verdict, count in summary.verdicts.items():
+        assert sum(r["verdict"] == verdict for r in rows) == count
+    assert {"limit cycle", "diverges", "stuck on a line of equilibria"} <= set(summary.verdicts)
+    figures = json.loads((folder / "map.json").read_text())
+    assert figures["checked_tighter"] == sum(r["checked"] for r in rows) > 0
+    assert (folder / "map.png").read_bytes()[:4] == b"\x89PNG"
+    assert not (folder / "map.parts").exists()
+
+
+def test_borders_lie_between_cells_of_different_verdict_with_their_width(whole):
+    folder, summary = whole
+    lines = (folder / "borders.csv").read_text().splitlines()
+    assert len(lines) == summary.borders + 1
+    assert lines[0] == "sigma0_hat,sigma1_hat,along,width,below,above"
+    runaway = [line.split(",") for line in lines[1:] if line.endswith("diverges")]
+    along = [row for row in runaway if row[2] == "sigma0_hat"]
+    assert along
+    for row in along:
+        # the edge of the basin at 8 cm: 66968.9 to 66969.0
+        assert 66968.7 < float(row[0]) < 66969.1
+        assert float(row[3]) == pytest.approx(3.35 / 4 / 2**8, rel=1e-6)
+
+
+def test_the_stuck_regime_s_boundary_is_that_of_the_cubic():
+    study = gamma()
+    for d0, d1 in ((-1.0, 2.0), (0.5, 17.5), (0.5, 18.5), (1.0, -0.3), (1.5, 0.5), (-0.5, -3.0)):
+        cubic = [1.0, 18 - d1, 107 - d0 + (499.56 + d1) * d1, 210 + (499.56 + d1) * d0]
+        expected = np.roots(cubic).real.max()
+        found = stuck_growth(study, SIGMA0 + d0, SIGMA1 + d1)
+        assert found == pytest.approx(expected, rel=2e-3, abs=2e-3)
+
+
+def test_the_exponent_of_a_cell_is_that_of_the_whole_run():
+    from ballscrew.orchestration.lyapunov import loop_maker
+    from ballscrew.solver.spectrum import follow
+
+    values = {"sigma0_hat": 66966.0, "sigma1_hat": 350.0}
+    study = gamma(exponents=True, stop=2.0)
+    found = run_cell(study, *values.values(), 1e-8)
+    run = follow(loop_maker("plant", "iol", 0.08, None, values)(1e-10), [0.0, 2.0], count=1)
+    assert found.lambda1 == pytest.approx(run.exponents[0] / np.log(2), rel=1e-3)
+
+
+def test_nctf_is_designed_on_the_perturbed_plant_and_run_on_the_nominal_one():
+    x = read_axis("design.sigma1=241:448:3", "plant", "nctf")
+    y = read_axis("plant.Fc=1.2:1.4:2", "plant", "nctf")
+    study = MapStudy("nctf", x, y, exponents=True, stop=20.0)
+    nominal = run_cell(study, SIGMA1, 1.284, 1e-8)
+    soft = run_cell(study, 0.7 * SIGMA1, 1.284, 1e-8)
+    # Table 3.3 at 300 s and 100 % / 70 %: -0.0134 and -0.0167; neutral, so lambda * t is constant
+    assert nominal.lambda1 * 20.0 == pytest.approx(-0.0134 * 300, rel=0.02)
+    assert soft.lambda1 * 20.0 == pytest.approx(-0.0167 * 300, rel=0.03)
+    assert nominal.verdict is Kind.LINE
+
+
+def test_workers_in_processes_give_the_same_table(whole, tmp_path):
+    folder, _ = whole
+    make_map(gamma(), tmp_path, Processes(2))
+    assert pq.read_table(tmp_path / "map.parquet").equals(pq.read_table(folder / "map.parquet"))
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from ballscrew.orchestration import stability_map as m
+from ballscrew.orchestration.workers import Processes
+m.CHUNK = 2
+x = m.read_axis("sigma0_hat=66965.89:66969.24:5", "plant", "iol")
+y = m.read_axis("sigma1_hat=340:366:4", "plant", "iol")
+m.make_map(m.MapStudy("iol", x, y), Path(sys.argv[1]), Processes(1))
+"""
+
+
+def test_a_killed_map_is_resumed_with_nothing_lost_and_the_same_table(whole, tmp_path, monkeypatch):
+    folder, _ = whole
+    process = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path)], cwd=tmp_path)
+    parts = tmp_path / "map.parts"
+    deadline = time.monotonic() + 120
+    while len(list(parts.glob("c0-*"))) < 3:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    kept = {f.name: f.stat().st_mtime_ns for f in parts.glob("c0-*")}
+    assert not (tmp_path / "map.parquet").exists()
+    monkeypatch.setattr(stability_map, "CHUNK", 2)
+    ran = []
+    original = stability_map.run_chunk
+
+    def counted(study, cells, tolerance):
+        ran.append(tuple(cells))
+        return original(study, cells, tolerance)
+
+    monkeypatch.setattr(stability_map, "run_chunk", counted)
+    with pytest.raises(BadMap, match="--resume"):
+        make_map(gamma(), tmp_path, Processes(1))
+    make_map(gamma(), tmp_path, Processes(1), resume=True)
+    plain = [cells for cells in ran if len(cells) == 2][: 10 - len(kept)]
+    assert len(plain) == 10 - len(kept)  # what was kept is not computed again
+    assert pq.read_table(tmp_path / "map.parquet").equals(pq.read_table(folder / "map.parquet"))
+
+
+def test_another_map_s_folder_is_refused_and_left_as_it_is(whole):
+    folder, _ = whole
+    before = (folder / "map.parquet").read_bytes()
+    with pytest.raises(BadMap, match="another map"):
+        make_map(gamma(columns=6), folder, Processes(1), resume=True)
+    assert (folder / "map.parquet").read_bytes() == before
+
+
+def test_a_finished_map_is_not_computed_again(whole):
+    folder, summary = whole
+    again = make_map(gamma(), folder, Processes(1), resume=True)
+    assert again.verdicts == summary.verdicts
+
+
+def _scheduler(pipe):
+    from distributed import LocalCluster
+
+    cluster = LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True
+    )
+    pids = [w.process.pid for w in cluster.workers.values()]
+    pipe.send((cluster.scheduler_address, pids))
+    pipe.recv()
+    cluster.close()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, monkeypatch):
+    from ballscrew.orchestration.workers import Dask
+
+    folder, _ = whole
+    monkeypatch.setattr(stability_map, "CHUNK", 2)
+    ours, theirs = multiprocessing.Pipe()
+    cluster = multiprocessing.get_context("spawn").Process(target=_scheduler, args=(theirs,))
+    cluster.start()
+    try:
+        assert ours.poll(60)
+        address, pids = ours.recv()
+        workers = Dask(address)
+        seen = []
+
+        def once(done, total):
+            seen.append(done)
+            if len(seen) == 1:
+                os.kill(pids[0], signal.SIGKILL)
+
+        make_map(gamma(), tmp_path, workers, progress=once)
+        workers.close()
+    finally:
+        ours.send("end")
+        cluster.join(30)
+    assert len(seen) >= 10
+    assert pq.read_table(tmp_path / "map.parquet").equals(pq.read_table(folder / "map.parquet"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sigma0_hat=1:2:1", "expected 2 or more"),
+        ("sigma0_hat=2:1:5", "lower one first"),
+        ("sigma0_hat=nan:1:5", "finite"),
+        ("sigma0_hat=0:inf:5", "finite"),
+        ("sigma0_hat=a:1:5", "whole number"),
+        ("sigma0_hat", "NAME=LOW:HIGH:COUNT"),
+        ("Kp=1:2:3", "neither iol nor plant"),
+        ("R=1:2:3", "both sides"),
+        ("design.sigma0=1:2:3", "only nctf"),
+    ],
+)
+def test_axes_that_make_no_sense_say_why(text, words):
+    with pytest.raises(BadMap, match=words):
+        read_axis(text, "plant", "iol")
