@@ -11,8 +11,11 @@ over displacement. Unknown besides the law's parameters, each with the spread th
 - the scale of each record's position, where its sensor was calibrated with an error;
 - how fast each record's body is shaken to and fro below what its position shows.
 
-The maximum is found by Fisher scoring on the logarithms of the parameters (for Bliman-Sorine on
-coordinates that do not lie along its valley, see `values_of`). Standard errors come
+The classical law says nothing of a block that sticks: there only the largest force before each
+break-away counts, which is Fs.
+
+The maximum is found by Fisher scoring on the logarithms of the parameters, or on coordinates that
+suit the law better, see `values_of`. Standard errors come
 from the scores of pieces of the records (the piece is the unit of what is independent, so that
 residuals that hang together within it are accounted for), corrected for their leverage, with
 Student's t for their number; they are never smaller than what the likelihood says when it is not
@@ -29,10 +32,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from .friction_estimation import FrictionEstimate, estimate_friction
+from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
+from .friction_estimation import FrictionEstimate, Motion, estimate_friction
 from .intervals import CONFIDENCE, Interval, is_narrow
-from .law_along_record import bliman_sorine_along, dahl_along, lugre_along, score
+from .law_along_record import ELEMENTS, KINDS, friction_along, score
 from .records import Record
+from .replay import replayed, with_play
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -49,7 +54,23 @@ _SHAKING = 5e-7  # spread of a motion below what sensors show [m/s]: 0.05 um at 
 _SUDDEN = 0.05
 # Least standard error of a logarithm: what counts and smoothing between samples leave undone is of
 # this size on records of the closed-loop rig, and more data do not make it smaller.
-FLOOR = 3e-3
+FLOOR = 2e-3
+# Share of the stiffness that positions rebuilt from counts leave open, as found on records of the
+# closed-loop rig: a tenth of a count over the way on which the bristles bend.
+_ELASTIC_FLOOR = 6e-3
+_ELASTIC = ("sigma0", "sigma", "eps_f", "k1", "k2", "k3", "k4")
+_SLIDING = ("lugre", "modified_lugre", "directional_lugre", "maxwell_slip", "classical")
+_DRAWN = ("bliman_sorine", "maxwell_slip")  # parameters are no functions of one coordinate each
+_RIGID_YIELDING = 2e-5  # way on which a law without a stiffness is taken to break away [m]
+_FARTHEST = 40.0  # that drawn coordinates may lie from the fit
+_NOTHING = 1e3  # spread of a sample of which the law says nothing [N]
+_STILL = 3.0  # spreads of the velocity below which a block may as well stick
+_AROUND = 3  # samples around a break-away of which it is not known which it was
+_BROKEN_AWAY = 5.0  # ways of Fs/sigma0 until a block slides
+_SLID = 10.0  # and that it must have slid in all
+_PLAY = 0.25  # share of the position's noise by which corners are wrong everywhere
+EXAMPLES = 12  # of what rebuilding a motion does
+_LONGEST_TOGETHER = 100.0  # samples whose position is wrong in the same way
 _CORNER = 1.3  # the smoothed position is less certain where a motion begins
 _UNSEEN = 0.3  # share of a sample's change of force that the course between samples may hide
 _STEP = 1e-4  # of finite differences, in logarithms
@@ -82,6 +103,12 @@ LAWS = {
         Law("directional_lugre", _LUGRE, _LUGRE_UNITS, directional=True),
         Law("dahl", ("sigma", "Fc", "alpha"), ("N/m", "N", "1")),
         Law("bliman_sorine", ("f1", "f2", "eps_f", "eta"), ("N", "N", "m", "1")),
+        Law(
+            "maxwell_slip",
+            tuple(p.name for p in MAXWELL_SLIP),
+            tuple(p.unit for p in MAXWELL_SLIP),
+        ),
+        Law("classical", ("sigma2", "Fc", "Fs", "Vs"), ("N*s/m", "N", "N", "m/s")),
     )
 }
 
@@ -89,31 +116,42 @@ LAWS = {
 def values_of(law: Law, coordinates: Vector) -> Vector:
     """Parameters from the coordinates in which they are fitted.
 
-    Logarithms, except that Bliman-Sorine's f1 and f2 grow together as eta nears one, while their
-    difference and f2*(1 - eta) hardly change: these two, eps_f and eta's odds are its coordinates.
+    Logarithms, except for two laws. Bliman-Sorine's f1 and f2 grow together as eta nears one, while
+    their difference and f2*(1 - eta) hardly change: these two, eps_f and eta's odds are its
+    coordinates. Maxwell slip's shares are one together, since a common factor is that of Fc and Fs:
+    their ratios to the last are its coordinates, and the last's own coordinate does nothing.
 
     Parameters
     ----------
     law : Law
     coordinates : ndarray, shape (..., p) or (..., 2 p)
     """
-    if law.name != "bliman_sorine":
-        return np.asarray(np.exp(coordinates))
-    parts = []
-    for k in range(0, coordinates.shape[-1], 4):
-        c, b, eps_f, odds = np.moveaxis(np.exp(coordinates[..., k : k + 4]), -1, 0)
-        eta = odds / (1 + odds)
-        f2 = b * (1 + odds)
-        parts += [c + f2, f2, eps_f, eta]
-    return np.stack(parts, axis=-1)
+    values = np.exp(coordinates)
+    if law.name == "bliman_sorine":
+        parts = []
+        for k in range(0, coordinates.shape[-1], 4):
+            c, b, eps_f, odds = np.moveaxis(values[..., k : k + 4], -1, 0)
+            eta = odds / (1 + odds)
+            f2 = b * (1 + odds)
+            parts += [c + f2, f2, eps_f, eta]
+        return np.stack(parts, axis=-1)
+    if law.name == "maxwell_slip":
+        for k in range(ELEMENTS, coordinates.shape[-1], len(law.parameters)):
+            shares = values[..., k : k + ELEMENTS]
+            shares[..., -1] = 1.0
+            shares /= shares.sum(axis=-1, keepdims=True)
+    return np.asarray(values)
 
 
 def coordinates_of(law: Law, values: Vector) -> Vector:
     """The inverse of `values_of`, for one set of parameters, shape (p,)."""
-    if law.name != "bliman_sorine":
-        return np.asarray(np.log(values))
-    f1, f2, eps_f, eta = values
-    return np.asarray(np.log([f1 - f2, f2 * (1 - eta), eps_f, eta / (1 - eta)]))
+    if law.name == "bliman_sorine":
+        f1, f2, eps_f, eta = values
+        return np.asarray(np.log([f1 - f2, f2 * (1 - eta), eps_f, eta / (1 - eta)]))
+    coordinates = np.log(values)
+    if law.name == "maxwell_slip":
+        coordinates[ELEMENTS : 2 * ELEMENTS] -= coordinates[2 * ELEMENTS - 1]
+    return np.asarray(coordinates)
 
 
 @dataclass(frozen=True)
@@ -133,6 +171,12 @@ class Course:
         Which of the unknown delays a record has.
     count, noise : float
         Resolution of the load cell and first guess of the noise before it [N].
+    replays : ndarray, shape (examples, 3, n)
+        `x`, `v` and `inertial` as they are when rebuilt once more, see `replay`.
+    play : ndarray, shape (records,)
+        How far corners may be wrong in the same way everywhere [m].
+    still : ndarray of bool, shape (n,)
+        Where the block may as well stick.
     """
 
     x: Vector
@@ -148,6 +192,9 @@ class Course:
     clock: npt.NDArray[np.int64]
     count: float
     noise: float
+    replays: Matrix
+    play: Vector
+    still: npt.NDArray[np.bool_]
 
     @property
     def records(self) -> int:
@@ -188,7 +235,9 @@ class Fit:
     freedom : ndarray, shape (p,)
         Degrees of freedom of Student's t.
     predicted : ndarray, shape (n,)
-        Force along the records [N].
+        Force along the records [N]; as measured where the law says nothing.
+    spoken : ndarray of bool, shape (n,)
+        Where the law says what the force is.
     """
 
     law: Law
@@ -205,6 +254,7 @@ class Fit:
     covariance: Matrix
     freedom: Vector
     predicted: Vector
+    spoken: npt.NDArray[np.bool_]
     intervals: dict[str, Interval] = field(default_factory=dict)
 
     @property
@@ -235,23 +285,66 @@ def lay_out(
     for estimate in estimates:
         known = max(_CORNER * estimate.motion.noise, 1e-9)
         shifts.append(known if estimate.from_rest else _FREE_SHIFT)
+
+    def together(motions: Sequence[Motion]) -> Matrix:
+        inertial = [r.mass * m.a for r, m in zip(records, motions, strict=True)]
+        columns = [m.x for m in motions], [m.v for m in motions], inertial
+        return np.stack([np.concatenate(c) for c in columns])
+
+    # calibrations scatter alike: one that happens to fit well is no better than the others
+    doubts = np.array([r.gain_doubt for r in records])
+    usual = math.sqrt(float(np.mean(doubts[doubts > 0] ** 2))) if np.any(doubts > 0) else 0.0
+    gain_doubt = np.where(doubts > 0, usual, 1e-7)
+    x, v, inertial = together([e.motion for e in estimates])
+    random = np.random.default_rng(0)
+    replays = [together([replayed(e, random) for e in estimates]) for _ in range(EXAMPLES)]
     return Course(
-        x=np.concatenate([e.motion.x for e in estimates]),
-        v=np.concatenate([e.motion.v for e in estimates]),
-        inertial=np.concatenate(
-            [r.mass * e.motion.a for r, e in zip(records, estimates, strict=True)]
-        ),
+        x=x,
+        v=v,
+        inertial=inertial,
         force=np.concatenate([r.force for r in records]),
         blur=np.concatenate([e.motion.blur for e in estimates]),
         step=np.array([r.step for r in records]),
         shift_doubt=np.array(shifts),
-        gain_doubt=np.array([max(r.gain_doubt, 1e-7) for r in records]),
+        gain_doubt=gain_doubt,
         delay_doubt=np.array([max(r.delay_doubt, 1e-9) for r in records]),
         starts=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
         clock=np.array([rates.index(round(math.log(r.step), 2)) for r in records], dtype=np.int64),
         count=count,
         noise=noise,
+        replays=np.stack(replays),
+        play=np.array([_PLAY * e.motion.noise for e in estimates]),
+        still=np.concatenate([_may_stick(e.motion) for e in estimates]),
     )
+
+
+def _may_stick(motion: Motion) -> npt.NDArray[np.bool_]:
+    """Where a velocity cannot be told from none, or was smoothed together with such."""
+    spread = 2 * math.pi * motion.bandwidth * motion.noise
+    still = np.abs(motion.v) < max(_STILL * spread, 1e-9)
+    still[[0, -1]] = True  # nobody knows what was before and after
+    near = max(1, round(0.25 / (motion.bandwidth * motion.step)))
+    return np.asarray(np.convolve(still, np.ones(2 * near + 1), "same") > 0.5)
+
+
+def _break_aways(course: Course) -> dict[int, float]:
+    """Samples of the largest force before a block slides, and its direction."""
+    found = {}
+    friction = course.force - course.inertial
+    for r in range(course.records):
+        begin, end = int(course.starts[r]), int(course.starts[r + 1])
+        from_rest = course.shift_doubt[r] < _FREE_SHIFT
+        still = course.still[begin:end]
+        first = begin + np.flatnonzero(still & ~np.append(False, still[:-1]))
+        last = begin + np.flatnonzero(still & ~np.append(still[1:], False))
+        for a, b in zip(first, last, strict=True):
+            if b + 1 == end or (a == begin and not from_rest):
+                continue
+            sign = float(np.sign(course.v[b + 1]))
+            peak = int(a + np.argmax(sign * friction[a : b + 1]))
+            if peak >= begin + _AROUND:
+                found[peak] = sign
+    return found
 
 
 class Problem:
@@ -262,7 +355,11 @@ class Problem:
         self.size = len(law.parameters) * (1 if tied else 2)
         self.owner = course.of_record()
         self.friction = np.empty(len(course.x))
-        self.stiffness = np.empty(len(course.x))
+        rigid = law.name == "classical"
+        self.spoken = ~course.still if rigid else np.ones(len(course.x), dtype=bool)
+        self.break_aways = _break_aways(course) if rigid else {}
+        self.peaks = np.array(list(self.break_aways), dtype=np.int64)
+        self.spoken[self.peaks] = True
         self.gradient = np.empty((2, len(course.x)))
         self.weight = np.empty((3, len(course.x)))
         self.edges = np.zeros(len(course.x), dtype=bool)
@@ -276,25 +373,45 @@ class Problem:
         ways = np.maximum.reduceat(np.abs(course.x - self.begin), course.starts[:-1])
         self.per_way = 1.0 / np.maximum(ways, 1e-9)[self.owner]
 
-    def along(self, coordinates: Vector, shifts: Vector, gains: Matrix, shaking: Vector) -> Vector:
-        """Force along the records before the delay, shape (n,) [N]."""
+    def along(
+        self,
+        coordinates: Vector,
+        shifts: Vector,
+        gains: Matrix,
+        shaking: Vector,
+        motion: Matrix | None = None,
+    ) -> Vector:
+        """Force along the records, or another motion, before the delay, shape (n,) [N]."""
         course = self.course
-        way = course.x - self.begin
+        place, speed, inertial = (course.x, course.v, course.inertial) if motion is None else motion
+        way = place - self.begin
         gain, bend = gains[0][self.owner], gains[1][self.owner] * self.per_way
         x = self.begin + way * (1 + gain + bend * way)
-        v = course.v * (1 + gain + 2 * bend * way)
+        v = speed * (1 + gain + 2 * bend * way)
         values = values_of(self.law, coordinates)
         half = len(self.law.parameters)
         forwards, backwards = values[:half], values[-half:]
-        head = (x, v, course.step, course.starts, shifts, shaking, forwards, backwards)
-        if self.law.name == "dahl":
-            dahl_along(*head, self.friction, self.stiffness)
-        elif self.law.name == "bliman_sorine":
-            bliman_sorine_along(*head, self.friction, self.stiffness)
-        else:
-            sharpness = 0.0 if self.law.name == "lugre" else SHARPNESS
-            lugre_along(*head, sharpness, self.friction, self.stiffness)
-        return self.friction + course.inertial
+        sharpness = 0.0 if self.law.name == "lugre" else SHARPNESS
+        friction_along(
+            KINDS[self.law.name],
+            x,
+            v,
+            course.step,
+            course.starts,
+            shifts,
+            shaking,
+            forwards,
+            backwards,
+            sharpness,
+            self.friction,
+        )
+        if self.law.name == "classical":
+            where = ~self.spoken
+            self.friction[where] = course.force[where] - inertial[where]
+            static = half - 2  # Fs, before Vs
+            for k, sign in self.break_aways.items():
+                self.friction[k] = sign * (forwards if sign > 0 else backwards)[static]
+        return self.friction + inertial
 
     def later(self, force: Vector, delays: Vector) -> Vector:
         """The force as it arrives `delays` late: a parabola through three samples."""
@@ -307,11 +424,8 @@ class Problem:
         bend[self.edges] = 0.0
         return np.asarray(force - part * slope + part**2 * bend)
 
-    def hidden(self, force: Vector) -> Vector:
-        """Variance of a sample besides noise, for the last course of `along`, shape (n,) [N^2].
-
-        Of the position's error, and of what happens between two samples.
-        """
+    def unseen(self, force: Vector) -> Vector:
+        """Variance of a sample because of what happens between two, shape (n,) [N^2]."""
         course = self.course
         change = np.zeros_like(force)
         change[1:-1] = np.abs(force[2:] - force[:-2])
@@ -321,7 +435,12 @@ class Problem:
         change *= 0.5  # in one sampling interval
         level = max(float(np.quantile(np.abs(force), 0.98)), 1e-9)
         sudden = 1 + (change / (_SUDDEN * level)) ** 2
-        return np.asarray((self.stiffness * course.blur) ** 2 + (_UNSEEN * change * sudden) ** 2)
+        variance = np.asarray((_UNSEEN * change * sudden) ** 2)
+        variance[~self.spoken] = _NOTHING**2
+        for k in self.peaks:
+            near = course.force[k - _AROUND : k + _AROUND + 1]
+            variance[k] = float(np.max(np.abs(np.diff(near)))) ** 2
+        return variance
 
     def cost(self, predicted: Vector, spread: Vector) -> float:
         """Minus the log-likelihood."""
@@ -394,7 +513,13 @@ class Pieces:
 class Climb:
     """Fisher scoring with Marquardt's damping from a first guess."""
 
-    def __init__(self, problem: Problem, guess: Vector, held: Sequence[int] = ()) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        guess: Vector,
+        held: Sequence[int] = (),
+        hidden: Vector | None = None,
+    ) -> None:
         course = problem.course
         self.problem = problem
         self.point = Point(
@@ -419,7 +544,10 @@ class Climb:
             ]
         )
         self.held = list(held)
-        self.hidden = problem.hidden(self.force(self.point))
+        self.errors = np.empty((0, len(course.x)))
+        self.hidden = np.zeros(len(course.x)) if hidden is None else hidden
+        if hidden is None:
+            self.look_back()
 
     @staticmethod
     def vector(point: Point) -> Vector:
@@ -449,6 +577,27 @@ class Climb:
         problem = self.problem
         before = problem.along(point.coordinates, point.shifts, point.gains, point.shaking)
         return problem.later(before, point.delays)
+
+    def force_on(self, motion: Matrix) -> Vector:
+        """Force at the point reached, had the records moved so, shape (n,) [N]."""
+        u = self.point
+        force = self.problem.along(u.coordinates, u.shifts, u.gains, u.shaking, motion)
+        return self.problem.later(force, u.delays)
+
+    def look_back(self) -> None:
+        """Learn what rebuilding the motion does to the force, at the point reached."""
+        problem = self.problem
+        course = problem.course
+        force = self.force(self.point)
+        self.hidden = problem.unseen(force)
+        if not len(course.replays):
+            return
+        self.errors = np.array([self.force_on(m) for m in course.replays]) - force
+        alone = np.mean(self.errors**2, axis=0)
+        cuts = course.starts[:-1]
+        together = np.mean(np.add.reduceat(self.errors, cuts, axis=1) ** 2, axis=0)
+        many = together / np.maximum(np.add.reduceat(alone, cuts), 1e-30)
+        self.hidden += alone * np.clip(many, 1.0, _LONGEST_TOGETHER)[problem.owner]
 
     def cost(self, point: Point) -> float:
         return self.problem.cost(self.force(point), self.spread(point)) + self.prior(point)
@@ -519,6 +668,12 @@ class Climb:
         slope -= self.offsets(point) / self.doubt**2
         return Pieces(information, slope, columns, own, noisy)
 
+    def pull(self, pieces: Pieces, weighted: Vector) -> Vector:
+        """Derivatives of the prediction times a weighted residual, for everything unknown."""
+        cuts = self.problem.course.starts[:-1]
+        own = [np.add.reduceat(weighted * row, cuts) for row in pieces.own]
+        return np.concatenate([pieces.columns @ weighted, *own, [0.0]])
+
     def run(self, iterations: int) -> float:
         """Go uphill; returns the cost reached."""
         damping = 1e-3
@@ -583,17 +738,19 @@ def fit_along(
     starts = _starts(course, described)
     if guess:
         starts = [np.array([guess[n] for n in described.parameters])]
+    hidden: Vector | None = None  # costs are compared: all guesses have the first one's
     for start in starts:
         one = coordinates_of(described, start)
         coordinates = one if tied else np.concatenate([one, one])
-        climb = Climb(problem, coordinates)
+        climb = Climb(problem, coordinates, hidden=hidden)
+        hidden = climb.hidden
         cost = climb.run(5)
         if cost < lowest:
             best, lowest = climb, cost
     if best is None:
         raise AssertionError("a law has at least one first guess")
     for _ in range(3):
-        best.hidden = problem.hidden(best.force(best.point))
+        best.look_back()
         cost = best.run(25)
     fit = _summed_up(best, cost)
     return replace(fit, intervals=_intervals(fit, best, follow))
@@ -631,8 +788,12 @@ def _starts(course: Course, law: Law) -> list[Vector]:
             starts.append({"f1": f1, "f2": f2, "eps_f": (f1 / eta - f2) / sigma, "eta": eta})
     else:
         base = max(level - viscous * 0.3 * top, 0.3 * level)
+        elements = {p.name: p.default for p in MAXWELL_SLIP}
         starts = [
-            {
+            elements
+            | {f"k{i}": sigma / ELEMENTS for i in range(1, ELEMENTS + 1)}
+            | {
+                "C": sigma * share * top,
                 "sigma0": sigma,
                 "sigma1": 2 * math.sqrt(sigma * mass),
                 "sigma2": viscous,
@@ -651,7 +812,7 @@ def _summed_up(climb: Climb, cost: float) -> Fit:
     pieces = climb.normal(point)
     columns, own, noisy = pieces.columns, pieces.own, pieces.noisy
     q, p = len(columns), problem.size
-    inverse = np.linalg.inv(pieces.information)
+    inverse = np.asarray(np.linalg.inv(pieces.information), dtype=float)
     prior = climb.doubt**-2
     meat = np.diag(prior)
     shares: list[Vector] = []
@@ -681,13 +842,32 @@ def _summed_up(climb: Climb, cost: float) -> Fit:
     blind[clocks, clocks] -= _told_of_delays(climb, pieces)
     cautious = np.linalg.inv(blind)
     plain = cautious[:p, :p]
-    scale = np.sqrt(np.maximum(np.diag(plain) / np.diag(robust), 1.0))
+    rounding = course.count**2 / 12
+    spread = climb.spread(point) ** 2 + rounding
+    white = (spread - climb.hidden) / spread
+    moved = [inverse[:p] @ climb.pull(pieces, problem.weight[0] * e) for e in climb.errors]
+    of_motion = np.mean(np.square(moved), axis=0)
+    whole = inverse[:p] ** 2 @ prior
+    short = with_play(course.x, course.starts, course.play)
+    more = climb.force_on(np.stack([short, course.v, course.inertial])) - climb.force(point)
+    rounded = (inverse[:p] @ climb.pull(pieces, problem.weight[0] * more)) ** 2
+    heard = _of_noise(climb, pieces, inverse, white)
+    least = heard + of_motion + np.maximum(np.diag(plain) - np.diag(inverse)[:p], 0.0)
+    for r in range(course.records):  # what a record says as a whole
+        part = slice(course.starts[r], course.starts[r + 1])
+        own_places = q + r + course.records * np.arange(OWN)
+        at = np.concatenate([np.arange(q), own_places])
+        local = np.vstack([columns[:, part], own[:, part]])
+        said = inverse[:p][:, at] @ (local @ problem.gradient[0, part])
+        whole += said**2
+    scale = np.sqrt(np.maximum(np.maximum(least, whole) / np.diag(robust), 1.0))
     covariance = robust * np.outer(scale, scale)
-    covariance[np.diag_indices(p)] += FLOOR**2
+    covariance[np.diag_indices(p)] += FLOOR**2 + rounded + _of_sensors(climb)
     share = np.array(shares)
     # Satterthwaite's; what is known beforehand is known for certain
     known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
-    freedom = np.maximum((share.sum(axis=0) + known) ** 2 / (share**2).sum(axis=0), 2.0)
+    squares = np.maximum((share**2).sum(axis=0), 1e-300)
+    freedom = np.maximum((share.sum(axis=0) + known) ** 2 / squares, 2.0)
     # the records' own unknowns and the noise eliminated
     kept = np.linalg.inv(cautious[:q, :q])
     names, units = _fitted_names(problem.law, problem.tied)
@@ -705,8 +885,66 @@ def _summed_up(climb: Climb, cost: float) -> Fit:
         sharpest=np.diag(inverse)[:p].copy(),
         covariance=covariance,
         freedom=freedom,
-        predicted=climb.force(point),
+        predicted=np.where(problem.spoken, climb.force(point), course.force),
+        spoken=problem.spoken,
     )
+
+
+def _of_sensors(climb: Climb) -> Vector:
+    """Variances that more records of the same sensors do not make smaller, by coordinate."""
+    problem = climb.problem
+    names = problem.law.parameters * (1 if problem.tied else 2)
+    variances = np.zeros(problem.size)
+    variances[[n in _ELASTIC for n in names]] = _ELASTIC_FLOOR**2
+    for j in (j for j, n in enumerate(names) if n == "sigma1"):
+        sigma0, sigma1 = np.exp(climb.point.coordinates[j - 1 : j + 1])
+        variances[j] = (float(problem.clock_doubt.min()) * sigma0 / sigma1) ** 2
+    return variances
+
+
+def hardly_slides(fit: Fit, course: Course, parameter: str) -> bool:
+    """Whether a parameter is one of sliding, and the records are all but presliding.
+
+    There the smallest error of a sensor looks like a Stribeck curve.
+    """
+    name = parameter.removesuffix("_pos").removesuffix("_neg")
+    rigid = fit.law.name == "classical"
+    sliding = ["Fc", "Vs", "sigma2"]
+    if fit.law.name == "maxwell_slip":  # shares of what is held when all elements slip
+        sliding += ["C", "Fs", *(f"alpha{i}" for i in range(1, ELEMENTS + 1))]
+    if fit.law.name not in _SLIDING or (name not in sliding and not rigid):
+        return False
+    end = parameter[len(name) :]
+    stiffnesses = ["sigma0", *(f"k{i}" for i in range(1, ELEMENTS + 1))]
+    stiffness = sum(fit.values.get(n + end, 0.0) for n in stiffnesses)
+    yielding = _RIGID_YIELDING if rigid else fit.values["Fs" + end] / stiffness
+    slid = 0.0
+    for begin, stop in zip(course.starts[:-1], course.starts[1:], strict=True):
+        x = course.x[begin:stop]
+        ways = {
+            "_pos": float(np.max(x - np.minimum.accumulate(x))),
+            "_neg": float(np.max(np.maximum.accumulate(x) - x)),
+        }
+        slid += max(ways.get(end, max(ways.values())) - _BROKEN_AWAY * yielding, 0.0)
+    return slid < _SLID * yielding
+
+
+def _of_noise(climb: Climb, pieces: Pieces, inverse: Matrix, white: Vector) -> Vector:
+    """Variances of the coordinates by the noise of the force and by what is known beforehand."""
+    problem = climb.problem
+    p, q = problem.size, len(pieces.columns)
+    owner, records = problem.owner, problem.course.records
+    weight = problem.weight[0] * white
+    variances = np.empty(p)
+    prior = climb.doubt**-2
+    for j in range(p):
+        arm = inverse[j]
+        own = arm[q : q + OWN * records].reshape(OWN, records)
+        along = arm[:q] @ pieces.columns
+        for k in range(OWN):
+            along += own[k][owner] * pieces.own[k]
+        variances[j] = weight @ along**2 + prior @ arm**2
+    return variances
 
 
 def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
@@ -747,14 +985,21 @@ def _intervals(fit: Fit, climb: Climb, follow: bool) -> dict[str, Interval]:
     values = values_of(fit.law, fit.coordinates)
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
     errors = np.sqrt(np.diag(fit.covariance))
-    drawn = _drawn(fit) if fit.law.name == "bliman_sorine" else None
+    drawn = _drawn(fit) if fit.law.name in _DRAWN else None
+    blurred = blurred_elements(fit, climb.problem.course.count)
     intervals = {}
     for j, name in enumerate(fit.names):
         value, error = float(values[j]), float(errors[j])
         reach = float(quantile[j]) * error
         low: float | None
         high: float | None
-        if drawn is not None:
+        if hardly_slides(fit, climb.problem.course, name):
+            low, high, error = None, None, math.inf
+            method = "none: a parameter of sliding, from records of presliding"
+        elif name in blurred:
+            low, high, error = None, None, math.inf
+            method = "none: this element is not told from its neighbours"
+        elif drawn is not None:
             tail = 50 * (1 - CONFIDENCE)
             low, high = (float(b) for b in np.percentile(drawn[:, j], [tail, 100 - tail]))
             error = float(np.subtract(*np.percentile(drawn[:, j], [84.13, 15.87]))) / 2 / value
@@ -780,11 +1025,44 @@ def _intervals(fit: Fit, climb: Climb, follow: bool) -> dict[str, Interval]:
 def _drawn(fit: Fit) -> Matrix:
     """Parameters drawn from Student's t around the fit, shape (draws, p); the same every time."""
     random = np.random.default_rng(0)
-    root = np.linalg.cholesky(fit.covariance)
+    try:
+        root = np.linalg.cholesky(fit.covariance)
+    except np.linalg.LinAlgError:  # rounded, where something is not known at all
+        variances, axes = np.linalg.eigh(fit.covariance)
+        root = axes * np.sqrt(np.maximum(variances, 0.0))
     normal = random.standard_normal((4000, len(root))) @ root.T
     freedom = float(fit.freedom.min())
     heavy = np.sqrt(freedom / random.chisquare(freedom, (4000, 1)))
-    return values_of(fit.law, fit.coordinates + normal * heavy)
+    return values_of(fit.law, fit.coordinates + np.clip(normal * heavy, -_FARTHEST, _FARTHEST))
+
+
+def blurred_elements(fit: Fit, count: float) -> set[str]:
+    """Names of the parameters of Maxwell-slip elements that records do not tell from others.
+
+    An element is told if, wherever the parameters may be, it holds more than the load cell rounds
+    away and yields after the element before it and before the next.
+
+    Parameters
+    ----------
+    fit : Fit
+    count : float
+        Resolution of the load cell [N].
+    """
+    if fit.law.name != "maxwell_slip":
+        return set()
+    names = set()
+    drawn = _drawn(fit)
+    for first in range(0, len(fit.names), len(fit.law.parameters)):
+        own = drawn[:, first : first + len(fit.law.parameters)]
+        stiffness, shares = own[:, :ELEMENTS], own[:, ELEMENTS : 2 * ELEMENTS]
+        held = shares * own[:, -2:-1]
+        ways = held / stiffness
+        before = np.column_stack([np.zeros(len(ways)), ways[:, :-1]])
+        after = np.column_stack([ways[:, 1:], np.full(len(ways), math.inf)])
+        told = np.mean((held > 2 * count) & (before < ways) & (ways < after), axis=0)
+        for i in np.flatnonzero(told < CONFIDENCE):
+            names |= {fit.names[first + i], fit.names[first + ELEMENTS + i]}
+    return names
 
 
 def profile_bounds(
@@ -794,8 +1072,8 @@ def profile_bounds(
     centre = float(fit.coordinates[j])
     bounds: list[float | None] = []
     for sign in (-1.0, 1.0):
-        walk = Climb(climb.problem, climb.point.coordinates, held=[j])
-        walk.centre, walk.hidden = climb.centre, climb.hidden
+        walk = Climb(climb.problem, climb.point.coordinates, held=[j], hidden=climb.hidden)
+        walk.centre = climb.centre
         walk.doubt = climb.doubt.copy()
         walk.doubt[j] = 1e6  # the bound is the data's
         walk.point = climb.point.moved(np.zeros(len(climb.doubt)))

@@ -13,3 +13,8 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 def compiled(function: _Function) -> _Function:
     """The function as machine code, kept on disk between processes."""
     return cast(_Function, njit(cache=True)(function))
+
+
+def compiled_in_place(function: _Function) -> _Function:
+    """A part of compiled functions, put in where it is called: for inner loops."""
+    return cast(_Function, njit(inline="always")(function))

@@ -22,9 +22,17 @@ from .records import Record
 Vector = npt.NDArray[np.float64]
 
 _REST = 40  # samples at rest that are put before a record that begins so
-_WINDOW = 25  # samples to either side that decide whether a counted position moves
+# Of the strength at which residuals are as large as the noise: corners count for more than noise,
+# which friction sums up to nothing.
+_WEAKER = 0.3
+_NEAR = 25  # samples over which a motion is as restless as another place of it
+_LEAST_BENDS = 0.03  # share of the mean of squares that is expected everywhere
+_FEW = 8  # residuals tell too little of how strong to smooth
+_TELLING = 0.4  # least weight of a sample whose residual tells how strong to smooth
+_SLOWEST = 60  # samples in a count beyond which its end is not taken to be known better
+_AT_REST = 1e8  # weight of having no motion
 _STRONGER = 10.0
-_STRONGEST = 1e12  # weight of second differences beyond which the course is a straight line
+_STRONGEST = 1e10  # weight of second differences beyond which the course is a straight line
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,14 @@ class Motion:
         Frequency at which the smoothing halves an oscillation [Hz].
     step : float
         Sampling interval [s].
+    seen : ndarray, shape (n,)
+        Smoothed position at the instants of the position samples [m].
+    strength : ndarray
+        Weights of second differences.
+    later : float
+        How much later than the force's instants those of the position are [s].
+    held : ndarray of int
+        Indices of the samples that bring a new value.
     """
 
     x: Vector
@@ -55,6 +71,10 @@ class Motion:
     count: float
     bandwidth: float
     step: float
+    seen: Vector
+    strength: Vector
+    later: float
+    held: npt.NDArray[np.int64]
 
     @property
     def blur(self) -> Vector:
@@ -159,7 +179,11 @@ def held_samples(values: Vector) -> npt.NDArray[np.int64]:
 
 
 def smooth_motion(
-    position: Vector, step: float, later: float = 0.0, from_rest: bool = False
+    position: Vector,
+    step: float,
+    later: float = 0.0,
+    from_rest: bool = False,
+    like: Motion | None = None,
 ) -> Motion:
     """Position, velocity and acceleration from samples of the position.
 
@@ -174,75 +198,167 @@ def smooth_motion(
         samples that repeat a held value [s].
     from_rest : bool, optional
         Whether the body was at rest before the first sample.
+    like : Motion, optional
+        A motion whose noise, counts, held samples and strength of smoothing are taken over.
     """
+    given = later
     before = _REST if from_rest else 0
     position = np.concatenate([np.full(before, position[0]), position])
     n = len(position)
-    count = count_size(position)
-    held = held_samples(position)
-    noise = fast_noise(position[held])
+    if like:
+        count, noise = like.count, like.noise
+        held = np.concatenate([np.arange(before), before + like.held]) if before else like.held
+    else:
+        count = count_size(position)
+        held = held_samples(position)
+        noise = fast_noise(position[held])
     later -= (
         0.5 * step * ((n - before) / np.count_nonzero(held >= before) - 1)
     )  # a lag counts from the middle of what is held
-    if count > noise and len(held) == n:
+    if like:
+        pass
+    elif count > noise and len(held) == n:
         noise = count / math.sqrt(12)
     else:  # a grid finer than the noise is that of the file
         count = 0.0
     origin = float(position[0])
-    data = position - origin
+    readings = _readings(position - origin, count, held, before)
+    data, weights = readings.data, readings.weights
     if noise == 0.0:
-        smooth, strength = data.copy(), 0.0
+        smooth, strength = data.copy(), np.zeros(n - 2)
     else:
-        if count:
-            changed = np.concatenate([[0.0], (np.diff(data) != 0).astype(float)])
-            moving = np.convolve(changed, np.ones(2 * _WINDOW + 1), "same") > 0
+        if like:
+            strength = like.strength
         else:
-            moving = np.ones(n, dtype=bool)
-        moving[np.setdiff1d(np.arange(n), held)] = False
-        weights = np.zeros(n)
-        weights[held] = 1.0
-        low, high = 1e-3, _STRONGEST
-        for _ in range(24):  # bisection on the logarithm: residuals as large as the noise
-            strength = math.sqrt(low * high)
-            smooth = _smoothed(data, weights, strength)
-            if float(np.mean((smooth - data)[moving] ** 2)) > noise**2:
-                high = strength
-            else:
-                low = strength
-        strength = low
-        smooth = _smoothed(data, weights, strength)
+            strength = _strength(readings, noise, np.ones(n - 2))
+            bends = np.diff(_smoothed(readings, strength), 2) ** 2
+            near = np.convolve(bends, np.ones(_NEAR) / _NEAR, "same")
+            calm = near / max(float(near.mean()), 1e-300) + _LEAST_BENDS
+            strength = _strength(readings, noise, 1.0 / calm)
+        smooth = _smoothed(readings, strength)
         for _ in range(8):  # a counted position is known to within half a count
             outside = np.abs(smooth - data) > (0.55 * count if count else 4 * noise)
             outside &= weights > 0
             if not np.any(outside):
                 break
             weights[outside] *= 6.0
-            smooth = _smoothed(data, weights, strength)
+            smooth = _smoothed(readings, strength)
     times = step * (np.arange(n) - before)
     # where a stronger smoothing would change the course, this one has changed it, too
-    bent = np.abs(_smoothed(data, weights, _STRONGER * strength) - smooth) if noise else 0 * smooth
+    bent = np.abs(_smoothed(readings, _STRONGER * strength) - smooth) if noise else 0 * smooth
     spline = CubicSpline(times, smooth)
     at = np.clip(times + later, times[0], times[-1])
     v = spline(at, 1)
     a = np.gradient(v, step)
     # a sine of w passes by 1/(1 + strength*(2 sin(w h/2))^4)
-    half = 2 * math.asin(min(1.0, 0.5 * strength ** (-1 / 4))) if strength > 0 else math.pi
+    usual = float(np.median(strength))
+    half = 2 * math.asin(min(1.0, 0.5 * usual ** (-1 / 4))) if usual > 0 else math.pi
     x = spline(at)[before:] + origin
     bandwidth = half / (2 * math.pi * step)
-    return Motion(x, v[before:], a[before:], bent[before:], noise, count, bandwidth, step)
+    return Motion(
+        x,
+        v[before:],
+        a[before:],
+        bent[before:],
+        noise,
+        count,
+        bandwidth,
+        step,
+        smooth[before:] + origin,
+        strength,
+        given,
+        held[held >= before] - before,
+    )
 
 
-def _smoothed(data: Vector, weights: Vector, strength: float) -> Vector:
-    """Minimise sum w (s - data)^2 + strength * sum (second differences of s)^2."""
+@dataclass(frozen=True)
+class _Readings:
+    """What samples of a position say.
+
+    Attributes
+    ----------
+    data, weights : ndarray, shape (n,)
+        Readings [m] and what they count.
+    edges, still : ndarray, shape (n - 1,)
+        What it counts that the mean of two neighbours is that of their readings, because a count
+        was passed between them, and that they are the same.
+    """
+
+    data: Vector
+    weights: Vector
+    edges: Vector
+    still: Vector
+
+    def misfit(self, smooth: Vector) -> float:
+        """Mean square of the residuals, as large as the noise's if all is well [m^2]."""
+        off = smooth - self.data
+        telling = self.weights > _TELLING
+        between = self.edges > 0
+        passed = 0.25 * self.edges[between] * (off[1:] + off[:-1])[between] ** 2
+        told = self.weights[telling] * off[telling] ** 2
+        return max((float(np.mean(t)) for t in (told, passed) if len(t) >= _FEW), default=0.0)
+
+
+def _readings(data: Vector, count: float, held: npt.NDArray[np.int64], before: int) -> _Readings:
+    """Weights of samples, the first `before` of them at rest.
+
+    Within a count a slow motion is not seen, but where it passes from one to the next it is there,
+    to within what it moves in a sampling interval.
+    """
     n = len(data)
+    weights, edges, still = np.zeros(n), np.zeros(n - 1), np.zeros(n - 1)
+    still[:before] = _AT_REST
+    if not count:
+        weights[held] = 1.0
+        weights[:before] = 0.0
+        return _Readings(data, weights, edges, still)
+    passed = np.flatnonzero(np.diff(data))
+    lengths = np.diff(np.concatenate([[before - 1], passed, [n - 1]]))
+    weights[before:] = np.repeat(1.0 / lengths, lengths)
+    near = np.minimum(lengths[:-1], lengths[1:])
+    single = np.abs(np.diff(data)[passed]) < 1.5 * count
+    edges[passed] = np.where(single & (near > 1), 1.0 * np.minimum(near, _SLOWEST) ** 2, 0.0)
+    return _Readings(data, weights, edges, still)
+
+
+def _strength(readings: _Readings, noise: float, shape: Vector) -> Vector:
+    """Weights of second differences in proportion to `shape`, residuals as large as the noise."""
+    low, high = 1e-3, _STRONGEST
+    while high > 1.5 * low:
+        middle = math.sqrt(low * high)
+        if readings.misfit(_smoothed(readings, middle * shape)) > noise**2:
+            high = middle
+        else:
+            low = middle
+    return _WEAKER * low * shape
+
+
+def _smoothed(readings: _Readings, strength: Vector) -> Vector:
+    """Minimise the weighted squares of all residuals and of all second differences."""
+    data, weights, edges, still = (
+        readings.data,
+        readings.weights,
+        readings.edges,
+        readings.still,
+    )
+    n = len(data)
+    strength = np.minimum(strength, _STRONGEST)
     bands = np.zeros((3, n))
     stencil = (1.0, -2.0, 1.0)
     for i in range(3):
         for j in range(i, 3):
             # rows 0..n-3 of the difference matrix touch entries (r+i, r+j)
-            bands[2 - (j - i), j : n - 2 + j] += strength * stencil[i] * stencil[j]
+            bands[2 - (j - i), j : n - 2 + j] += stencil[i] * stencil[j] * strength
     bands[2] += weights
-    return np.asarray(solveh_banded(bands, weights * data, check_finite=False), dtype=float)
+    mean = 0.25 * edges
+    for k in (slice(None, -1), slice(1, None)):
+        bands[2, k] += mean + still
+    bands[1, 1:] += mean - still
+    right = weights * data
+    passed = mean * (data[:-1] + data[1:])
+    right[:-1] += passed
+    right[1:] += passed
+    return np.asarray(solveh_banded(bands, right, check_finite=False), dtype=float)
 
 
 def estimate_friction(record: Record) -> FrictionEstimate:

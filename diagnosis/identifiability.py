@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from .along_record import Climb, Course, Fit, Problem, values_of
+from .along_record import Climb, Course, Fit, Problem, hardly_slides, values_of
 from .intervals import NARROW
 from .lugre_dynamics import assumed_damping
 
@@ -170,6 +170,9 @@ def _course(option: Candidate, noise: float, count: float) -> Course:
         clock=np.zeros(records, dtype=np.int64),
         count=count,
         noise=noise,
+        replays=np.empty((0, 3, n * records)),
+        play=np.zeros(records),
+        still=np.zeros(n * records, dtype=bool),
     )
 
 
@@ -188,6 +191,8 @@ def why_not(fit: Fit, parameter: str, course: Course) -> str:
     if float(travelled.max()) < 3e-6:
         return f"nothing moves {way}"
     values = fit.values
+    if hardly_slides(fit, course, parameter):
+        return f"the block hardly slides {way}: after it has broken away there is almost no way"
     if name == "sigma1":
         sigma0 = values[parameter.replace("sigma1", "sigma0")]
         doubt = float(course.delay_doubt.min())
@@ -215,6 +220,17 @@ def why_not(fit: Fit, parameter: str, course: Course) -> str:
         return (
             f"velocities {way} up to {float(np.quantile(speed, 0.99)):.2g} m/s do not tell the "
             "viscous slope from the rest"
+        )
+    if name[:-1] in ("k", "alpha"):
+        return (
+            f"element {name[-1]} holds too little for the load cell, or yields where its "
+            "neighbours may yield as well; the loading curve is known as a whole, not by elements"
+        )
+    if name == "C":
+        lag = values[parameter.replace("C", "Fs")] / values[parameter]
+        return (
+            f"slipping elements follow the curve within {1e3 * lag:.2g} ms: fast changes of "
+            "velocity while sliding, which would show it, are too few here"
         )
     if name in ("Fs", "Fc", "sigma0", "sigma", "alpha"):
         seen = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -13,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
+from ..orchestration.closed_loop import write_json
 from ..solver.kernel_cache import write_atomically
 from .along_record import LAWS, Course, Fit, fit_along, lay_out
 from .bliman_sorine_map import NoSolution, map_points, read_points
@@ -121,8 +121,7 @@ class Identification:
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(self.to_dict(), indent=1) + "\n"
-        write_atomically(folder / "identified.json", text.encode())
+        write_json(folder / "identified.json", self.to_dict())
         write_atomically(folder / "parameters.toml", self.parameter_file().encode())
         save_pictures(self, folder)
 
@@ -171,15 +170,30 @@ def identify(records: Sequence[Record], law: str) -> Identification:
     else:
         notes.append(f"motion {ways[0]} only: nothing is known of the other direction")
     points = stribeck_points(list(records), estimates)
-    residual = course.force - fit.predicted
+    residual = (course.force - fit.predicted)[fit.spoken]
     noise = float(np.median([e.force_noise for e in estimates]))
-    unexplained = math.sqrt(max(float(np.mean(residual**2)) - noise**2, 0.0))
+    square = float(np.mean(residual**2)) if len(residual) else 0.0
+    unexplained = math.sqrt(max(square - noise**2, 0.0))
     doubts = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
     if unexplained > MISFIT * noise:
         doubts.append(
             f"the law leaves {unexplained:.3g} N of the force unexplained, "
             f"{unexplained / noise:.3g} times its noise of {noise:.3g} N: this is not the friction "
             "of these records"
+        )
+    strangers = [r for r in records if not r.about]
+    if strangers:
+        way = max(float(np.ptp(r.position)) for r in strangers)
+        pull = max(float(np.abs(r.force).max()) for r in strangers)
+        notes.append(
+            f"without trial.json, by name and --unit, positions cover up to {way:.3g} m, forces "
+            f"reach {pull:.3g} N, samples come every {strangers[0].step:.3g} s: if that is not so, "
+            "say the units"
+        )
+    if law == "classical":
+        notes.append(
+            f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
+            "where the block may stick, say nothing but how much force it stood"
         )
     if law in ("modified_lugre", "directional_lugre"):
         notes.append("Kv is held at 1e8 s/m: no record here resolves |v| of 1e-8 m/s")
@@ -271,7 +285,10 @@ def thesis_estimates(
         return _thesis_dahl(records, estimates)
     if law == "bliman_sorine":
         return _thesis_bliman_sorine(records, estimates)
-    return _thesis_lugre(records, estimates, points)
+    found = _thesis_lugre(records, estimates, points)
+    if law in ("classical", "maxwell_slip"):  # of these laws the thesis has the static curve only
+        return {"stribeck_eq_1_8": found["stribeck_eq_1_8"]}
+    return found
 
 
 def _thesis_lugre(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..orchestration.pictures import STYLE, COLOURS, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
 
 if TYPE_CHECKING:
     from .identification import Identification

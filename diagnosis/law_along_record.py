@@ -4,6 +4,10 @@ Between two samples the velocity is taken as constant, and g(v) as moving evenly
 here has an exact step, which is stable however stiff the law is. The equations are those of
 ``plant``, and a test compares each with a stiff solver on them. Every parameter comes twice, for
 motion forwards and backwards.
+
+A law is three functions here: the friction at a sample, the step to the next, and how a motion to
+and fro below what samples show wears the deflection down. Compiled code cannot be handed functions,
+so that a law goes by its number in `KINDS`.
 """
 
 from __future__ import annotations
@@ -13,14 +17,29 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from .compiled import compiled
+from .compiled import compiled, compiled_in_place
 
 Vector = npt.NDArray[np.float64]
 Bounds = npt.NDArray[np.int64]
 
+KINDS = {
+    "lugre": 0,
+    "modified_lugre": 0,
+    "directional_lugre": 0,
+    "dahl": 1,
+    "bliman_sorine": 2,
+    "maxwell_slip": 3,
+    "classical": 4,
+}
+_DAHL, _BLIMAN_SORINE, _MAXWELL_SLIP, _CLASSICAL = 1, 2, 3, 4
+ELEMENTS = 4  # of Maxwell slip
+_STATES = 2 * ELEMENTS
+_SLOWEST_SLIP = 1e-7  # of the plant's Maxwell-slip law [m/s]
+
 
 @compiled
-def lugre_along(
+def friction_along(
+    kind: int,
     x: Vector,
     v: Vector,
     step: Vector,
@@ -31,12 +50,13 @@ def lugre_along(
     backwards: Vector,
     sharpness: float,
     friction: Vector,
-    stiffness: Vector,
 ) -> None:
-    """LuGre along several records, laid end to end.
+    """A law along several records, laid end to end.
 
     Parameters
     ----------
+    kind : int
+        One of `KINDS`.
     x, v : ndarray, shape (n,)
         Position [m] and velocity [m/s] at the samples.
     step : ndarray, shape (records,)
@@ -48,152 +68,188 @@ def lugre_along(
     shaking : ndarray, shape (records,)
         Mean speed of a motion to and fro that the samples do not show; it wears the deflection
         down without getting anywhere [m/s].
-    forwards, backwards : ndarray, shape (6,)
-        sigma0, sigma1, sigma2, Fc, Fs, Vs. sigma0 goes with the side to which the bristles are
-        bent, the others with the direction of motion.
+    forwards, backwards : ndarray
+        The law's parameters, in the order of the estimator's ``LAWS``, by direction of motion.
+        LuGre's sigma0 goes with the side to which the bristles are bent.
     sharpness : float
-        Kv of the modified law [s/m]; 0 for |v| itself.
-    friction, stiffness : ndarray, shape (n,)
-        Filled with the friction [N] and the slope of its elastic part over displacement [N/m].
+        Kv of the modified law [s/m]; 0 for abs(v) itself.
+    friction : ndarray, shape (n,)
+        Filled [N].
     """
+    state = np.zeros(_STATES)
     for r in range(len(starts) - 1):
         h = step[r]
+        state[:] = 0.0
+        if shifts[r] != 0.0:
+            # slow, as far as the law is concerned: no sample saw it
+            _move(kind, state, shifts[r], math.inf, 0.0, 0.0, forwards, backwards, sharpness)
+        for k in range(starts[r], starts[r + 1]):
+            friction[k] = _friction(kind, state, v[k], forwards, backwards, sharpness)
+            if k + 1 == starts[r + 1]:
+                break
+            _wear(kind, state, shaking[r] * h, v[k], forwards, backwards)
+            d = x[k + 1] - x[k]
+            if d != 0.0:
+                _move(kind, state, d, h, v[k], v[k + 1], forwards, backwards, sharpness)
+
+
+@compiled_in_place
+def _stribeck(v: float, fc: float, fs: float, vs: float) -> float:
+    return fc + (fs - fc) * math.exp(-((v / vs) ** 2))
+
+
+@compiled_in_place
+def _friction(
+    kind: int, state: Vector, v: float, forwards: Vector, backwards: Vector, sharpness: float
+) -> float:
+    """Friction at a sample [N]."""
+    q = forwards if v > 0.0 else backwards
+    if kind == _DAHL:
+        return state[0]  # type: ignore[no-any-return]
+    if kind == _BLIMAN_SORINE:
+        return state[0] + state[1]  # type: ignore[no-any-return]
+    if kind == _MAXWELL_SLIP:
+        return state[:ELEMENTS].sum() + q[2 * ELEMENTS + 1] * v  # type: ignore[no-any-return]
+    if kind == _CLASSICAL:
+        s = 1.0 if v > 0.0 else -1.0
+        return s * _stribeck(v, q[1], q[2], q[3]) + q[0] * v  # type: ignore[no-any-return]
+    z = state[0]
+    b = forwards if z > 0.0 else backwards
+    g = _stribeck(v, q[3], q[4], q[5])
+    if sharpness > 0.0:
+        s = 2.0 / math.pi * math.atan(sharpness * v)
+        rate = s * s * v - b[0] * s * v * z / g
+    else:
+        rate = v - b[0] * abs(v) * z / g
+    return b[0] * z + q[1] * rate + q[2] * v  # type: ignore[no-any-return]
+
+
+@compiled_in_place
+def _wear(
+    kind: int, state: Vector, way: float, v: float, forwards: Vector, backwards: Vector
+) -> None:
+    """What going `way` to and fro [m] leaves of the deflection."""
+    q = forwards if v > 0.0 else backwards
+    if kind == _DAHL:
+        state[0] *= math.exp(-q[0] * way / q[1])
+    elif kind == _BLIMAN_SORINE:
+        state[0] *= math.exp(-way / (q[3] * q[2]))
+        state[1] *= math.exp(-way / q[2])
+    elif kind == _MAXWELL_SLIP:
+        for i in range(ELEMENTS):
+            state[i] *= math.exp(-q[i] * way / (q[ELEMENTS + i] * q[2 * ELEMENTS + 3]))
+    elif kind != _CLASSICAL:
+        b = forwards if state[0] > 0.0 else backwards
+        state[0] *= math.exp(-b[0] * way / q[4])
+
+
+@compiled_in_place
+def _move(
+    kind: int,
+    state: Vector,
+    d: float,
+    h: float,
+    before: float,
+    after: float,
+    forwards: Vector,
+    backwards: Vector,
+    sharpness: float,
+) -> None:
+    """Take the state over the displacement `d` [m] in `h` [s], between two velocities [m/s]."""
+    s = 1.0 if d > 0.0 else -1.0
+    q = forwards if d > 0.0 else backwards
+    if kind == _DAHL:
+        left = max(1.0 - s * state[0] / q[1], 0.0)
+        run = q[0] / q[1] * abs(d)
+        if abs(q[2] - 1.0) < 1e-9:
+            left *= math.exp(-run)
+        elif left > 0.0:
+            base = left ** (1.0 - q[2]) - (1.0 - q[2]) * run
+            left = base ** (1.0 / (1.0 - q[2])) if base > 0.0 else 0.0
+        state[0] = s * q[1] * (1.0 - left)
+    elif kind == _BLIMAN_SORINE:
+        slow = math.exp(-abs(d) / q[2])
+        fast = math.exp(-abs(d) / (q[2] * q[3]))
+        state[0] = s * q[0] + (state[0] - s * q[0]) * fast
+        state[1] = -s * q[1] + (state[1] + s * q[1]) * slow
+    elif kind == _MAXWELL_SLIP:
+        _move_elements(state, d, h, before, after, q)
+    elif kind != _CLASSICAL:
+        _move_bristles(state, d, h, before, after, forwards, backwards, sharpness)
+
+
+@compiled_in_place
+def _move_bristles(
+    state: Vector,
+    d: float,
+    h: float,
+    before: float,
+    after: float,
+    forwards: Vector,
+    backwards: Vector,
+    sharpness: float,
+) -> None:
+    q = forwards if d > 0.0 else backwards
+    s = 1.0 if d > 0.0 else -1.0
+    z, w = state[0], d / h
+    if sharpness > 0.0 and h < math.inf:
+        s = 2.0 / math.pi * math.atan(sharpness * w)
+    if before * d > 0.0 and after * d > 0.0:
+        first = _stribeck(before, q[3], q[4], q[5])
+        last = _stribeck(after, q[3], q[4], q[5])
+    else:
+        first = last = _stribeck(w, q[3], q[4], q[5])
+    g = 0.5 * (first + last)
+    way = s * d
+    if z * s < 0.0:  # bent to the other side: first back to nothing
+        b = backwards if d > 0.0 else forwards
+        rest = s * g / b[0]
+        back = g / b[0] * math.log(1.0 - z / rest)
+        if back >= way:
+            state[0] = rest + (z - rest) * math.exp(-b[0] * way / g)
+            return
+        way -= back
         z = 0.0
-        for k in range(starts[r] - 1, starts[r + 1]):
-            if k >= starts[r]:
-                u = v[k]
-                q = forwards if u > 0.0 else backwards
-                b = forwards if z > 0.0 else backwards
-                g = q[3] + (q[4] - q[3]) * math.exp(-((u / q[5]) ** 2))
-                if sharpness > 0.0:
-                    s = 2.0 / math.pi * math.atan(sharpness * u)
-                    rate = s * s * u - b[0] * s * u * z / g
-                else:
-                    rate = u - b[0] * abs(u) * z / g
-                friction[k] = b[0] * z + q[1] * rate + q[2] * u
-                stiffness[k] = b[0] * abs(1.0 - (b[0] * z / g if u > 0.0 else -b[0] * z / g))
-                if k + 1 == starts[r + 1]:
-                    break
-                z *= math.exp(-b[0] * shaking[r] * h / q[4])
-                d = x[k + 1] - x[k]
-            else:
-                d = shifts[r]
-            if d == 0.0:
+    # towards a rest that moves evenly from that of the first velocity to the last's
+    run = q[0] * way / g
+    if run > 0.0:
+        gone = -math.expm1(-run)
+        begin, end = s * first / q[0], s * last / q[0]
+        z = end + (z - begin) * (1.0 - gone) - (end - begin) * gone / run
+    state[0] = z
+
+
+@compiled_in_place
+def _move_elements(
+    state: Vector, d: float, h: float, before: float, after: float, q: Vector
+) -> None:
+    """Maxwell slip: forces of the elements, then 1 or -1 for each that slips that way, or 0."""
+    s = 1.0 if d > 0.0 else -1.0
+    attraction, fc, fs, vs = q[2 * ELEMENTS], q[2 * ELEMENTS + 2], q[-2], q[-1]
+    if before * d > 0.0 and after * d > 0.0:
+        first, last = _stribeck(before, fc, fs, vs), _stribeck(after, fc, fs, vs)
+    else:
+        first = last = _stribeck(d / h, fc, fs, vs)
+    g = 0.5 * (first + last)
+    for i in range(ELEMENTS):
+        share = q[ELEMENTS + i]
+        left = 1.0  # share of the step in which the element slips
+        if state[ELEMENTS + i] * s <= 0.0:
+            state[ELEMENTS + i] = 0.0
+            loaded = state[i] + q[i] * d
+            if s * loaded < share * g:
+                state[i] = loaded
                 continue
-            q = forwards if d > 0.0 else backwards
-            s = 1.0 if d > 0.0 else -1.0
-            first = q[4]  # the displacement before the record is slow: the bristles feel g(0)
-            last = q[4]
-            if k >= starts[r]:
-                w = d / h
-                if sharpness > 0.0:
-                    s = 2.0 / math.pi * math.atan(sharpness * w)
-                if v[k] * d > 0.0 and v[k + 1] * d > 0.0:
-                    first = q[3] + (q[4] - q[3]) * math.exp(-((v[k] / q[5]) ** 2))
-                    last = q[3] + (q[4] - q[3]) * math.exp(-((v[k + 1] / q[5]) ** 2))
-                else:
-                    first = q[3] + (q[4] - q[3]) * math.exp(-((w / q[5]) ** 2))
-                    last = first
-            g = 0.5 * (first + last)
-            way = s * d
-            if z * s < 0.0:  # bent to the other side: first back to nothing
-                b = backwards if d > 0.0 else forwards
-                rest = s * g / b[0]
-                back = g / b[0] * math.log(1.0 - z / rest)
-                if back >= way:
-                    z = rest + (z - rest) * math.exp(-b[0] * way / g)
-                    continue
-                way -= back
-                z = 0.0
-            # towards a rest that moves evenly from that of the first velocity to the last's
-            run = q[0] * way / g
-            if run == 0.0:
-                continue
+            left = min(max((loaded - s * share * g) / (q[i] * d), 0.0), 1.0)
+            state[i] = s * share * (first + (last - first) * (1.0 - left))
+            state[ELEMENTS + i] = s
+        if h == math.inf:
+            continue
+        run = attraction * left * h / g / (1.0 + _SLOWEST_SLIP * h / abs(d))
+        if run > 0.0:
             gone = -math.expm1(-run)
-            begin, end = s * first / q[0], s * last / q[0]
-            z = end + (z - begin) * (1.0 - gone) - (end - begin) * gone / run
-
-
-@compiled
-def dahl_along(
-    x: Vector,
-    v: Vector,
-    step: Vector,
-    starts: Bounds,
-    shifts: Vector,
-    shaking: Vector,
-    forwards: Vector,
-    backwards: Vector,
-    friction: Vector,
-    stiffness: Vector,
-) -> None:
-    """Dahl (parameters sigma, Fc, alpha) along several records; see `lugre_along`."""
-    for r in range(len(starts) - 1):
-        f = 0.0
-        for k in range(starts[r] - 1, starts[r + 1]):
-            if k >= starts[r]:
-                friction[k] = f
-                q = forwards if v[k] > 0.0 else backwards
-                left = 1.0 - f / q[1] if v[k] > 0.0 else 1.0 + f / q[1]
-                stiffness[k] = q[0] * max(left, 0.0) ** q[2]
-                if k + 1 == starts[r + 1]:
-                    break
-                f *= math.exp(-q[0] * shaking[r] * step[r] / q[1])
-                d = x[k + 1] - x[k]
-            else:
-                d = shifts[r]
-            if d == 0.0:
-                continue
-            q = forwards if d > 0.0 else backwards
-            s = 1.0 if d > 0.0 else -1.0
-            left = max(1.0 - s * f / q[1], 0.0)
-            run = q[0] / q[1] * abs(d)
-            if abs(q[2] - 1.0) < 1e-9:
-                left *= math.exp(-run)
-            elif left > 0.0:
-                base = left ** (1.0 - q[2]) - (1.0 - q[2]) * run
-                left = base ** (1.0 / (1.0 - q[2])) if base > 0.0 else 0.0
-            f = s * q[1] * (1.0 - left)
-
-
-@compiled
-def bliman_sorine_along(
-    x: Vector,
-    v: Vector,
-    step: Vector,
-    starts: Bounds,
-    shifts: Vector,
-    shaking: Vector,
-    forwards: Vector,
-    backwards: Vector,
-    friction: Vector,
-    stiffness: Vector,
-) -> None:
-    """Bliman-Sorine (f1, f2, eps_f, eta) along several records; see `lugre_along`."""
-    for r in range(len(starts) - 1):
-        one = 0.0
-        two = 0.0
-        for k in range(starts[r] - 1, starts[r + 1]):
-            if k >= starts[r]:
-                friction[k] = one + two
-                q = forwards if v[k] > 0.0 else backwards
-                s = 1.0 if v[k] > 0.0 else -1.0
-                stiffness[k] = abs((q[0] - s * one) / (q[3] * q[2]) - (q[1] + s * two) / q[2])
-                if k + 1 == starts[r + 1]:
-                    break
-                one *= math.exp(-shaking[r] * step[r] / (q[3] * q[2]))
-                two *= math.exp(-shaking[r] * step[r] / q[2])
-                d = x[k + 1] - x[k]
-            else:
-                d = shifts[r]
-            if d == 0.0:
-                continue
-            q = forwards if d > 0.0 else backwards
-            s = 1.0 if d > 0.0 else -1.0
-            slow = math.exp(-abs(d) / q[2])
-            fast = math.exp(-abs(d) / (q[2] * q[3]))
-            one = s * q[0] + (one - s * q[0]) * fast
-            two = -s * q[1] + (two + s * q[1]) * slow
+            begin, end = s * share * (last + (first - last) * left), s * share * last
+            state[i] = end + (state[i] - begin) * (1.0 - gone) - (end - begin) * gone / run
 
 
 @compiled

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import t as student
 
 Vector = npt.NDArray[np.float64]
 
@@ -180,16 +181,44 @@ def read_record(
     step = _check_time(path, signals["time"], "time" in units)
     for name, values in signals.items():
         _check_unit(path, name, values, name in units)
-    record = Record(str(path), signals, step, delay_doubt=step / math.sqrt(12), about=about)
-    _check_motion(path, record)
-    gain_doubt = _gain_doubt(about) if record.position_name == "x_fine" else 0.0
-    known = _lags(about)
-    notes = () if about else ("no trial.json: all columns are taken to have the same lag",)
     if mass is None:
         mass = _rig_mass(about)
     if not (math.isfinite(mass) and mass >= 0):
         raise BadRecord(f"the mass is {mass} kg, expected a number of at least 0")
-    return replace(record, mass=mass, lags=known, gain_doubt=gain_doubt, notes=notes)
+    record = with_description(str(path), signals, step, mass, about)
+    _check_motion(path, record)
+    return record
+
+
+def with_description(
+    name: str,
+    signals: Mapping[str, Vector],
+    step: float,
+    mass: float,
+    about: Mapping[str, Any],
+) -> Record:
+    """The record of signals in SI units, with what its ``trial.json`` says of lags and scale.
+
+    Raises
+    ------
+    BadRecord
+        If `about` is not what a rig writes.
+    """
+    notes = () if about else ("no trial.json: all columns are taken to have the same lag",)
+    record = Record(
+        name,
+        signals,
+        step,
+        mass,
+        _lags(about),
+        delay_doubt=step / math.sqrt(12),
+        about=about,
+        notes=notes,
+    )
+    if record.position_name != "x_fine":
+        return record
+    fine, gain_doubt = _by_eq_2_1(about, signals["x_fine"])
+    return replace(record, signals={**signals, "x_fine": fine}, gain_doubt=gain_doubt)
 
 
 def _read_about(path: Path) -> dict[str, Any]:
@@ -216,22 +245,37 @@ def _lags(about: Mapping[str, Any]) -> dict[str, float]:
         ) from None
 
 
-def _gain_doubt(about: Mapping[str, Any]) -> float:
-    """Of the fine position's scale where the record begins, from its calibration's covariance."""
+def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]:
+    """Fine position by Eq. 2.1 through the trial's own calibration, and the doubt of its scale.
+
+    The instrument's polynomial bends away from the hyperbola that the plates follow: at small
+    displacements its slope is wrong by several percent, in every trial in the same way. The
+    polynomial is undone, and displacement fitted to the calibration's points as a + b/C.
+    """
     calibration = about.get("calibration")
     if not isinstance(calibration, Mapping):
-        return _UNSAID_GAIN_DOUBT
+        return x_fine, _UNSAID_GAIN_DOUBT
     try:
-        _, linear, quadratic = (float(c) for c in calibration["polynomial_m_per_pF"])
-        covariance = np.array(calibration["covariance"], dtype=float)
-        first = 1e12 * float(calibration["capacitance_F"][0])
-        slope = np.array([0.0, 1.0, 2 * first])
-        return math.sqrt(float(slope @ covariance @ slope)) / abs(linear + 2 * quadratic * first)
-    except (KeyError, TypeError, ValueError, IndexError, ZeroDivisionError):
+        c0, c1, c2 = (float(c) for c in calibration["polynomial_m_per_pF"])
+        points = np.array(calibration["displacement_m"], dtype=float)
+        capacitances = 1e12 * np.array(calibration["capacitance_F"], dtype=float)
+        inverse = np.column_stack([np.ones(len(points)), 1 / capacitances])
+        (a, b), (rest,), rank, _ = np.linalg.lstsq(inverse, points, rcond=None)
+        if rank < 2 or b <= 0 or c2 == 0:
+            raise ValueError
+    except (KeyError, TypeError, ValueError, IndexError, np.linalg.LinAlgError):
         raise BadRecord(
-            "trial.json: expected `calibration` with `polynomial_m_per_pF`, its `covariance` and "
-            "`capacitance_F`"
+            "trial.json: expected `calibration` with `polynomial_m_per_pF` (three numbers), "
+            "`displacement_m` and `capacitance_F` (as many as were taken, all different)"
         ) from None
+    freedom = len(points) - 2
+    error = math.sqrt(rest / freedom / float(np.sum((inverse[:, 1] - inverse[:, 1].mean()) ** 2)))
+    top = -c1 / (2 * c2)  # of the parabola; the sensor is on the side of the calibration
+    side = 1.0 if float(capacitances.mean()) > top else -1.0
+    root = np.sqrt(np.maximum(top**2 - (c0 - x_fine) / c2, 0.0))
+    # as wide as Student's t with so few points
+    wider = float(student.ppf(0.975, freedom)) / 1.96
+    return a + b / (top + side * root), wider * error / b
 
 
 def _rig_mass(about: Mapping[str, Any]) -> float:

@@ -253,7 +253,8 @@ def _agreed(first: Motion, second: Motion) -> Motion:
         )
     if first.limit is None or second.limit is None or second.limit_error is None:
         return second
-    moved = np.abs(first.limit - second.limit)
+    with np.errstate(invalid="ignore"):
+        moved = np.abs(first.limit - second.limit)
     error = np.maximum(second.limit_error, np.where(np.isfinite(moved), moved, 0.0))
     if second.kind is Kind.CHAOS:  # two orbits of one attractor differ by chance
         error = second.limit_error

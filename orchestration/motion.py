@@ -25,7 +25,9 @@ ROUNDS = 8
 LONGER = 4.0  # each round is so many times as long as the one before
 LONGEST_CYCLE = 8  # returns of one period
 CROSSINGS = 64
-CLOSED = 1e-2  # share of the size of a motion that may be left until it closes
+CLOSED = 1e-3  # share of the size of a motion that may be left until it closes
+NOISE = 3e3  # times the tolerance, states one period apart are the same
+GROWING = 0.05  # nats in a period: no cycle, whatever seems to close
 MANY = 400  # returns from which a torus is told from a long cycle
 CERTAIN = 4.0  # standard errors
 SHARPER = 0.01  # of the tolerance, for the exponents of a cycle
@@ -231,33 +233,18 @@ def _cycle(model: Model, passes: Returns, exponents: bool) -> Motion | None:
     count = len(passes.time)
     size = passes.high - passes.low
     size[size == 0.0] = np.inf
+    noise = NOISE * model.tolerance
     for lag in range(1, LONGEST_CYCLE + 1):
-        if count < 3 * lag + 3:
+        if count < 3 * lag + 1:
             break
-        apart = [
-            float(
-                np.max(
-                    np.abs(
-                        passes.states[count - 1 - k * lag]
-                        - passes.states[count - 1 - (k + 1) * lag]
-                    )
-                    / size
-                )
-            )
-            for k in range(2)
-        ]
-        new, old = apart
-        if new > CLOSED:
-            continue
-        share = new / old if old > 0.0 else 0.0
-        noise = 100.0 * model.tolerance
-        if new > noise and share >= 1.0:
-            continue
-        # what is still to come, were the distances to shrink on as they do
-        ahead = 0.0 if new <= noise else new * share / (1.0 - share)
-        # the motion around it must not shrink with it
-        if ahead > CLOSED:
-            continue
+        same_phase = passes.states[count - 1 - 3 * lag :: lag] / size
+        new, old, older = np.abs(np.diff(same_phase, axis=0)).max(axis=1)[::-1]
+        if new > noise:
+            # what is still to come, were the distances to shrink on as they do
+            share = new / old
+            shrinking = share < 1.0 and old < older
+            if new > CLOSED or not shrinking or new * share / (1.0 - share) > CLOSED:
+                continue
         period = float(passes.time[-1] - passes.time[-1 - lag])
         begin = float(passes.time[-1])
         model.x[:] = passes.states[-1]
@@ -267,19 +254,21 @@ def _cycle(model: Model, passes: Returns, exponents: bool) -> Motion | None:
         wide = once.high - once.low
         if np.max(np.abs(wide - size)[np.isfinite(size)] / size[np.isfinite(size)]) > 0.5:
             continue  # the motion has shrunk or grown since: no cycle yet
-        return _closed(model, passes, once, lag, period, new, exponents)
+        closed = _closed(model, once, lag, period, float(new), exponents)
+        if closed is not None:
+            return closed
     return None
 
 
 def _closed(
     model: Model,
-    passes: Returns,
     once: Returns,
     lag: int,
     period: float,
     error: float,
     exponents: bool,
-) -> Motion:
+) -> Motion | None:
+    """The cycle with its numbers; None where its exponents say that it closed by chance."""
     amplitude = _ranges(model, once)
     wide = max(amplitude, key=lambda n: amplitude[n] / _nominal(model, n))
     text = (
@@ -291,6 +280,8 @@ def _closed(
     limit, doubt = _over_periods(model, once.end, period)
     order = np.argsort(-limit)
     limit, doubt = limit[order], doubt[order]
+    if limit[0] * period > GROWING:
+        return None
     zeros = int(np.sum(np.abs(limit) <= np.maximum(doubt, 1e-3 / period)))
     text += f"; over whole periods the exponents are {', '.join(f'{v:.4g}' for v in limit)} nats/s"
     kind, would = Kind.CYCLE, ""
@@ -328,11 +319,12 @@ def _over_periods(
     if len(again.time) <= periods:
         none = np.full(growth.shape[1], np.nan)
         return none, none
-    first = (growth[half] - growth[0]) / (half * period)
-    second = (growth[-1] - growth[half]) / ((periods - half) * period)
+    # a direction that is gone has minus infinity all along
+    first = growth[half] / (half * period)
     with np.errstate(invalid="ignore"):
-        doubt = np.where(np.isfinite(first - second), np.abs(first - second), 0.0)
-    return np.asarray((growth[-1] - growth[0]) / (periods * period)), doubt
+        second = (growth[-1] - growth[half]) / ((periods - half) * period)
+        doubt = np.where(np.isfinite(first + second), np.abs(first - second), 0.0)
+    return np.asarray(growth[-1] / (periods * period)), doubt
 
 
 def _unclosed(model: Model, passes: Returns) -> Motion:

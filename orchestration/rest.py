@@ -76,7 +76,9 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
 
 
 def _shortest_solution(a: Matrix, b: Vector) -> Vector:
-    """Least squares, rows scaled alike; what is dependent up to round-off is left out."""
-    size = np.abs(a).max(axis=1, initial=0.0)
-    size[size == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(a / size[:, None], b / size, rcond=1e-11)[0])
+    """Least squares; what is dependent, or nearly, is left where it is.
+
+    A friction law's deflection that hardly moves any more must not be driven along the line of
+    equilibria to make its last rate vanish, too.
+    """
+    return np.asarray(np.linalg.lstsq(a, b, rcond=1e-11)[0])

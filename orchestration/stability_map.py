@@ -315,7 +315,8 @@ def run_chunk(study: MapStudy, cells: list[int], tolerance: float) -> Columns:
         found = run_cell(study, x, y, tolerance)
         row = (x, y, found.verdict.value, found.final_error, found.lambda1, found.oscillation)
         for name, value in zip(list(columns)[1:], row, strict=True):
-            columns[name].append(value)
+            unknown = isinstance(value, float) and math.isnan(value)
+            columns[name].append(None if unknown else value)
     return columns
 
 

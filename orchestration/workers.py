@@ -102,7 +102,8 @@ class Dask:
             ]
 
         workers = max(1, len(self.client.scheduler_info()["workers"]))
-        running = as_completed(submit(workers * AHEAD), with_results=True)
+        tasks_in_hand = submit(workers * AHEAD)
+        running = as_completed(tasks_in_hand, loop=self.client.loop, with_results=True)
         for future, result in running:
             yield result
             future.release()

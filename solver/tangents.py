@@ -49,6 +49,7 @@ from .stepper import (
 # states' magnitudes [nats]: both are of order four where the stepper is of order five.
 DOUBT, ORDER = 1.0, 0.45
 SHORTEST = 1e-14  # step over time at which it is left at that
+STRIDES = 512  # parts of a walk within which a motion does not cross a plane twice unseen
 RAN_AWAY = 4  # a status, beside the stepper's
 GAUSS = 0.5 - math.sqrt(3.0) / 6.0
 HEAVY, LIGHT = (3.0 + 2.0 * math.sqrt(3.0)) / 12.0, (3.0 - 2.0 * math.sqrt(3.0)) / 12.0
@@ -377,13 +378,14 @@ def build_returns(integrate: Any) -> Any:
         for i in range(n):
             low[i], high[i] = x[i], x[i]
         t = t0
+        longest = (t1 - t0) / STRIDES
         for _ in range(max_steps):
             if t >= t1 or found == times.shape[0]:
                 break
             for i in range(n):
                 before[i] = x[i]
             held[:] = u
-            status = integrate(t, t1, x, u, p, atol, rtol, work, info, 1)
+            status = integrate(t, min(t1, t + longest), x, u, p, atol, rtol, work, info, 1)
             if status != DONE and status != TOO_MANY_STEPS:
                 info[STATUS] = status
                 return found

@@ -52,7 +52,7 @@ def test_a_limit_cycle_comes_with_period_amplitude_and_return_check(tmp_path, ca
     assert main([*arguments, "--set", "controller.sigma1_hat=342.5", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["verdict"] == "limit cycle"
-    assert figures["period_s"] == pytest.approx(0.93646, rel=1e-3)
+    assert figures["period_s"] == pytest.approx(0.93814, rel=1e-4)
     assert figures["amplitude"]["plant_x"] == pytest.approx(2.9e-4, rel=0.03)
     assert figures["return_error"] < 1e-6
     limits = figures["asymptotic_bits_per_s"]

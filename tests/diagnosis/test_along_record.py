@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
-from random_rigs import identify_random_rig
+from random_rigs import PRESCRIBED, identify_random_rig
 from scipy.integrate import solve_ivp
 from synthetic_records import (
     constant_velocity,
@@ -25,12 +25,16 @@ from ballscrew.diagnosis.along_record import (
     fit_along,
     lay_out,
 )
-from ballscrew.diagnosis.law_along_record import bliman_sorine_along, dahl_along, lugre_along, score
+from ballscrew.diagnosis.law_along_record import KINDS, friction_along, score
 from ballscrew.plant.bliman_sorine import bliman_sorine
+from ballscrew.plant.classical import classical
 from ballscrew.plant.dahl import dahl
 from ballscrew.plant.directional_lugre import directional_lugre
 from ballscrew.plant.lugre import lugre
+from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
+from ballscrew.plant.maxwell_slip import maxwell_slip
 from ballscrew.plant.modified_lugre import modified_lugre
+from ballscrew.plant.prescribed_motion import follow
 from ballscrew.solver.component import symbol
 
 LUGRE = {
@@ -49,6 +53,8 @@ TRUTHS = {
     "directional_lugre": {f"{n}_pos": v for n, v in LUGRE.items()}
     | {f"{n}_neg": 0.8 * v for n, v in LUGRE.items()}
     | {"Kv": 1e8},
+    "maxwell_slip": {p.name: p.default for p in MAXWELL_SLIP},
+    "classical": {n: LUGRE[n] for n in ("sigma2", "Fc", "Fs", "Vs")},
 }
 PLANTS = {
     "lugre": lugre,
@@ -56,11 +62,18 @@ PLANTS = {
     "dahl": dahl,
     "bliman_sorine": bliman_sorine,
     "directional_lugre": directional_lugre,
+    "maxwell_slip": maxwell_slip,
+    "classical": classical,
 }
 
 
 def plant_friction(name, velocity, times):
-    """Friction of the plant's own equations along a velocity, by scipy's Radau."""
+    """Friction of the plant's own equations along a velocity, by scipy's Radau.
+
+    Maxwell slip's memory changes within a nanometre: the project's own solver takes that one.
+    """
+    if name == "maxwell_slip":
+        return follow(name, times, [velocity(t) for t in times]).outputs["friction"]
     v = symbol("v")
     term = PLANTS[name](v)
     states = [symbol(s.name) for s in term.states]
@@ -70,6 +83,8 @@ def plant_friction(name, velocity, times):
     rates = sp.lambdify([v, *states], [s.derivative.subs(known) for s in term.states])
     output = next(o for o in term.outputs if o.name == "friction").value.subs(known)
     force = sp.lambdify([v, *states], output)
+    if not states:
+        return np.array([force(velocity(t)) for t in times])
     solution = solve_ivp(
         lambda t, y: rates(velocity(t), *y),
         (0, times[-1]),
@@ -84,7 +99,7 @@ def plant_friction(name, velocity, times):
 
 
 def along(name, x, v, h):
-    friction, stiffness = np.empty(len(x)), np.empty(len(x))
+    friction = np.empty(len(x))
     names = LAWS[name].parameters
     truth = TRUTHS[name]
     one, other = (
@@ -92,12 +107,7 @@ def along(name, x, v, h):
         for side in ("pos", "neg")
     )
     head = (x, v, np.array([h]), np.array([0, len(x)]), np.zeros(1), np.zeros(1), one, other)
-    if name == "dahl":
-        dahl_along(*head, friction, stiffness)
-    elif name == "bliman_sorine":
-        bliman_sorine_along(*head, friction, stiffness)
-    else:
-        lugre_along(*head, 0.0 if name == "lugre" else 1e8, friction, stiffness)
+    friction_along(KINDS[name], *head, 0.0 if name == "lugre" else 1e8, friction)
     return friction
 
 
@@ -115,10 +125,10 @@ def test_laws_along_a_record_are_the_plant_s_equations(name):
         away = np.abs(v) > 2 * amplitude * omega * h
         errors.append(float(np.abs(along(name, x, v, h) - reference)[away].max()))
     assert errors[0] < 5e-3
-    assert errors[1] < 0.6 * errors[0]
+    assert errors[1] < max(0.6 * errors[0], 1e-12)  # the classical law is exact: it has no state
 
 
-@pytest.mark.parametrize("name", list(LAWS))
+@pytest.mark.parametrize("name", PRESCRIBED)
 def test_synthetic_records_follow_the_plant_s_equations_too(name):
     amplitude, omega, h = 1e-3, 2.0, 2.5e-4
     times = h * np.arange(round(2.0 / h))
@@ -164,10 +174,11 @@ def test_expected_information_is_the_variance_of_the_score():
 
 def test_intervals_hold_the_truth_on_random_rigs():
     """A sample of what ``proofs/identification.py`` counts on a hundred rigs a law."""
-    outcomes = [o for law in LAWS for seed in (900, 901) for o in identify_random_rig(law, seed)]
+    laws = ("modified_lugre", "dahl", "bliman_sorine", "directional_lugre")
+    outcomes = [o for law in laws for o in identify_random_rig(law, 900)]
     missed = [o for o in outcomes if not o.covered]
-    # 5 % of 62 are 3; those of one rig miss together
-    assert len(missed) <= 7, missed
+    # 5 % of 25 are 1.3; those of one rig miss together
+    assert len(missed) <= 3, missed
     assert sum(o.identified for o in outcomes) > 0.7 * len(outcomes)
 
 

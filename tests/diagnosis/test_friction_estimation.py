@@ -40,15 +40,23 @@ def test_friction_of_a_moving_mass_comes_back_within_its_stated_noise():
 def test_smoothed_motion_does_not_lag_and_stays_within_a_count():
     time = 0.005 * np.arange(3000)
     x = 1e-3 * (1 - np.cos(time))
-    motion = smooth_motion(np.floor(x / COUNT + 0.3) * COUNT, 0.005)
     v = 1e-3 * np.sin(time)
     inner = slice(50, -50)
-    lag = np.sum((v - motion.v)[inner] * np.gradient(v, 0.005)[inner])
-    lag /= np.sum(np.gradient(v, 0.005)[inner] ** 2)
-    assert abs(lag) < 5e-4
-    assert motion.count == pytest.approx(COUNT, rel=1e-6)
-    offset = np.median(motion.x - x)
-    assert np.abs(motion.x - x - offset)[inner].max() < 0.5 * COUNT
+    for origin in (0.0, 0.2, 0.3, 0.5, 0.8):
+        seen = np.floor(x / COUNT + origin) * COUNT
+        motion = smooth_motion(seen, 0.005)
+        lag = np.sum((v - motion.v)[inner] * np.gradient(v, 0.005)[inner])
+        lag /= np.sum(np.gradient(v, 0.005)[inner] ** 2)
+        assert abs(lag) < 5e-4
+        assert motion.count == pytest.approx(COUNT, rel=1e-6)
+        # Where the body moves by whole counts a sample, all samples near lie at the same place of
+        # their counts: the readings are off by up to half a count there in the same way, and the
+        # smooth course may leave a reading by a little besides. Elsewhere it is far better: the
+        # readings' own error has a root mean square of 0.29 counts.
+        assert np.abs(motion.x - seen)[inner].max() < 0.6 * COUNT
+        error = (motion.x - x)[inner] / COUNT
+        assert np.abs(error - np.median(error)).max() < 1.0
+        assert error.std() < 0.08
 
 
 def test_signals_of_different_lags_are_brought_together_and_it_is_said():

@@ -67,7 +67,10 @@ def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, 
 
 def test_json_goes_to_standard_output_alone(data, tmp_path, capsys):
     run(*data[:2], "--law", "dahl", "--out", str(tmp_path), "--json", *STRANGER)
-    assert json.loads(capsys.readouterr().out)["law"] == "dahl"
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["law"] == "dahl"
+    # a unit that was not said, or wrongly, shows in what the record is taken for
+    assert "positions cover up to 0.002 m, forces reach" in printed.err
 
 
 def test_a_law_that_is_not_in_the_records_gives_exit_code_one(data, tmp_path, capsys):

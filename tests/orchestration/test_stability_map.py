@@ -1,7 +1,6 @@
 """Maps: what is in a cell, borders, chunks that survive a kill, and the picture's boundary."""
 
 import json
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -187,45 +186,56 @@ def test_a_finished_map_is_not_computed_again(whole):
     assert again.verdicts == summary.verdicts
 
 
-def _scheduler(pipe):
-    from distributed import LocalCluster
-
-    cluster = LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True
-    )
-    pids = [w.process.pid for w in cluster.workers.values()]
-    pipe.send((cluster.scheduler_address, pids))
-    pipe.recv()
-    cluster.close()
+@pytest.fixture
+def dask(tmp_path):
+    """A scheduler and two worker processes: the scheduler's address, and the workers."""
+    place = tmp_path / "scheduler.json"
+    run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0"]
+    begun = [*run, "--no-dashboard", "--scheduler-file", str(place)]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    processes = [subprocess.Popen(begun, **quiet)]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(place)]
+    worker += ["--nthreads", "1", "--no-dashboard", "--no-nanny"]
+    try:
+        deadline = time.monotonic() + 60
+        while not place.is_file():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        processes += [subprocess.Popen(worker, **quiet) for _ in range(2)]
+        yield json.loads(place.read_text())["address"], processes[1:]
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, monkeypatch):
+def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, monkeypatch, dask):
     from ballscrew.orchestration.workers import Dask
 
     folder, _ = whole
+    address, processes = dask
     monkeypatch.setattr(stability_map, "CHUNK", 2)
-    ours, theirs = multiprocessing.Pipe()
-    cluster = multiprocessing.get_context("spawn").Process(target=_scheduler, args=(theirs,))
-    cluster.start()
+    workers = Dask(address)
+    deadline = time.monotonic() + 60
+    while len(workers.client.scheduler_info()["workers"]) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    seen = []
+
+    def kill_one(done, total):
+        seen.append(done)
+        if len(seen) == 1:
+            processes[0].kill()
+
     try:
-        assert ours.poll(60)
-        address, pids = ours.recv()
-        workers = Dask(address)
-        seen = []
-
-        def once(done, total):
-            seen.append(done)
-            if len(seen) == 1:
-                os.kill(pids[0], signal.SIGKILL)
-
-        make_map(gamma(), tmp_path, workers, progress=once)
-        workers.close()
+        make_map(gamma(), tmp_path / "out", workers, progress=kill_one)
     finally:
-        ours.send("end")
-        cluster.join(30)
+        workers.close()
     assert len(seen) >= 10
-    assert pq.read_table(tmp_path / "map.parquet").equals(pq.read_table(folder / "map.parquet"))
+    assert processes[1].poll() is None
+    ours, theirs = (pq.read_table(f / "map.parquet") for f in (tmp_path / "out", folder))
+    assert ours.equals(theirs)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,15 @@ import numpy as np
 from synthetic_records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
 from ballscrew.diagnosis.along_record import LAWS, fit_along, lay_out
+from ballscrew.diagnosis.records import UNITS, Record, with_description
+from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
+from ballscrew.rig.bench import run_trial
+from ballscrew.rig.instruments import SAMPLE_TIME
+from ballscrew.rig.trials import TRIALS
+
+# Laws that are made along prescribed motions; the others' records come from the rig alone, where
+# force makes the motion.
+PRESCRIBED = tuple(n for n in LAWS if n not in ("maxwell_slip", "classical"))
 
 
 @dataclass(frozen=True)
@@ -18,6 +27,7 @@ class Outcome:
 
     law: str
     seed: int
+    trials: str
     parameter: str
     truth: float
     value: float
@@ -58,6 +68,14 @@ def random_truth(law: str, random: np.random.Generator) -> dict[str, float]:
     if law == "directional_lugre":
         both = {side: lugre() for side in ("pos", "neg")}
         return {f"{n}_{side}": v for side, values in both.items() for n, v in values.items()}
+    if law == "classical":
+        return {n: v for n, v in lugre().items() if n not in ("sigma0", "sigma1")}
+    if law == "maxwell_slip":
+        static = lugre()
+        elements = {p.name: near(p.default) for p in MAXWELL_SLIP if p.name not in static}
+        whole = sum(v for n, v in elements.items() if n.startswith("alpha"))
+        shares = {n: v / whole for n, v in elements.items() if n.startswith("alpha")}
+        return elements | shares | {n: static[n] for n in ("sigma2", "Fc", "Fs", "Vs")}
     return lugre()
 
 
@@ -80,6 +98,42 @@ def identify_random_rig(law: str, seed: int) -> list[Outcome]:
     delay = 0.005 / math.sqrt(12) * random.standard_normal()
     noise = random.uniform(0.02, 0.05)
     records = [record_of(t, law, truth, random, delay, noise) for t in random_trials(random)]
+    return _compared(law, seed, "prescribed motion", truth, records)
+
+
+MIXED = "mixed"
+SUBSETS = (MIXED, "2.4", MIXED, "2.6", MIXED, "2.3.1", MIXED, "2.8")
+_POOL = ("2.2", "2.3.1", "2.4", "2.6", "2.8", "2.10", "2.11", "presliding", "loading-rate")
+
+
+def closed_loop_trials(seed: int, random: np.random.Generator) -> tuple[str, list[str]]:
+    """What a closed-loop rig is identified from: trials of one table alone, or of all."""
+    subset = SUBSETS[seed % len(SUBSETS)]
+    names = [n for n, t in TRIALS.items() if t.table in (_POOL if subset == MIXED else (subset,))]
+    count = min(int(random.integers(6, 13)), len(names))
+    return subset, [names[k] for k in sorted(random.choice(len(names), count, replace=False))]
+
+
+def identify_closed_loop_rig(law: str, seed: int) -> list[Outcome]:
+    """The same with records of the virtual rig: controllers, counts, filters and all."""
+    random = np.random.default_rng([seed, list(LAWS).index(law), 1])
+    truth = random_truth(law, random)
+    subset, names = closed_loop_trials(seed, random)
+    records = []
+    for name in names:
+        made = run_trial(name, law, truth, seed=seed)
+        signals = {n: v for n, v in made.record.items() if n in UNITS}
+        record = with_description(
+            name, signals, SAMPLE_TIME, made.parameters["plant.m"], made.description()
+        )
+        if np.ptp(record.position) > 0:  # others are refused when they are read
+            records.append(record)
+    return _compared(law, seed, subset, truth, records)
+
+
+def _compared(
+    law: str, seed: int, trials: str, truth: dict[str, float], records: list[Record]
+) -> list[Outcome]:
     started = time.perf_counter()
     fit = fit_along(records, law, lay_out(records))
     seconds = time.perf_counter() - started
@@ -92,6 +146,7 @@ def identify_random_rig(law: str, seed: int) -> list[Outcome]:
             Outcome(
                 law,
                 seed,
+                trials,
                 name,
                 truth[name],
                 i.value,

@@ -1,0 +1,62 @@
+"""What rebuilding a motion from its samples does to it, seen on motions that are known.
+
+A record's rebuilt motion is taken for the truth, measured as the record was (encoder counts from an
+unknown origin, or noise on the values that a converter holds) and rebuilt again. The difference is
+an example of the error of the first rebuilding, with its course in time: what is smoothed away at
+a reversal, what a block that sticks within a count does unseen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .compiled import compiled
+from .friction_estimation import FrictionEstimate, Motion, smooth_motion
+
+Vector = npt.NDArray[np.float64]
+Bounds = npt.NDArray[np.int64]
+
+
+def replayed(estimate: FrictionEstimate, random: np.random.Generator) -> Motion:
+    """One example of the motion of a record, measured and rebuilt once more.
+
+    Parameters
+    ----------
+    estimate : FrictionEstimate
+        Of the record.
+    random : numpy Generator
+        Decides origin and noise.
+    """
+    motion = estimate.motion
+    if motion.count:
+        position = motion.count * np.floor(motion.seen / motion.count + random.random())
+    else:
+        held = motion.held
+        fresh = motion.seen[held] + motion.noise * random.standard_normal(len(held))
+        runs = np.diff(np.append(held, len(motion.seen)))
+        position = np.concatenate([np.full(held[0], fresh[0]), np.repeat(fresh, runs)])
+    return smooth_motion(position, motion.step, motion.later, estimate.from_rest, motion)
+
+
+@compiled
+def with_play(x: Vector, starts: Bounds, play: Vector) -> Vector:
+    """Positions that come short by `play` [m] after a record's start and after each reversal.
+
+    What rebuilding does at corners is the same at all of them and in all records, and a replay of
+    the rounded corners shows but a part of it.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Position [m].
+    starts : ndarray of int, shape (records + 1,)
+    play : ndarray, shape (records,)
+    """
+    short = np.empty_like(x)
+    for r in range(len(play)):
+        at = x[starts[r]]
+        for k in range(starts[r], starts[r + 1]):
+            at = min(max(at, x[k] - play[r]), x[k] + play[r])
+            short[k] = at
+    return short

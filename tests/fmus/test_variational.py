@@ -1,0 +1,161 @@
+"""FMUs with tangents against differences of the same FMU's own motion."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from fmpy import read_model_description
+from fmpy.validation import validate_fmu
+
+from ballscrew.controllers.nctf import nctf
+from ballscrew.fmus.catalogue import component
+from ballscrew.fmus.export import export
+from ballscrew.fmus.variational import variational
+from ballscrew.orchestration.participant import FmuParticipant
+from ballscrew.solver.codegen import UnsupportedComponent
+from ballscrew.solver.component import Component, Input, Output, Parameter, State, symbol
+
+A, B, X, V, U = map(symbol, ("a", "b", "x", "v", "u"))
+
+
+def pendulum():
+    """Nonlinear, with an output of its own and feed-through."""
+    return Component(
+        name="pendulum",
+        description="A damped pendulum under a torque",
+        parameters=(
+            Parameter("a", 3.0, "1/s^2", "stiffness", "test"),
+            Parameter("b", 0.5, "1/s", "damping", "test"),
+        ),
+        inputs=(Input("u", "rad/s^2", "torque"),),
+        states=(
+            State("x", "rad", "angle", V, start=0.7),
+            State("v", "rad/s", "rate", -A * sp.sin(X) - B * V + U * sp.cos(X)),
+        ),
+        outputs=(
+            Output("x", "rad", "angle", X),
+            Output("height", "1", "height", 1 - sp.cos(X) + U**2),
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory):
+    return export(variational(pendulum(), 2), tmp_path_factory.mktemp("v") / "pendulum.fmu")
+
+
+@pytest.fixture
+def opened(fmu):
+    kept = []
+
+    def make(**values):
+        participant = FmuParticipant(fmu, "pendulum")
+        kept.append(participant)
+        participant.initialize({"solver_tolerance": 1e-11, **values}, 1.0)
+        return participant
+
+    yield make
+    for participant in kept:
+        participant.close()
+
+
+def test_an_fmu_with_tangents_is_valid_and_describes_them(fmu):
+    assert validate_fmu(str(fmu)) == []
+    variables = {v.name: v for v in read_model_description(str(fmu)).modelVariables}
+    assert variables["x_d1"].causality == "output"
+    assert variables["v_d2"].causality == "output"
+    assert variables["u_d2"].causality == "input"
+    assert variables["v_d1_start"].causality == "parameter"
+    assert variables["v_d1_start"].unit == "rad/s"
+    assert variables["tangent_frame"].causality == "input"
+
+
+def test_tangents_are_the_differences_of_neighbouring_motions(opened):
+    """With tangents of the states and of the input, and through an output that follows both."""
+    moved = 1e-6
+    tangent, push = np.array([0.3, -1.2]), 0.8
+
+    def end(share):
+        p = opened(x_start=0.7 + share * tangent[0], v_start=share * tangent[1])
+        p.writer(["u"])(np.array([0.4 + share * push]))
+        p.step(0.0, 0.5)
+        return p.reader(["x", "height"])()
+
+    p = opened(x_d1_start=tangent[0], v_d1_start=tangent[1])
+    p.writer(["u", "u_d1"])(np.array([0.4, push]))
+    p.step(0.0, 0.5)
+    expected = (end(moved) - end(-moved)) / (2 * moved)
+    np.testing.assert_allclose(p.reader(["x_d1", "height_d1"])(), expected, rtol=1e-7)
+
+
+def test_without_start_values_the_tangents_are_the_transition_matrix(opened):
+    """Liouville: its determinant is the exponential of the trace's integral, -b t here."""
+    p = opened()
+    p.step(0.0, 0.5)
+    (a, b, c, d), trace = (
+        p.reader(["x_d1", "x_d2", "v_d1", "v_d2"])(),
+        p.reader(["trace_integral"])(),
+    )
+    assert trace[0] == pytest.approx(-0.25, rel=1e-9)
+    assert np.log(a * d - b * c) == pytest.approx(-0.25, rel=1e-8)
+
+
+def test_a_new_frame_is_taken_at_once_and_only_once(opened):
+    p = opened()
+    names = ["x_d1", "v_d1", "x_d2", "v_d2"]
+    write = p.writer([*(n + "_set" for n in names), "tangent_frame"])
+    read = p.reader(names)
+    p.step(0.0, 0.1)
+    write(np.array([0.0, 2.0, 3.0, 0.0, 1.0]))
+    np.testing.assert_array_equal(read(), [0.0, 2.0, 3.0, 0.0])
+    p.step(0.1, 0.1)
+    after = read()
+    p.writer(["u"])(np.array([0.1]))
+    np.testing.assert_array_equal(read(), after)
+    write(np.array([5.0, 5.0, 5.0, 5.0, 1.0]))  # the same frame number: nothing new
+    np.testing.assert_array_equal(read(), after)
+
+
+def test_saving_and_restoring_covers_tangents_and_frames(opened):
+    p = opened()
+    names = ["x_d1", "v_d1", "x_d2", "v_d2"]
+    write = p.writer([*(n + "_set" for n in names), "tangent_frame"])
+    write(np.array([0.0, 2.0, 3.0, 0.0, 1.0]))
+    state = p.save()
+    p.step(0.0, 0.1)
+    first = p.reader(names)()
+    write(np.array([1.0, 1.0, 1.0, 1.0, 2.0]))
+    p.restore(state)
+    p.release(state)
+    p.step(0.0, 0.1)
+    np.testing.assert_array_equal(p.reader(names)(), first)
+
+
+def test_a_controller_reports_the_tangents_of_its_law(tmp_path):
+    """Command, gains and rate of NCTF along a tangent of its signals and of its own state."""
+    path = export(variational(nctf(), 1), tmp_path / "nctf.fmu")
+    p = FmuParticipant(path, "nctf")
+    p.initialize({}, 1.0)
+    inputs, law = ["x", "v", "x_d"], ["u", "u_gain_x", "u_gain_v", "u_rate"]
+    write, read = p.writer(inputs), p.reader(law)
+    at, along = np.array([0.02, 0.01, 0.08]), np.array([0.4, -0.7, 0.0])
+    p.writer(["x_d1", "v_d1"])(along[:2])
+    write(at)
+    reported = p.reader([n + "_d1" for n in law])()
+    moved = 1e-6
+    write(at + moved * along)
+    up = read()
+    write(at - moved * along)
+    down = read()
+    from_signals = (up - down) / (2 * moved)
+    ki = p.reader(["Ki"])()[0]
+    from_signals[0] += ki * 1.0  # of its own state, whose first tangent starts at 1
+    np.testing.assert_allclose(reported, from_signals, rtol=1e-6)
+    p.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "what"), [("plant_classical", "modes"), ("pid_sampled", "discrete")]
+)
+def test_what_cannot_have_tangents_is_refused_with_the_reason(name, what):
+    with pytest.raises(UnsupportedComponent, match=what):
+        variational(component(name), 2)

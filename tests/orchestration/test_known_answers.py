@@ -1,0 +1,176 @@
+"""Verdicts and exponents of systems whose answers are in the literature, or exact."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from known_systems import (
+    BELT_SPEED,
+    FALLING,
+    belt,
+    dry_friction,
+    entries,
+    linear,
+    lorenz,
+    maker,
+    relay_loop,
+    torus,
+    van_der_pol,
+)
+from scipy.integrate import solve_ivp
+
+from ballscrew.orchestration.lyapunov import lyapunov
+from ballscrew.orchestration.motion import Kind
+
+pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
+
+FOCUS = [[0.0, 1.0, 0.0], [-1.0, -0.1, 0.0], [0.0, 0.0, -5.0]]
+LINE = [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -2.0]]
+SADDLE = [[0.5, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -2.0]]
+CENTRE = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
+RUNS = {
+    "stable focus": (linear, entries(FOCUS), 50.0, 1e-10),
+    "line of equilibria": (linear, entries(LINE), 20.0, 1e-10),
+    "saddle": (linear, entries(SADDLE), 50.0, 1e-10),
+    "centre": (linear, entries(CENTRE), 50.0, 1e-10),
+    "Lorenz": (lorenz, {}, 50.0, 1e-9),
+    "Van der Pol": (van_der_pol, {}, 60.0, 1e-10),
+    "torus": (torus, {}, 60.0, 1e-9),
+    "belt": (belt, {}, 50.0, 1e-10),
+    "dry friction": (dry_friction, {}, 100.0, 1e-10),
+    "relay": (relay_loop, {}, 50.0, 1e-10),
+}
+
+
+@cache
+def run(name):
+    make, values, stop, tolerance = RUNS[name]
+    return lyapunov(maker(make(), values), stop, tolerance, label=name)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("stable focus", Kind.FIXED_POINT),
+        ("line of equilibria", Kind.LINE),
+        ("saddle", Kind.DIVERGES),
+        ("Lorenz", Kind.CHAOS),
+        ("Van der Pol", Kind.CYCLE),
+        ("torus", Kind.TORUS),
+        ("belt", Kind.CYCLE),
+        ("dry friction", Kind.CYCLE),
+        ("relay", Kind.CYCLE),
+    ],
+)
+def test_the_verdict_is_the_known_one(name, kind):
+    motion = run(name).motion
+    assert motion.kind is kind, motion.evidence
+
+
+def test_a_centre_is_no_torus():
+    """Its orbits close, but there are many side by side: it is no cycle either."""
+    motion = run("centre").motion
+    assert motion.kind is Kind.UNDECIDED, motion.evidence
+
+
+@pytest.mark.parametrize("name", ["stable focus", "line of equilibria", "Lorenz"])
+def test_the_sum_rule_holds_to_a_millionth_where_the_trace_is_constant(name):
+    assert run(name).sum_rule_error() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["Van der Pol", "torus", "dry friction", "relay"])
+def test_the_sum_rule_holds_to_a_thousandth_where_the_trace_changes(name):
+    assert run(name).sum_rule_error() < 1e-3
+
+
+def test_lorenz_has_the_exponents_of_the_literature():
+    """0.9056, 0, -14.5723: J. C. Sprott, Chaos and Time-Series Analysis, Oxford 2003; his page
+    https://sprott.physics.wisc.edu/chaos/lorenzle.htm has 0.906, 0, -14.572 from a run of 10^6."""
+    motion = run("Lorenz").motion
+    assert np.all(motion.limit_error < 0.05)
+    assert np.all(np.abs(motion.limit - [0.9056, 0.0, -14.5723]) < 4.0 * motion.limit_error)
+    assert run("Lorenz").exponents.sum() == pytest.approx(-41.0 / 3.0, rel=1e-9)
+
+
+def floquet(mu, w, start):
+    """Period and the exponent that is not zero of x'' = mu (1 - x^2) x' - w^2 x, by DOP853.
+
+    The exponent is the divergence's mean over a period.
+    """
+
+    def rhs(_, s):
+        return [s[1], mu * (1 - s[0] ** 2) * s[1] - w**2 * s[0], mu * (1 - s[0] ** 2)]
+
+    def upwards(_, s):
+        return s[0]
+
+    upwards.direction = 1
+    course = solve_ivp(
+        rhs, (0.0, 200.0), [start, 0.0, 0.0], "DOP853", rtol=1e-12, atol=1e-12, events=upwards
+    )
+    times, sums = course.t_events[0][-2:], course.y_events[0][-2:, 2]
+    period = times[1] - times[0]
+    return period, (sums[1] - sums[0]) / period
+
+
+def test_van_der_pols_cycle_has_the_exponents_and_the_period_of_another_solver():
+    motion = run("Van der Pol").motion
+    period, exponent = floquet(1.0, 1.0, 2.0)
+    assert motion.period == pytest.approx(period, rel=1e-7)
+    np.testing.assert_allclose(motion.limit, [0.0, exponent], atol=1e-6)
+
+
+def test_a_torus_has_two_zeros_and_the_exponents_of_its_two_cycles():
+    motion = run("torus").motion
+    cycles = sorted([floquet(0.5, 1.0, 2.0)[1], floquet(0.5, np.sqrt(2.0), 1.5)[1]], reverse=True)
+    off = np.abs(motion.limit - [0.0, 0.0, *cycles])
+    assert np.all(off < 4.0 * motion.limit_error), motion
+    assert np.all(motion.limit_error < 0.02)
+
+
+def test_a_belts_cycle_has_zero_and_minus_infinity_and_the_period_of_another_solver():
+    def slipping(_, s):
+        return [s[1], -s[0] + 1.0 / (1.0 + FALLING * (BELT_SPEED - s[1]))]
+
+    def sticks(_, s):
+        return s[1] - BELT_SPEED
+
+    sticks.terminal, sticks.direction = True, 1
+    # just past the corner where both equations agree: x = 1 + tiny pulls it off the belt
+    slip = solve_ivp(
+        slipping,
+        (0.0, 100.0),
+        [1.0 + 1e-9, BELT_SPEED - 1e-12],
+        "DOP853",
+        rtol=1e-12,
+        atol=1e-13,
+        events=sticks,
+    )
+    period = slip.t[-1] + (1.0 - slip.y[0, -1]) / BELT_SPEED
+    motion = run("belt").motion
+    assert motion.period == pytest.approx(period, rel=1e-5)
+    assert abs(motion.limit[0]) < 1e-6
+    assert motion.limit[1] == -np.inf
+
+
+def test_the_limits_at_rest_are_the_real_parts_of_the_eigenvalues():
+    focus, line = run("stable focus").motion, run("line of equilibria").motion
+    np.testing.assert_allclose(focus.limit, [-0.05, -0.05, -5.0], rtol=1e-9)
+    np.testing.assert_allclose(line.limit, [0.0, -1.0, -2.0], rtol=1e-9)
+    assert line.equilibrium.neutral == 1
+    # x' = y, y' = -y from (1, 1): it comes to rest at x = 2
+    np.testing.assert_allclose(line.equilibrium.state, [2.0, 0.0, 0.0], atol=1e-7)
+
+
+def test_a_verdict_that_changes_with_the_tolerance_is_undecided():
+    """The looser runs are of a focus, the tighter ones of a line, as chatter may make them."""
+    asked = []
+
+    def make(tolerance):
+        asked.append(tolerance)
+        return maker(linear(), entries(FOCUS if len(asked) <= 2 else LINE))(tolerance)
+
+    motion = lyapunov(make, 30.0, 1e-8).motion
+    assert motion.kind is Kind.UNDECIDED
+    assert "tolerance" in motion.evidence
+    assert Kind.FIXED_POINT.value in motion.evidence

@@ -1,0 +1,93 @@
+"""Exponents from tangents over FMUs against those of the whole loop in one solver."""
+
+import numpy as np
+import pytest
+
+from ballscrew.fmus.catalogue import variational_fmu
+from ballscrew.orchestration.participant import FmuParticipant
+from ballscrew.orchestration.tangents_over_fmus import TangentsImpossible, follow_over_fmus
+from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.solver.kernel import Model
+from ballscrew.solver.spectrum import follow
+
+TANGENTS = 5
+GOAL = 0.08
+
+
+def whole(controller, stop, **values):
+    """The same tangents in one solver, their first frame in the order x, v, z, i, w."""
+    kernel = loop_kernel("plant", controller)
+    model = Model(kernel, values, 1e-13)
+    model.set_input("x_d", GOAL)
+    names = [s.name for s in kernel.states]
+    order = [f"plant_{n}" for n in "xvzi"] + [n for n in names if n.startswith("controller_")]
+    frame = np.eye(len(names))[[names.index(n) for n in order]]
+    return follow(model, np.linspace(0.0, stop, 201), frame=frame)
+
+
+@pytest.fixture
+def over_fmus(fmus):
+    opened = []
+
+    def run(controller, stop, step, ports=True, **options):
+        path = variational_fmu(controller, TANGENTS) if ports else fmus[controller]
+        plant = FmuParticipant(variational_fmu("plant", TANGENTS), "plant")
+        other = FmuParticipant(path, controller)
+        opened.extend((plant, other))
+        return follow_over_fmus(plant, other, GOAL, stop, step, **options)
+
+    yield run
+    for participant in opened:
+        participant.close()
+
+
+def worst(run, reference):
+    """Largest difference as a share of what is allowed: 1e-3 relative, or 1e-3 bits/s near zero."""
+    bits, expected = run.exponents / np.log(2), reference.exponents / np.log(2)
+    return np.max(np.abs(bits - expected) / np.maximum(1e-3 * np.abs(expected), 1e-3))
+
+
+@pytest.mark.parametrize(("controller", "stop"), [("iol", 0.5), ("nctf", 0.3)])
+def test_every_exponent_is_that_of_one_solver(over_fmus, controller, stop):
+    run, reference = over_fmus(controller, stop, 1e-3), whole(controller, stop)
+    assert run.time[-1] == stop
+    assert run.stopped == ""
+    assert run.method == "tangent ports"
+    assert worst(run, reference) < 1.0
+    assert run.growth[-1].sum() == pytest.approx(run.trace[-1], rel=1e-4)
+
+
+def test_every_exponent_converges_with_the_communication_step(over_fmus):
+    """With steps all as long as asked for, from a start that slides."""
+    reference = whole("nctf", 0.1, plant_v_start=0.05)
+    errors = []
+    for step in (5e-4, 2.5e-4, 1.25e-4):
+        run = over_fmus("nctf", 0.1, step, accuracy=np.inf, plant_values={"v_start": 0.05})
+        assert len(run.time) == round(0.1 / step) + 1
+        errors.append(np.abs(run.exponents - reference.exponents))
+    assert np.all(errors[1] < 0.5 * errors[0])
+    assert np.all(errors[2] < 0.5 * errors[1])
+
+
+def test_a_controller_without_tangents_is_probed_and_the_loss_is_said(over_fmus):
+    run, reference = over_fmus("iol", 0.5, 1e-3, ports=False), whole("iol", 0.5)
+    assert run.method == "probed by differences"
+    assert "digits" in run.accuracy
+    assert worst(run, reference) < 3.0
+
+
+def test_too_few_tangents_are_refused_with_the_number_needed(fmus):
+    plant = FmuParticipant(variational_fmu("plant", 1), "plant")
+    controller = FmuParticipant(fmus["iol"], "iol")
+    with pytest.raises(TangentsImpossible, match="export it with 4"):
+        follow_over_fmus(plant, controller, GOAL, 1.0, 1e-3)
+    plant.close()
+    controller.close()
+
+
+def test_a_plant_without_tangents_is_refused(fmus):
+    plant, controller = FmuParticipant(fmus["plant"], "p"), FmuParticipant(fmus["iol"], "c")
+    with pytest.raises(TangentsImpossible, match="no tangent ports"):
+        follow_over_fmus(plant, controller, GOAL, 1.0, 1e-3)
+    plant.close()
+    controller.close()

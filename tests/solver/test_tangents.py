@@ -1,0 +1,294 @@
+"""Finite-time exponents against exact ones, exact maps, and solvers that are not ours."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from known_systems import (
+    DRY,
+    GRAVITY,
+    RELAY_INPUT,
+    RELAY_LEVEL,
+    RELAY_PLANT,
+    RELAY_SEEN,
+    RESTITUTION,
+    TABLE_FREQUENCY,
+    belt,
+    bouncing_ball,
+    dry_friction,
+    entries,
+    linear,
+    relay_loop,
+    stretched,
+)
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.solver.kernel import Model
+from ballscrew.solver.spectrum import follow
+
+pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
+
+
+def linear_exponents(matrix, stop, tolerance=1e-9, **settings_of_follow):
+    model = Model(linear(), entries(matrix), tolerance)
+    return follow(model, [0.0, stop], **settings_of_follow)
+
+
+@st.composite
+def stiff_matrices(draw):
+    """V diag(-rates) V^-1 with rates up to 1e5 times apart and directions well apart."""
+    decades = draw(st.lists(st.floats(-0.5, 4.5), min_size=3, max_size=3))
+    seed = draw(st.integers(0, 2**32 - 1))
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    skew = np.eye(3) + np.triu(np.random.default_rng(seed + 1).uniform(-1, 1, (3, 3)), 1)
+    directions = turn @ skew
+    return directions @ np.diag(-(10.0 ** np.array(decades))) @ np.linalg.inv(directions)
+
+
+@settings(deadline=None, max_examples=25)
+@given(stiff_matrices())
+def test_exponents_of_random_stiff_linear_systems_are_the_exact_ones(matrix):
+    stop = 0.5
+    fastest = np.abs(np.linalg.eigvals(matrix)).max()
+    exact = stretched(matrix, stop, parts=int(fastest * stop / 5.0) + 1)
+    run = linear_exponents(matrix, stop)
+    np.testing.assert_allclose(run.exponents, exact, rtol=1e-8, atol=1e-12 * fastest + 1e-9)
+    assert run.growth[-1].sum() == pytest.approx(np.trace(matrix) * stop, rel=1e-9)
+
+
+def test_fast_exponents_survive_beside_slow_ones():
+    """Over one second the third tangent shrinks by e^-200000, past any floating-point number."""
+    run = linear_exponents([[-1.0, 2.0, 0.0], [0.0, -3.0, 100.0], [0.0, 0.0, -2e5]], 1.0)
+    np.testing.assert_allclose(run.exponents, [-1.0, -3.0, -2e5], rtol=1e-9)
+
+
+ROTATION = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+MATRIX = np.array([[-1.0, 4.0, 0.0], [-4.0, -2.0, 1.0], [3.0, 0.0, -9.0]])
+
+
+def test_finite_time_exponents_are_those_of_the_first_frame_asked_for():
+    turned = linear_exponents(MATRIX, 1.0, frame=ROTATION).exponents
+    np.testing.assert_allclose(turned, stretched(MATRIX, 1.0, ROTATION), atol=1e-10)
+    assert np.max(np.abs(turned - linear_exponents(MATRIX, 1.0).exponents)) > 0.1
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_fewer_tangents_give_the_same_first_exponents(count):
+    few = linear_exponents(MATRIX, 1.0, count=count)
+    np.testing.assert_allclose(
+        few.exponents, linear_exponents(MATRIX, 1.0).exponents[:count], atol=1e-11
+    )
+
+
+def test_a_run_in_pieces_carries_its_frame_on():
+    whole = linear_exponents(MATRIX, 1.0)
+    model = Model(linear(), entries(MATRIX), 1e-9)
+    first = follow(model, [0.0, 0.4])
+    second = follow(model, [0.4, 1.0], frame=first.frame)
+    np.testing.assert_allclose(first.growth[-1] + second.growth[-1], whole.growth[-1], atol=1e-11)
+
+
+def variational(model, stop, interval):
+    """Exponents by scipy's Radau on motion and all tangents at once, a QR after every interval.
+
+    The equations and their Jacobian are ours, everything done with them is not.
+    """
+    n = len(model.x)
+
+    def rhs(t, w):
+        q = w[n:].reshape(n, n)
+        return np.concatenate([model.derivatives(t, w[:n]), (model.jacobian(t, w[:n]) @ q).ravel()])
+
+    def jac(t, w):
+        a = model.jacobian(t, w[:n])
+        block = np.zeros((n + n * n, n + n * n))
+        block[:n, :n] = a
+        block[n:, n:] = np.kron(a, np.eye(n))  # without second derivatives: Newton's matrix only
+        return block
+
+    x, q, logs = model.x.copy(), np.eye(n), np.zeros(n)
+    edges = np.linspace(0.0, stop, round(stop / interval) + 1)
+    atol = np.concatenate(
+        [1e-11 * np.array([s.nominal for s in model.kernel.states]), np.full(n * n, 1e-12)]
+    )
+    for a, b in itertools.pairwise(edges):
+        start = np.concatenate([x, q.ravel()])
+        run = solve_ivp(rhs, (a, b), start, method="Radau", jac=jac, rtol=1e-8, atol=atol)
+        assert run.success
+        x = run.y[:n, -1]
+        q, r = np.linalg.qr(run.y[n:, -1].reshape(n, n))
+        logs += np.log(np.abs(np.diag(r)))
+    return logs / stop
+
+
+def nominal_loop(controller, tolerance):
+    model = Model(loop_kernel("plant", controller), {}, tolerance)
+    model.set_input("x_d", 0.08)
+    return model
+
+
+@pytest.mark.parametrize(
+    ("controller", "stop", "interval"), [("iol", 0.2, 4e-3), ("nctf", 0.05, 1e-3)]
+)
+def test_all_exponents_of_the_nominal_loops_agree_with_radau_on_the_variational_system(
+    controller, stop, interval
+):
+    ours = follow(nominal_loop(controller, 1e-12), [0.0, stop]).exponents
+    theirs = variational(nominal_loop(controller, 1e-11), stop, interval)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-3)
+
+
+@pytest.mark.parametrize("controller", ["iol", "nctf"])
+def test_exponents_converge_with_the_tolerance_at_a_fitted_order(controller):
+    """Steps go with the tolerance to the power 1/6 to 1/5, the propagator has order four: 0.67-0.8.
+
+    Only from 1e-9 on: above, steps reach over the |v| < 1e-8 m/s in which friction turns over.
+    """
+    stop, tolerances = 0.05, np.array([1e-9, 1e-10, 1e-11, 1e-12])
+    converged = follow(nominal_loop(controller, 1e-13), [0.0, stop]).exponents
+    errors = [
+        np.max(np.abs(follow(nominal_loop(controller, t), [0.0, stop]).exponents / converged - 1.0))
+        for t in tolerances
+    ]
+    order = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
+    assert 0.5 < order < 1.1, errors
+    assert errors[-1] < 5e-4
+
+
+def one_bounce(shake, e=RESTITUTION, g=GRAVITY):
+    """Linearized exact map of the ball's period-one bounce, in time and speed after impact.
+
+    Also the state at t = 0. The table moves as (shake g / w^2) sin(w t); impacts meet it at the
+    phase p with shake cos p = pi (1 - e)/(1 + e), sin p > 0.
+    """
+    w = TABLE_FREQUENCY
+    period = 2.0 * np.pi / w
+    cosine = np.pi * (1.0 - e) / (1.0 + e) / shake
+    sine = np.sqrt(1.0 - cosine**2)
+    pull = shake * g * sine
+    matrix = [[1.0, (1.0 + e) / g], [-(1.0 + e) * pull, e**2 - (1.0 + e) ** 2 * pull / g]]
+    since = period - np.arccos(cosine) / w
+    speed = 0.5 * g * period
+    start = [shake * g / w**2 * sine + speed * since - 0.5 * g * since**2, speed - g * since]
+    return np.array(matrix), start, period
+
+
+# Period doubling of the period-one bounce: its multiplier is -1 at
+# (pi (1-e)/(1+e))^2 + (2 (1+e^2)/(1+e)^2)^2 = shake^2. The conditions of stability are in
+# J. J. Barroso, M. V. Carneiro, E. E. N. Macau, Phys. Rev. E 79, 026206 (2009).
+DOUBLING = float(
+    np.hypot(
+        np.pi * (1 - RESTITUTION) / (1 + RESTITUTION),
+        2 * (1 + RESTITUTION**2) / (1 + RESTITUTION) ** 2,
+    )
+)
+
+
+@pytest.mark.parametrize("shake", [1.5, DOUBLING])
+def test_a_bouncing_ball_has_the_multipliers_of_its_exact_map(shake):
+    matrix, start, period = one_bounce(shake)
+    exact = np.sort(np.log(np.abs(np.linalg.eigvals(matrix))) / period)[::-1]
+    model = Model(
+        bouncing_ball(), {"shake": shake, "x_start": start[0], "v_start": start[1]}, 1e-11
+    )
+    settle = follow(model, [0.0, 30.0 * period])
+    run = follow(model, period * np.array([30.0, 40.0]), frame=settle.frame)
+    assert run.events == 40
+    np.testing.assert_allclose(run.exponents, exact, atol=1e-7)
+    if shake == DOUBLING:
+        assert abs(run.exponents[0]) < 1e-7
+
+
+def driven(t, state, side):
+    x, v = state
+    force = DRY["F"] * np.cos(DRY["w"] * t) - x - DRY["damping"] * v
+    return [v, force - side * DRY["mu"]]
+
+
+def until_reversal(t, stop, state, side):
+    def reverses(_t, s, _side):
+        return s[1]
+
+    reverses.terminal, reverses.direction = True, -side
+    return solve_ivp(
+        driven, (t, stop), state, "DOP853", args=(side,), rtol=1e-12, atol=1e-13, events=reverses
+    )
+
+
+def driven_course(start, t, stop):
+    """Motion with dry friction by DOP853, stopped at each reversal; with the jumps of a there."""
+    state, jumps = np.array(start), []
+    side = 1.0 if state[1] > 0.0 else -1.0
+    while t < stop:
+        run = until_reversal(t, stop, state, side)
+        t, state = run.t[-1], run.y[:, -1]
+        if run.status == 1:
+            before = driven(t, state, side)[1]
+            side = -side
+            jumps.append(driven(t, state, side)[1] / before)
+            state[1] = side * 1e-300
+    return state, jumps
+
+
+def test_a_driven_mass_with_dry_friction_has_the_multipliers_of_its_period_map():
+    """By differences of another solver's period map, and by the exact determinant.
+
+    Each reversal multiplies the tangents' volume by the ratio of accelerations after and before.
+    """
+    period = 2.0 * np.pi / DRY["w"]
+    settled = 120
+    model = Model(dry_friction(), {}, 1e-11)
+    frame = follow(model, [0.0, settled * period]).frame
+    begin, orbit = settled * period, model.x.copy()
+    run = follow(model, begin + period * np.arange(61.0), frame=frame)
+    _, jumps = driven_course(orbit, begin, begin + period)
+    assert len(jumps) == 2
+    volume = -DRY["damping"] * period + np.log(np.prod(jumps))
+    assert run.growth[-1].sum() == pytest.approx(60 * volume, rel=1e-7)
+    d = 1e-4
+    columns = []
+    for k in range(2):
+        ends = [
+            driven_course(orbit + sign * d * np.eye(2)[k], begin, begin + period)[0]
+            for sign in (1.0, -1.0)
+        ]
+        columns.append((ends[0] - ends[1]) / (2.0 * d))
+    multipliers = np.linalg.eigvals(np.column_stack(columns))
+    exact = np.sort(np.log(np.abs(multipliers)) / period)[::-1]
+    np.testing.assert_allclose(np.sort(run.exponents)[::-1], exact, atol=2e-3)
+
+
+def test_a_relay_around_a_plant_has_the_multipliers_of_the_relay_oscillation():
+    """K. J. Astrom, Oscillations in systems with relay feedback, in: Adaptive Control, Filtering,
+    and Signal Processing, IMA Vol. Math. Appl. 74, Springer 1995: half a period is the map
+    (I - w C/(C w)) exp(A h), w the velocity at the switch."""
+    n = len(RELAY_PLANT)
+    extended = np.zeros((n + 1, n + 1))
+    extended[:n, :n], extended[:n, n] = RELAY_PLANT, RELAY_INPUT
+
+    def half(h):
+        e = expm(extended * h)
+        return e[:n, :n], -np.linalg.solve(np.eye(n) + e[:n, :n], e[:n, n])
+
+    h = brentq(lambda s: RELAY_SEEN @ half(s)[1] + RELAY_LEVEL, 1.0, 6.0, xtol=1e-14)
+    flow, start = half(h)
+    w = RELAY_PLANT @ -start + RELAY_INPUT
+    across = np.eye(n) - np.outer(w, RELAY_SEEN) / (RELAY_SEEN @ w)
+    sizes = np.sort(np.abs(np.linalg.eigvals(across @ flow)))[::-1][:2]
+    exact = np.array([0.0, *(np.log(sizes) / h)])
+    model = Model(relay_loop(), {}, 1e-11)
+    frame = follow(model, [0.0, 30 * h]).frame
+    run = follow(model, 30 * h + np.array([0.0, 20 * h]), frame=frame)
+    np.testing.assert_allclose(run.exponents, exact, atol=1e-7)
+
+
+def test_sticking_takes_one_direction_away_for_good():
+    run = follow(Model(belt(), {}, 1e-10), [0.0, 50.0])
+    assert run.events >= 8
+    assert np.isfinite(run.growth[-1, 0])
+    assert run.growth[-1, 1] == -np.inf
