@@ -26,16 +26,19 @@ test: lint
 lint: $(VENV)/installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	cd tests && ../$(BIN)/mypy --config-file ../pyproject.toml -p ballscrew
+	cd docs && ../$(BIN)/mypy --config-file ../pyproject.toml -p ballscrew
 
 prove: $(VENV)/installed
 	$(BIN)/python proofs/trusted_loops.py
 	$(BIN)/python proofs/fuzz.py
 	$(BIN)/python proofs/identification.py
 	$(BIN)/python proofs/criteria.py
+	$(BIN)/python proofs/variational.py
+	$(BIN)/python proofs/reproduction.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/master.py
+	$(BIN)/python benchmarks/lyapunov.py
 
 clean:
 	rm -rf $(VENV) build out *.egg-info

@@ -357,13 +357,12 @@ def loop_lyapunov_over_fmus(
     known = loop_lyapunov(controller, stop, *given)
     count = len(known.names)
     try:
-        sides = [
-            FmuParticipant(variational_fmu(name, count), side)
-            for name, side in ((plant, "plant"), (controller, "controller"))
-        ]
+        ours = FmuParticipant(variational_fmu(plant, count), "plant")
+        theirs = FmuParticipant(variational_fmu(controller, count), "controller")
         try:
             run = follow_over_fmus(
-                *sides,
+                ours,
+                theirs,
                 setpoint,
                 stop,
                 step,
@@ -371,8 +370,8 @@ def loop_lyapunov_over_fmus(
                 controller_values=controller_values,
             )
         finally:
-            for side in sides:
-                side.close()
+            ours.close()
+            theirs.close()
     except (TangentsImpossible, UnsupportedComponent) as error:
         raise NoExponents(str(error)) from error
     keep = np.unique(np.linspace(0, len(run.time) - 1, SAMPLES + 1).astype(int))

@@ -81,11 +81,11 @@ def _modes(plant: Component, controller: Component) -> tuple[Mode, ...]:
                     outputs=outputs,
                     events=(
                         *(
-                            _swapped(e, command, _pair(e.next_mode, theirs.name))
+                            _swapped(e, command, e.next_mode and _pair(e.next_mode, theirs.name))
                             for e in ours.events
                         ),
                         *(
-                            _swapped(e, measured, _pair(ours.name, e.next_mode))
+                            _swapped(e, measured, e.next_mode and _pair(ours.name, e.next_mode))
                             for e in theirs.events
                         ),
                     ),
@@ -94,8 +94,8 @@ def _modes(plant: Component, controller: Component) -> tuple[Mode, ...]:
     return tuple(modes)
 
 
-def _pair(first: str | None, second: str | None) -> str | None:
-    return None if first is None or second is None else "_".join(n for n in (first, second) if n)
+def _pair(first: str, second: str) -> str:
+    return "_".join(n for n in (first, second) if n)
 
 
 def _rates(

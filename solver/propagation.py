@@ -88,7 +88,7 @@ def slow_ones(jacobian: Any, frame: Any, scale: Any, h: float, changes: Any) -> 
         changes[k] = math.sqrt(change / length)
         if not changes[k] <= SLOW * MOST_PARTS:
             return k
-    return count
+    return int(count)
 
 
 @njit(cache=True, error_model="numpy")

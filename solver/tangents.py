@@ -23,6 +23,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from .propagation import (
     RADAU_NODES,
@@ -42,7 +43,6 @@ from .stepper import (
     STAGES,
     STATUS,
     TOO_MANY_STEPS,
-    njit,
 )
 
 # Two rules' integrals of the Jacobian over a step may differ by DOUBT * rtol**ORDER, over the
@@ -328,7 +328,7 @@ def build_spectrum(rhs: Any, jac: Any, integrate: Any, settle: Any) -> Any:
                     apply(omega, frame, at)
                     orthonormalize(frame, L[row])
         info[STATUS] = DONE
-        return times.shape[0]
+        return int(times.shape[0])
 
     return spectrum
 
