@@ -15,6 +15,7 @@ from .stepper import factorize, solve_factorized
 PADE = (1.0, 1 / 2, 5 / 44, 1 / 66, 1 / 792, 1 / 15840, 1 / 665280)  # of exp, six over six
 SMALL = 0.5  # norm up to which they are right to the last digit
 SPREAD = 16.0  # nats between first and last tangent that one orthonormalization may meet
+FARTHEST = 300.0  # nats of one exponential; the square of what it leaves is a number still
 TOO_WIDE = 25.0  # nats at which it has lost digits that count, and is done again
 # A tangent is slow where a step changes it by less than a share of SLOW * MOST_PARTS of its length:
 # collocation in as many parts of the step is better for it than piecewise constant Jacobians.
@@ -249,6 +250,7 @@ def push(
         for j in range(count):
             logs[j] = math.nan
         return 0.0
+    whole = norm
     halvings = 0
     while norm > SMALL:
         norm *= 0.5
@@ -260,7 +262,7 @@ def push(
     if count == 1:
         spread = 0.0  # nothing to be orthogonal to
     elif not spread > 0.0:
-        spread = norm / factor
+        spread = whole
     for j in range(count):
         saved_logs[j] = logs[j]
         for i in range(n):
@@ -268,7 +270,7 @@ def push(
     for _ in range(60):
         exponential(omega, e, n, rest)
         parts = halvings
-        while parts > 0 and spread * 0.5 ** (parts - 1) <= SPREAD:
+        while parts > 0 and max(spread, whole * SPREAD / FARTHEST) * 0.5 ** (parts - 1) <= SPREAD:
             multiply(e, e, rest[: n * n].reshape((n, n)), n)
             for i in range(n):
                 for j in range(n):

@@ -48,6 +48,7 @@ from .stepper import (
 # Two rules' integrals of the Jacobian over a step may differ by DOUBT * rtol**ORDER, over the
 # states' magnitudes [nats]: both are of order four where the stepper is of order five.
 DOUBT, ORDER = 1.0, 0.45
+STILL = 1e-10  # share of the Jacobian by which it may change in a step and still be constant
 SHORTEST = 1e-14  # step over time at which it is left at that
 STRIDES = 512  # parts of a walk within which a motion does not cross a plane twice unseen
 RAN_AWAY = 4  # a status, beside the stepper's
@@ -290,7 +291,16 @@ def build_spectrum(rhs: Any, jac: Any, integrate: Any, settle: Any) -> Any:
                         logs[j] = L[row, j]
                         for i in range(n):
                             slow[j, i] = frame[j, i]
-                    leading = slow_ones(mean, slow, scale, h, changes) if collocating else 0
+                    # where the Jacobian stands still, exponentials are exact
+                    turning, largest = 0.0, 0.0
+                    for i in range(n):
+                        for j in range(n):
+                            ratio = scale[j] / scale[i]
+                            turning = max(turning, abs(j1[i, j] - j2[i, j]) * ratio)
+                            largest = max(largest, abs(j1[i, j]) * ratio)
+                    leading = 0
+                    if collocating and turning > STILL * largest:
+                        leading = slow_ones(mean, slow, scale, h, changes)
                     if leading < count:
                         for part in range(2):
                             a, b = (HEAVY, LIGHT) if part == 0 else (LIGHT, HEAVY)
