@@ -55,10 +55,8 @@ _SUDDEN = 0.05
 # Least standard error of a logarithm: what counts and smoothing between samples leave undone is of
 # this size on records of the closed-loop rig, and more data do not make it smaller.
 FLOOR = 2e-3
-# Share of the stiffness that positions rebuilt from counts leave open, as found on records of the
-# closed-loop rig: a tenth of a count over the way on which the bristles bend.
-_ELASTIC_FLOOR = 6e-3
-_ELASTIC = ("sigma0", "sigma", "eps_f", "k1", "k2", "k3", "k4")
+# Parameters that a wrong way of presliding changes by the share by which that way is wrong, or less
+_ELASTIC = ("sigma0", "sigma", "alpha", "eps_f", "k1", "k2", "k3", "k4")
 _SLIDING = ("lugre", "modified_lugre", "directional_lugre", "maxwell_slip", "classical")
 _DRAWN = ("bliman_sorine", "maxwell_slip")  # parameters are no functions of one coordinate each
 _RIGID_YIELDING = 2e-5  # way on which a law without a stiffness is taken to break away [m]
@@ -67,14 +65,21 @@ _NOTHING = 1e3  # spread of a sample of which the law says nothing [N]
 _STILL = 3.0  # spreads of the velocity below which a block may as well stick
 _AROUND = 3  # samples around a break-away of which it is not known which it was
 _BROKEN_AWAY = 5.0  # ways of Fs/sigma0 until a block slides
-_SLID = 10.0  # and that it must have slid in all
-_PLAY = 0.25  # share of the position's noise by which corners are wrong everywhere
+_SLID = 50.0  # and that it must have slid in all, past them
+_SPEEDS = 1.5  # least ratio of the speeds between which most of that way lies
+_FALLEN = 0.7  # share of Vs that they must reach: a third of Stribeck's fall
+# Share of the position's noise by which corners are wrong everywhere: a sixth of a count, whose
+# noise is that of a uniform error.
+_PLAY = math.sqrt(12) / 6
+_UNDER = 0.01  # share by which the fit may leave Fs below Fc
+_REACHED = 0.9  # share of the force of break-away that records must show
 EXAMPLES = 12  # of what rebuilding a motion does
 _LONGEST_TOGETHER = 100.0  # samples whose position is wrong in the same way
 _CORNER = 1.3  # the smoothed position is less certain where a motion begins
 _UNSEEN = 0.3  # share of a sample's change of force that the course between samples may hide
 _STEP = 1e-4  # of finite differences, in logarithms
 _LONGEST_MOVE = 0.7  # of one iteration, in logarithms
+_UNTIL_COMPARED = 12  # iterations from each first guess: with five the wrong one may be ahead
 
 
 @dataclass(frozen=True)
@@ -353,6 +358,12 @@ class Problem:
     def __init__(self, course: Course, law: Law, tied: bool) -> None:
         self.course, self.law, self.tied = course, law, tied
         self.size = len(law.parameters) * (1 if tied else 2)
+        # Stribeck's curve falls: coordinates of Fc and Fs, which is never less
+        self.peaked: list[tuple[int, int]] = []
+        if "Fs" in law.parameters:
+            fc, fs = (law.parameters.index(n) for n in ("Fc", "Fs"))
+            firsts = range(0, self.size, len(law.parameters))
+            self.peaked = [(first + fc, first + fs) for first in firsts]
         self.owner = course.of_record()
         self.friction = np.empty(len(course.x))
         rigid = law.name == "classical"
@@ -441,6 +452,10 @@ class Problem:
             near = course.force[k - _AROUND : k + _AROUND + 1]
             variance[k] = float(np.max(np.abs(np.diff(near)))) ** 2
         return variance
+
+    def stribeck_gaps(self, coordinates: Vector) -> list[float]:
+        """How far ln Fc is above ln Fs, where the law wants it below, by direction."""
+        return [float(coordinates[fc] - coordinates[fs]) for fc, fs in self.peaked]
 
     def cost(self, predicted: Vector, spread: Vector) -> float:
         """Minus the log-likelihood."""
@@ -571,7 +586,9 @@ class Climb:
         return self.vector(point) - self.centre
 
     def prior(self, point: Point) -> float:
-        return 0.5 * float(np.sum((self.offsets(point) / self.doubt) ** 2))
+        beliefs = float(np.sum((self.offsets(point) / self.doubt) ** 2))
+        under = (max(gap, 0.0) for gap in self.problem.stribeck_gaps(point.coordinates))
+        return 0.5 * (beliefs + sum((gap / _UNDER) ** 2 for gap in under))
 
     def force(self, point: Point) -> Vector:
         problem = self.problem
@@ -666,6 +683,12 @@ class Climb:
         everything = np.arange(size)
         information[everything, everything] += self.doubt**-2
         slope -= self.offsets(point) / self.doubt**2
+        gaps = problem.stribeck_gaps(point.coordinates)
+        for (fc, fs), gap in zip(problem.peaked, gaps, strict=True):
+            if gap > 0:
+                at = np.array([fc, fs])
+                information[np.ix_(at, at)] += np.array([[1, -1], [-1, 1]]) / _UNDER**2
+                slope[at] -= np.array([gap, -gap]) / _UNDER**2
         return Pieces(information, slope, columns, own, noisy)
 
     def pull(self, pieces: Pieces, weighted: Vector) -> Vector:
@@ -744,7 +767,7 @@ def fit_along(
         coordinates = one if tied else np.concatenate([one, one])
         climb = Climb(problem, coordinates, hidden=hidden)
         hidden = climb.hidden
-        cost = climb.run(5)
+        cost = climb.run(_UNTIL_COMPARED)
         if cost < lowest:
             best, lowest = climb, cost
     if best is None:
@@ -891,42 +914,104 @@ def _summed_up(climb: Climb, cost: float) -> Fit:
 
 
 def _of_sensors(climb: Climb) -> Vector:
-    """Variances that more records of the same sensors do not make smaller, by coordinate."""
-    problem = climb.problem
-    names = problem.law.parameters * (1 if problem.tied else 2)
+    """Variances that more records of the same sensors do not make smaller, by coordinate.
+
+    A way of presliding is known no better than corners are rebuilt and scales are calibrated, which
+    is wrong in the same way in all records; its share in the way is its share in the stiffness, the
+    larger, the stiffer the contact.
+    """
+    problem, course = climb.problem, climb.problem.course
+    law = problem.law
+    fitted, _ = _fitted_names(law, problem.tied)
+    found = values_of(law, climb.point.coordinates)
+    values = {n: float(v) for n, v in zip(fitted, found, strict=True)}
     variances = np.zeros(problem.size)
-    variances[[n in _ELASTIC for n in names]] = _ELASTIC_FLOOR**2
-    for j in (j for j, n in enumerate(names) if n == "sigma1"):
-        sigma0, sigma1 = np.exp(climb.point.coordinates[j - 1 : j + 1])
-        variances[j] = (float(problem.clock_doubt.min()) * sigma0 / sigma1) ** 2
+    for j, name in enumerate(fitted):
+        bare = law.parameters[j % len(law.parameters)]
+        if bare in _ELASTIC:
+            way = presliding_way(law, values, name[len(bare) :])
+            variances[j] = float(np.mean((course.play / way) ** 2 + course.gain_doubt**2))
+        elif bare == "sigma1":
+            sigma0, sigma1 = np.exp(climb.point.coordinates[j - 1 : j + 1])
+            variances[j] = (float(problem.clock_doubt.min()) * sigma0 / sigma1) ** 2
     return variances
 
 
-def hardly_slides(fit: Fit, course: Course, parameter: str) -> bool:
-    """Whether a parameter is one of sliding, and the records are all but presliding.
+def presliding_way(law: Law, values: Mapping[str, float], end: str = "") -> float:
+    """Way on which a law would break away if it stayed as stiff as it begins [m].
 
-    There the smallest error of a sensor looks like a Stribeck curve.
+    Parameters
+    ----------
+    law : Law
+    values : mapping of str to float
+        Parameters as fitted.
+    end : str, optional
+        Of the parameters' names, where directions are apart.
+    """
+    own = {n: values[n + end] for n in law.parameters}
+    if law.name == "classical":
+        return _RIGID_YIELDING
+    if law.name == "dahl":
+        return own["Fc"] / own["sigma"]
+    if law.name == "bliman_sorine":
+        return (own["f1"] - own["f2"]) * own["eps_f"] / (own["f1"] / own["eta"] - own["f2"])
+    if law.name == "maxwell_slip":
+        return own["Fs"] / sum(own[f"k{i}"] for i in range(1, ELEMENTS + 1))
+    return own["Fs"] / own["sigma0"]
+
+
+def peak_unseen(fit: Fit, course: Course, parameter: str) -> bool:
+    """Whether a parameter is one of break-away, and the records do not show that.
+
+    Either they end below it, so that it is but guessed from how the loading curve bends, as a
+    sensor's scale does, too; or no peak of static friction is told from sliding. Dahl's law bends
+    from the first, so that without its end its beginning is a guess as well.
+    """
+    name = parameter.removesuffix("_pos").removesuffix("_neg")
+    end = parameter[len(name) :]
+    static = "Fc" if fit.law.name == "dahl" else "Fs"
+    peaked = name not in ("Fs", "Vs") or (
+        fit.values["Fs" + end] >= (1 + _UNDER) * fit.values["Fc" + end]
+    )
+    if not peaked:
+        return True
+    if name not in {"dahl": fit.law.parameters, "bliman_sorine": ()}.get(fit.law.name, ("Fs",)):
+        return False
+    friction = (fit.predicted - course.inertial)[fit.spoken]
+    pull = {"_pos": friction, "_neg": -friction}.get(end, np.abs(friction))
+    return float(np.max(pull)) < _REACHED * fit.values[static + end]
+
+
+def hardly_slides(fit: Fit, course: Course, parameter: str) -> bool:
+    """Whether a parameter is one of sliding, and the records do not slide enough to tell it.
+
+    Where they are all but presliding, the smallest error of a sensor looks like a Stribeck curve;
+    and where they slide at one speed, or at speeds at which that curve has hardly fallen, what is
+    left of it, its width and the viscous slope are told by nothing.
     """
     name = parameter.removesuffix("_pos").removesuffix("_neg")
     rigid = fit.law.name == "classical"
-    sliding = ["Fc", "Vs", "sigma2"]
+    curve = ["Fc", "Vs", "sigma2"]
+    sliding = curve.copy()
     if fit.law.name == "maxwell_slip":  # shares of what is held when all elements slip
         sliding += ["C", "Fs", *(f"alpha{i}" for i in range(1, ELEMENTS + 1))]
     if fit.law.name not in _SLIDING or (name not in sliding and not rigid):
         return False
     end = parameter[len(name) :]
-    stiffnesses = ["sigma0", *(f"k{i}" for i in range(1, ELEMENTS + 1))]
-    stiffness = sum(fit.values.get(n + end, 0.0) for n in stiffnesses)
-    yielding = _RIGID_YIELDING if rigid else fit.values["Fs" + end] / stiffness
-    slid = 0.0
-    for begin, stop in zip(course.starts[:-1], course.starts[1:], strict=True):
-        x = course.x[begin:stop]
-        ways = {
-            "_pos": float(np.max(x - np.minimum.accumulate(x))),
-            "_neg": float(np.max(np.maximum.accumulate(x) - x)),
-        }
-        slid += max(ways.get(end, max(ways.values())) - _BROKEN_AWAY * yielding, 0.0)
-    return slid < _SLID * yielding
+    yielding = presliding_way(fit.law, fit.values, end)
+    dragged = with_play(course.x, course.starts, np.full(course.records, _BROKEN_AWAY * yielding))
+    moves = np.diff(dragged, prepend=dragged[0])
+    moves[course.starts[:-1]] = 0.0
+    ways = {"_pos": np.maximum(moves, 0.0), "_neg": np.maximum(-moves, 0.0)}.get(end, np.abs(moves))
+    slid = float(ways.sum())
+    if slid < _SLID * yielding:
+        return True
+    if name not in curve:
+        return False
+    order = np.argsort(np.abs(course.v))
+    covered = np.cumsum(ways[order]) / slid
+    slow, fast = np.abs(course.v)[order][np.searchsorted(covered, (0.1, 0.9))]
+    return bool(fast < _SPEEDS * slow or fast < _FALLEN * fit.values["Vs" + end])
 
 
 def _of_noise(climb: Climb, pieces: Pieces, inverse: Matrix, white: Vector) -> Vector:
@@ -995,7 +1080,10 @@ def _intervals(fit: Fit, climb: Climb, follow: bool) -> dict[str, Interval]:
         high: float | None
         if hardly_slides(fit, climb.problem.course, name):
             low, high, error = None, None, math.inf
-            method = "none: a parameter of sliding, from records of presliding"
+            method = "none: a parameter of sliding, from records that hardly slide"
+        elif peak_unseen(fit, climb.problem.course, name):
+            low, high, error = None, None, math.inf
+            method = "none: a parameter of break-away, which the records do not show"
         elif name in blurred:
             low, high, error = None, None, math.inf
             method = "none: this element is not told from its neighbours"

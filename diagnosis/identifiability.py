@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from .along_record import Climb, Course, Fit, Problem, hardly_slides, values_of
+from .along_record import Climb, Course, Fit, Problem, hardly_slides, peak_unseen, values_of
 from .intervals import NARROW
 from .lugre_dynamics import assumed_damping
 
@@ -192,7 +192,15 @@ def why_not(fit: Fit, parameter: str, course: Course) -> str:
         return f"nothing moves {way}"
     values = fit.values
     if hardly_slides(fit, course, parameter):
-        return f"the block hardly slides {way}: after it has broken away there is almost no way"
+        return (
+            f"the block hardly slides {way}: after it has broken away there is almost no way, or "
+            "too few speeds to tell the Stribeck curve's fall from the viscous slope"
+        )
+    if peak_unseen(fit, course, parameter):
+        return (
+            f"break-away is not seen {way}: the largest force stays below it, or no peak of "
+            "static friction is told from sliding"
+        )
     if name == "sigma1":
         sigma0 = values[parameter.replace("sigma1", "sigma0")]
         doubt = float(course.delay_doubt.min())

@@ -143,3 +143,29 @@ def test_a_full_disk_keeps_what_is_done_and_says_how_to_go_on(tmp_path, capsys, 
     heard = capsys.readouterr().err
     assert "No space left" in heard
     assert "--resume" in heard
+
+
+def test_exponents_over_fmus_come_with_their_distance_to_one_solver(tmp_path, capsys):
+    arguments = ["lyapunov", "--controller", "iol", "--stop", "0.3", "--via", "fmu", "--json"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert "tangent ports" in figures["method"]
+    exponents = np.array(figures["exponents_bits_per_s"])
+    error = np.array(figures["exponents_error_bits_per_s"])
+    assert np.all(error <= np.maximum(1e-3 * np.abs(exponents), 1e-3))
+    assert error.max() > 0
+
+
+def test_variational_fmus_are_written_for_any_number_of_tangents(tmp_path, capsys):
+    from fmpy import read_model_description
+
+    arguments = ["export", "--variational", "--only", "iol", "--out", str(tmp_path)]
+    assert main([*arguments, "--tangents", "4"]) == 0
+    description = read_model_description(str(tmp_path / "iol_variational.fmu"))
+    names = {v.name for v in description.modelVariables}
+    assert {"u", "u_d1", "u_d4"} <= names
+    assert "u_d5" not in names
+    assert main([*arguments, "--tangents", "0"]) == 2
+    assert "--tangents is '0'" in capsys.readouterr().err
+    assert main(["export", "--variational", "--only", "pid_sampled", "--out", str(tmp_path)]) == 2
+    assert "discrete" in capsys.readouterr().err

@@ -258,6 +258,74 @@ def test_the_trials_that_would_do_do(thesis_trials):
         assert i.low <= truth[name] <= i.high, name
 
 
+def test_no_static_peak_is_claimed_where_friction_does_not_fall():
+    """Dahl's friction breaks away without a peak: the Stribeck curve found does not rise."""
+    random = np.random.default_rng(0)
+    truth = {"sigma": 8e4, "Fc": 1.9, "alpha": 1.0}
+    trials = [sine_velocity(s * 3e-3, 1.0, 6.28) for s in (1, -1)]
+    fit = fit_along([record_of(t, "dahl", truth, random) for t in trials], "lugre")
+    assert fit.values["Fs"] > 0.98 * fit.values["Fc"]
+    for name in ("Fs", "Vs"):
+        i = fit.intervals[name]
+        narrow = i.identified and i.value > 1.02 * fit.values["Fc"]
+        assert not narrow, name
+
+
+def test_break_away_is_not_guessed_from_below_it():
+    random = np.random.default_rng(0)
+    truth = {"sigma": 8e4, "Fc": 2.4, "alpha": 1.3}
+    trials = [slow_load(s * x) for s in (1, -1) for x in (5e-6, 8e-6, 1.2e-5)]
+    fit = fit_along([record_of(t, "dahl", truth, random) for t in trials], "dahl")
+    for i in fit.intervals.values():
+        assert (i.identified, i.low, i.high) == (False, None, None)
+        assert "break-away" in i.method
+
+
+def test_one_speed_does_not_tell_the_parts_of_a_stribeck_curve():
+    random = np.random.default_rng(0)
+    one = [constant_velocity(s * 3e-3, 4.0) for s in (1, -1)]
+    more = [constant_velocity(s * v, 4.0) for s in (1, -1) for v in (1e-3, 2e-3, 5e-3)]
+    few = [record_of(t, "lugre", LUGRE, random) for t in one]
+    many = few + [record_of(t, "lugre", LUGRE, random) for t in more]
+    fit = fit_along(few, "lugre")
+    for name in ("Fc", "Vs", "sigma2"):
+        assert (fit.intervals[name].low, fit.intervals[name].high) == (None, None), name
+    fit = fit_along(many, "lugre")
+    for name in ("Fc", "sigma2"):
+        assert fit.intervals[name].identified, name
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_stiffness_is_as_doubtful_as_its_way_is_in_counts(factor):
+    """More samples or records do not make a sixth of a count smaller, nor a stiff contact's way."""
+    random = np.random.default_rng(0)
+    truth = LUGRE | {"sigma0": factor * LUGRE["sigma0"]}
+    trials = [sine_velocity(s * 1e-3, 0.5, 6.3) for s in (1, -1)]
+    fit = fit_along([record_of(t, "lugre", truth, random) for t in trials], "lugre")
+    found = fit.intervals["sigma0"]
+    assert found.low <= truth["sigma0"] <= found.high
+    count, way = 1e-3 / 512, truth["Fs"] / truth["sigma0"]
+    assert found.standard_error / found.value > 0.95 * count / 6 / way
+
+
+def test_fs_below_fc_is_pulled_back_as_its_slope_says():
+    random = np.random.default_rng(0)
+    course = lay_out([record_of(sine_velocity(1e-3, 0.5, 6.3), "lugre", LUGRE, random)])
+    law = LAWS["lugre"]
+    off = LUGRE | {"Fs": 0.95 * LUGRE["Fc"]}
+    guess = coordinates_of(law, np.array([off[n] for n in law.parameters]))
+    climb = Climb(Problem(course, law, True), guess)
+    pulled = climb.normal(climb.point).slope - np.concatenate(
+        [climb.normal(climb.point).columns @ climb.problem.gradient[0], np.zeros(5)]
+    )
+    for j in (law.parameters.index(n) for n in ("Fc", "Fs")):
+        step = np.zeros(len(climb.doubt))
+        step[j] = 1e-5
+        rise = climb.prior(climb.point.moved(step)) - climb.prior(climb.point.moved(-step))
+        assert pulled[j] == pytest.approx(-rise / 2e-5, rel=1e-6)
+        assert pulled[j] != 0
+
+
 def test_a_law_that_does_not_fit_is_not_believed():
     from ballscrew.diagnosis.identification import identify
 
