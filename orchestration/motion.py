@@ -24,7 +24,7 @@ PATIENCE = 20_000  # steps of the solver for coming closer to it
 ROUNDS = 8
 LONGER = 4.0  # each round is so many times as long as the one before
 LONGEST_CYCLE = 8  # returns of one period
-CROSSINGS = 64
+FEW, CROSSINGS = 12, 64
 CLOSED = 1e-3  # share of the size of a motion that may be left until it closes
 NOISE = 3e3  # times the tolerance, states one period apart are the same
 GROWING = 0.05  # nats in a period: no cycle, whatever seems to close
@@ -111,9 +111,14 @@ def judge(
         coordinate, level, seen = _plane(model, time, 0.25 * span)
         if seen.failure:
             return _run_away(seen) if seen.ran_away else _broken(seen)
-        passes = follow_returns(
-            model, seen.end, seen.end + 4.0 * span, coordinate, level, CROSSINGS
-        )
+        end = seen.end + 4.0 * span
+        passes = follow_returns(model, seen.end, end, coordinate, level, FEW)
+        if not passes.failure:
+            cycle = _cycle(model, passes, exponents)
+            if cycle is not None:
+                return cycle
+            if len(passes.time) == FEW:  # a cycle may still be coming
+                passes = follow_returns(model, passes.end, end, coordinate, level, CROSSINGS)
         if passes.failure:
             return _run_away(passes) if passes.ran_away else _broken(passes)
         cycle = _cycle(model, passes, exponents)
