@@ -491,13 +491,14 @@ def _pair(option: str, text: str, form: str) -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
-def _whole(option: str, text: str, least: int, most: int) -> int:
+def _whole(option: str, text: str, least: int, most: int | None = None) -> int:
     try:
         value = int(text)
     except ValueError:
         value = least - 1
-    if not least <= value <= most:
-        raise BadRequest(f"{option} is {text!r}, expected a whole number from {least} to {most}")
+    if value < least or (most is not None and value > most):
+        range_ = f"from {least} on" if most is None else f"from {least} to {most}"
+        raise BadRequest(f"{option} is {text!r}, expected a whole number {range_}")
     return value
 
 

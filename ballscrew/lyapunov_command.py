@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from .named_loop import add_loop_options, read_loop
+
 _EXAMPLES = """examples:
   ballscrew lyapunov --controller nctf --stop 300 --out out/nctf
   ballscrew lyapunov --controller iol --set controller.sigma1_hat=342.5 --stop 20 --out out/cycle
@@ -26,81 +28,36 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add = parser.add_argument
-    add("--controller", required=True, metavar="NAME", help="one of our controllers")
-    add("--plant", default="plant", metavar="NAME", help="one of our plants (default plant)")
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="SIDE.NAME=VALUE",
-        help="a parameter or initial state, such as controller.sigma0_hat=66966.331",
-    )
-    add("--setpoint", default="0.08", metavar="M", help="constant set-point (default 0.08)")
-    add("--stop", default="300", metavar="S", help="length of the motion (default 300)")
-    add(
+    add_loop_options(parser, stop="300", tolerance="1e-11")
+    parser.add_argument(
         "--via",
         default="model",
         choices=("model", "fmu"),
         help="the equations in one solver, or variational FMUs and their master (default model)",
     )
-    add(
+    parser.add_argument(
         "--step",
         default="1e-3",
         metavar="S",
         help="with --via fmu: communication step (default 1e-3)",
     )
-    add(
-        "--tolerance",
-        default="1e-11",
-        metavar="X",
-        help="of the solver, relative (default 1e-11); a tenth of it is tried, too",
-    )
-    add("--limit-voltage", metavar="V", help="amplifier limit")
-    add("--limit-current", metavar="A", help="amplifier limit")
-    add("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
-    add("--json", action="store_true", help="print the figures as JSON")
     parser.set_defaults(action=_lyapunov)
 
 
 def _lyapunov(options: argparse.Namespace) -> int:
-    from .cli import (
-        NOT_TRUSTED,
-        TRUSTED,
-        BadRequest,
-        _guarded,
-        _number,
-        _prepare,
-        _settings,
-        _write,
-    )
-    from .controllers import CONTROLLERS
-    from .plant import PLANTS
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _guarded, _number, _prepare, _write
 
-    stop = _number("--stop", options.stop)
-    if stop <= 0:
-        raise BadRequest(f"--stop is {options.stop}, expected more than 0")
-    tolerance = _number("--tolerance", options.tolerance)
-    if not 1e-13 <= tolerance <= 1e-3:
-        raise BadRequest(f"--tolerance is {options.tolerance}, expected 1e-13 to 1e-3")
-    setpoint = _number("--setpoint", options.setpoint)
-    known_parts(options.controller, CONTROLLERS, "--controller")
-    known_parts(options.plant, PLANTS, "--plant")
-    values = _settings(options)
+    asked = read_loop(options, finest=1e-13, coarsest=1e-3)
     _prepare(options.out)
-    from .orchestration.closed_loop import check_named, finite_or_null
+    from .orchestration.closed_loop import finite_or_null
     from .orchestration.lyapunov import NoExponents, loop_lyapunov
 
-    def checked() -> None:
-        check_named("plant", options.plant, values["plant"])
-        check_named("controller", options.controller, values["controller"])
-
-    _guarded(checked)
-    loop = {
-        "setpoint": setpoint,
-        "plant": options.plant,
-        "plant_values": values["plant"],
-        "controller_values": values["controller"],
+    stop = asked.stop
+    loop: dict[str, Any] = {
+        "setpoint": asked.setpoint,
+        "plant": asked.plant,
+        "plant_values": asked.plant_values,
+        "controller_values": asked.controller_values,
     }
     try:
         if options.via == "fmu":
@@ -110,10 +67,10 @@ def _lyapunov(options: argparse.Namespace) -> int:
             if not 0 < step <= stop:
                 raise BadRequest(f"--step is {options.step}, expected more than 0, at most --stop")
             result = _guarded(
-                lambda: loop_lyapunov_over_fmus(options.controller, stop, step=step, **loop)
+                lambda: loop_lyapunov_over_fmus(asked.controller, stop, step=step, **loop)
             )
         else:
-            result = loop_lyapunov(options.controller, stop, tolerance=tolerance, **loop)
+            result = loop_lyapunov(asked.controller, stop, tolerance=asked.tolerance, **loop)
     except NoExponents as error:
         raise BadRequest(str(error)) from error
     _write(lambda: result.save(options.out))
@@ -125,19 +82,6 @@ def _lyapunov(options: argparse.Namespace) -> int:
     if not result.decided:
         print(f"undecided; what would decide: {figures['would_decide']}", file=sys.stderr)
     return TRUSTED if result.decided else NOT_TRUSTED
-
-
-def known_parts(name: str, known: dict[str, str], option: str) -> None:
-    """Refuse what is not one of ours: exponents need the equations."""
-    import difflib
-
-    from .cli import BadRequest
-
-    if name in known:
-        return
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f", did you mean {near[0]}?" if near else ""
-    raise BadRequest(f"{option} {name!r} is none of {', '.join(known)}{hint}")
 
 
 def _show(figures: dict[str, Any], folder: Path) -> None:

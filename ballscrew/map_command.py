@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from .named_loop import add_loop_options, read_loop
+
 _EXAMPLES = """examples:
   ballscrew map --controller iol --x sigma0_hat=66965.89:66969.24:68 \\
       --y sigma1_hat=339.56:367.56:561 --workers 2 --out out/gamma1
@@ -31,9 +33,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add_loop_options(parser, stop="20", tolerance="1e-8")
     add = parser.add_argument
-    add("--controller", required=True, metavar="NAME", help="one of our controllers")
-    add("--plant", default="plant", metavar="NAME", help="one of our plants (default plant)")
     for side in ("--x", "--y"):
         add(
             side,
@@ -42,20 +43,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
             help="parameter or initial state (x_start) of controller or plant, setpoint, or "
             "design.NAME: of the plant on which nctf is designed",
         )
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="SIDE.NAME=VALUE",
-        help="a parameter or initial state that is the same in all cells",
-    )
-    add("--setpoint", default="0.08", metavar="M", help="constant set-point (default 0.08)")
-    add("--stop", default="20", metavar="S", help="length of each run (default 20)")
     add("--exponents", action="store_true", help="the largest Lyapunov exponent of each cell, too")
     add("--refine", action="store_true", help="find the borders between verdicts: borders.csv")
-    add("--tolerance", default="1e-8", metavar="X", help="of the solver (default 1e-8)")
-    add("--limit-voltage", metavar="V", help="amplifier limit")
-    add("--limit-current", metavar="A", help="amplifier limit")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--workers", metavar="N", help="processes of this machine (default: one a core)"
@@ -64,51 +53,25 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "--dask", metavar="ADDRESS", help="a Dask scheduler, such as tcp://host:8786"
     )
     add("--resume", action="store_true", help="finish the map that this folder holds")
-    add("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
-    add("--json", action="store_true", help="print the figures as JSON")
     parser.set_defaults(action=_map)
 
 
 def _map(options: argparse.Namespace) -> int:
-    from .cli import TRUSTED, BadRequest, _guarded, _number, _prepare, _settings
-    from .controllers import CONTROLLERS
-    from .lyapunov_command import known_parts
-    from .plant import PLANTS
+    from .cli import TRUSTED, BadRequest, _prepare, _whole
 
-    known_parts(options.controller, CONTROLLERS, "--controller")
-    known_parts(options.plant, PLANTS, "--plant")
-    stop = _number("--stop", options.stop)
-    if stop <= 0:
-        raise BadRequest(f"--stop is {options.stop}, expected more than 0")
-    tolerance = _number("--tolerance", options.tolerance)
-    if not 1e-12 <= tolerance <= 1e-4:
-        raise BadRequest(f"--tolerance is {options.tolerance}, expected 1e-12 to 1e-4")
-    setpoint = _number("--setpoint", options.setpoint)
-    count = _workers(options.workers)
-    values = _settings(options)
-    from .orchestration.closed_loop import check_named
+    asked = read_loop(options, finest=1e-12, coarsest=1e-4)
+    count = os.cpu_count() or 1
+    if options.workers is not None:
+        count = _whole("--workers", options.workers, 1)
     from .orchestration.stability_map import BadMap, MapStudy, make_map, read_axis
     from .orchestration.workers import Dask, Processes, WorkersLost
 
-    def checked() -> None:
-        check_named("plant", options.plant, values["plant"])
-        check_named("controller", options.controller, values["controller"])
-
-    _guarded(checked)
     try:
-        x = read_axis(options.x, options.plant, options.controller)
-        y = read_axis(options.y, options.plant, options.controller)
         study = MapStudy(
-            options.controller,
-            x,
-            y,
-            options.plant,
-            values["plant"],
-            values["controller"],
-            setpoint,
-            stop,
-            options.exponents,
-            tolerance,
+            x=read_axis(options.x, asked.plant, asked.controller),
+            y=read_axis(options.y, asked.plant, asked.controller),
+            exponents=options.exponents,
+            **vars(asked),
         )
         study.check()
         _prepare(options.out)
@@ -130,20 +93,6 @@ def _map(options: argparse.Namespace) -> int:
     else:
         _show(figures, options.out)
     return TRUSTED
-
-
-def _workers(text: str | None) -> int:
-    from .cli import BadRequest
-
-    if text is None:
-        return os.cpu_count() or 1
-    try:
-        count = int(text)
-    except ValueError:
-        count = 0
-    if count < 1:
-        raise BadRequest(f"--workers is {text!r}, expected a whole number from 1 on")
-    return count
 
 
 def _show(figures: dict[str, Any], folder: Path) -> None:

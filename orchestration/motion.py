@@ -112,18 +112,17 @@ def judge(
         if seen.failure:
             return _run_away(seen) if seen.ran_away else _broken(seen)
         end = seen.end + 4.0 * span
-        passes = follow_returns(model, seen.end, end, coordinate, level, FEW)
-        if not passes.failure:
+        start = seen.end
+        for most in (FEW, CROSSINGS):  # a cycle that closes early is not followed on
+            passes = follow_returns(model, start, end, coordinate, level, most)
+            if passes.failure:
+                return _run_away(passes) if passes.ran_away else _broken(passes)
             cycle = _cycle(model, passes, exponents)
             if cycle is not None:
                 return cycle
-            if len(passes.time) == FEW:  # a cycle may still be coming
-                passes = follow_returns(model, passes.end, end, coordinate, level, CROSSINGS)
-        if passes.failure:
-            return _run_away(passes) if passes.ran_away else _broken(passes)
-        cycle = _cycle(model, passes, exponents)
-        if cycle is not None:
-            return cycle
+            if len(passes.time) < most:
+                break
+            start = passes.end
         time = passes.end
         if len(passes.time) == CROSSINGS:
             if not exponents:

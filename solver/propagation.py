@@ -138,6 +138,22 @@ def exponential(a: Any, e: Any, n: int, scratch: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def free_of_others(frame: Any, j: int) -> float:
+    """Take the directions of the rows before it from row `j`; the square of what is left of it."""
+    n = frame.shape[1]
+    for k in range(j):
+        dot = 0.0
+        for i in range(n):
+            dot += frame[k, i] * frame[j, i]
+        for i in range(n):
+            frame[j, i] -= dot * frame[k, i]
+    square = 0.0
+    for i in range(n):
+        square += frame[j, i] ** 2
+    return square
+
+
+@njit(cache=True, error_model="numpy")
 def orthonormalize(frame: Any, logs: Any) -> float:
     """Orthonormalize the rows of `frame` in order and add the logarithms of what is left of them.
 
@@ -155,15 +171,7 @@ def orthonormalize(frame: Any, logs: Any) -> float:
         before = 0.0
         for i in range(n):
             before += frame[j, i] ** 2
-        for k in range(j):
-            dot = 0.0
-            for i in range(n):
-                dot += frame[k, i] * frame[j, i]
-            for i in range(n):
-                frame[j, i] -= dot * frame[k, i]
-        square = 0.0
-        for i in range(n):
-            square += frame[j, i] ** 2
+        square = free_of_others(frame, j)
         if square > COLLAPSED * COLLAPSED * before:
             length = math.sqrt(square)
             growth = math.log(length)
@@ -175,16 +183,8 @@ def orthonormalize(frame: Any, logs: Any) -> float:
             for axis in range(n):  # some direction that the rows before leave free
                 for i in range(n):
                     frame[j, i] = 1.0 if i == axis else 0.0
-                for _ in range(2):
-                    for k in range(j):
-                        dot = 0.0
-                        for i in range(n):
-                            dot += frame[k, i] * frame[j, i]
-                        for i in range(n):
-                            frame[j, i] -= dot * frame[k, i]
-                square = 0.0
-                for i in range(n):
-                    square += frame[j, i] ** 2
+                free_of_others(frame, j)
+                square = free_of_others(frame, j)  # the second time for round-off
                 if square > 0.5 / n:
                     length = math.sqrt(square)
                     break
