@@ -41,7 +41,7 @@ def save_convergence_picture(run: LyapunovRun, folder: Path) -> None:
         axes.set_title(
             f"{run.label}: {run.motion.kind.value}" if run.label else run.motion.kind.value
         )
-        axes.legend(loc="center right", ncols=2)
+        axes.legend(loc="upper right", ncols=2)
         first = rates[:, 0] * time
         drift.plot(time, first, color=COLOURS[0])
         drift.set_ylabel(
