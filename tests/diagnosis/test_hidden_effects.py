@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import replace
 
 import hidden_cases
 import numpy as np
@@ -23,6 +24,7 @@ from hidden_effects import (
 )
 from hidden_excitations import draw_excitation
 from hidden_signal import BASE, ZERO_WITHOUT, Scale, Scene, noise_paths, spectrum, times
+from hidden_trials import CAUSE, NONE, OUT, PAIR, plan_trials, score
 from scipy.integrate import solve_ivp
 
 QUIET = np.zeros(SAMPLES + 1)
@@ -157,7 +159,7 @@ def test_what_is_called_noise_has_the_spread_that_the_ratio_is_counted_in(effect
     template /= np.linalg.norm(template)
     paths, random, seen = noise_paths(with_current), np.random.default_rng(7), []
     position = scene.motion.motor_position[:SAMPLES]
-    for _ in range(300):
+    for _ in range(200):
         shifted = position + random.uniform(0.0, COUNT)
         rounding = np.floor(shifted / COUNT) * COUNT - shifted
         current = CURRENT_NOISE * random.standard_normal(SAMPLES)
@@ -206,3 +208,32 @@ def test_half_of_the_cases_have_exact_beliefs_and_half_are_off_by_at_most_three_
         assert max(off.values()) <= (0.0 if case.exact else 0.03)
         assert off["L"] == off["p"] == off["Kv"] == 0
     assert numbers({})[0] == NOMINAL["m"]
+
+
+def test_answers_count_as_the_truth_says():
+    case = draw_case(("none",), 0)
+    assert score(NONE, case, "none", []) == (True, "name")
+    assert score(NONE, case, "explained", ["backlash"]) == (False, "")
+    bias = replace(case, effects=("load_bias",), same_force=frozenset({"direction_asymmetry"}))
+    assert score(CAUSE, bias, "explained", ["load_bias", "backlash"]) == (True, "name")
+    assert score(CAUSE, bias, "explained", ["backlash", "load_bias"]) == (False, "")
+    assert score(CAUSE, bias, "explained", ["direction_asymmetry"]) == (True, "same_force")
+    assert score(CAUSE, bias, "none", []) == (False, "")
+    hidden = replace(bias, out_of_reach=True)
+    assert score(CAUSE, hidden, "none", []) == (True, "out_of_reach")
+    assert score(CAUSE, hidden, "explained", ["backlash"]) == (False, "")
+    outside = replace(case, effects=("detent",))
+    assert score(OUT, outside, "unexplained", []) == (True, "name")
+    assert score(OUT, outside, "partly", ["backlash"]) == (False, "")
+    pair = replace(case, effects=("load_bias", "backlash"))
+    assert score(PAIR, pair, "explained", ["backlash", "load_bias"]) == (True, "name")
+    assert score(PAIR, pair, "explained", ["backlash", "compliance"]) == (False, "")
+    assert score(CAUSE, bias, "failed", []) == (False, "")
+
+
+def test_the_proof_has_the_trials_that_are_asked_for():
+    trials = plan_trials()
+    sizes = {g: sum(t.group == g for t in trials) for g in (CAUSE, NONE, OUT, PAIR)}
+    assert sizes == {CAUSE: 16 * 30, NONE: 300, OUT: 200, PAIR: 100}
+    assert len({t.key for t in trials}) == len(trials)
+    assert all(t.effects[0] != t.effects[1] for t in trials if t.group == PAIR)

@@ -1,0 +1,147 @@
+"""What it costs in force to describe friction in both directions by one averaged set of parameters.
+
+The thesis fits Eq. 1.8 to each direction and takes the means of the parameters for its nominal
+model (Table 2.3).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..orchestration.closed_loop import write_json
+from .stribeck_fit import stribeck_curve
+from .trials import BadTable, number, read_columns
+
+Vector = npt.NDArray[np.float64]
+
+FASTEST = 5.5e-3  # m/s, of the trials in Table 2.4
+_POINTS = 1101
+FORWARDS, BACKWARDS = "positive_velocity", "negative_velocity"
+_SYMBOLS = ("Fc", "Fs", "Vs", "sigma2")
+
+
+@dataclass(frozen=True)
+class ForceError:
+    """How far one curve is from another over a range of speed.
+
+    Attributes
+    ----------
+    rms, largest : float
+        [N]; `largest` with its sign.
+    at_speed : float
+        Of the largest [m/s].
+    share : float
+        `rms` over the root mean square of the force itself.
+    """
+
+    rms: float
+    largest: float
+    at_speed: float
+    share: float
+
+
+@dataclass(frozen=True)
+class AveragingCost:
+    """The error of an averaged friction curve in each direction.
+
+    Attributes
+    ----------
+    fastest : float
+        The range of speed is from rest to this [m/s].
+    averaged : dict of str to float
+        Means of both directions' Fc [N], Fs [N], Vs [m/s] and sigma2 [N*s/m].
+    forwards, backwards : ForceError
+        The curve of the averaged parameters, less that direction's own.
+    unavoidable : ForceError
+        Half the difference of both directions, backwards less forwards: what any one curve for
+        both leaves at the least.
+    of_parameters : ForceError
+        The curve of the averaged parameters less the mean of both curves: what averaging the
+        parameters costs over averaging the force.
+    """
+
+    fastest: float
+    averaged: dict[str, float]
+    forwards: ForceError
+    backwards: ForceError
+    unavoidable: ForceError
+    of_parameters: ForceError
+
+    def save(self, folder: Path | str) -> None:
+        """Write ``averaging_cost.json`` into `folder`.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "averaging_cost.json", asdict(self))
+
+
+def averaging_cost(table: Path | str, fastest: float = FASTEST) -> AveragingCost:
+    """Compare each direction's Stribeck curve with that of the averaged parameters.
+
+    Parameters
+    ----------
+    table : Path or str
+        CSV with the columns ``symbol``, ``positive_velocity`` and ``negative_velocity``, and rows
+        for Fc, Fs, Vs and sigma2 in SI units.
+    fastest : float
+        Upper end of the range of speed [m/s].
+
+    Returns
+    -------
+    AveragingCost
+
+    Raises
+    ------
+    BadTable
+        If the table has not these columns and rows, or `fastest` is not above zero.
+    """
+    path = Path(table)
+    if not (math.isfinite(fastest) and fastest > 0):
+        raise BadTable(f"the fastest speed is {fastest:g} m/s, expected more than zero")
+    columns = read_columns(path)
+    for name in ("symbol", FORWARDS, BACKWARDS):
+        if name not in columns:
+            raise BadTable(f"{path}: no column {name!r}; there are {', '.join(columns)}")
+    sides: dict[str, dict[str, float]] = {}
+    for side in (FORWARDS, BACKWARDS):
+        cells = dict(zip(columns["symbol"], columns[side], strict=True))
+        missing = [s for s in _SYMBOLS if s not in cells]
+        if missing:
+            raise BadTable(f"{path}: no row for {', '.join(missing)}")
+        sides[side] = {s: number(path, side, cells[s]) for s in _SYMBOLS}
+        if not sides[side]["Vs"] > 0:
+            raise BadTable(f"{path}: Vs is {sides[side]['Vs']:g} m/s, expected more than zero")
+    averaged = {s: (sides[FORWARDS][s] + sides[BACKWARDS][s]) / 2 for s in _SYMBOLS}
+    speeds = np.linspace(0.0, fastest, _POINTS)
+    forwards, backwards = _curve(speeds, sides[FORWARDS]), _curve(speeds, sides[BACKWARDS])
+    one, mean = _curve(speeds, averaged), (forwards + backwards) / 2
+    return AveragingCost(
+        fastest,
+        averaged,
+        _error(speeds, one - forwards, forwards),
+        _error(speeds, one - backwards, backwards),
+        _error(speeds, (backwards - forwards) / 2, mean),
+        _error(speeds, one - mean, mean),
+    )
+
+
+def _curve(speeds: Vector, values: Mapping[str, float]) -> Vector:
+    return stribeck_curve(speeds, values["Fc"], values["Fs"], values["Vs"], values["sigma2"])
+
+
+def _error(speeds: Vector, error: Vector, force: Vector) -> ForceError:
+    k = int(np.abs(error).argmax())
+    rms = math.sqrt(float(np.mean(error**2)))
+    size = math.sqrt(float(np.mean(force**2)))
+    return ForceError(rms, float(error[k]), float(speeds[k]), rms / size)

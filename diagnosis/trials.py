@@ -1,0 +1,473 @@
+"""A table of trials: is the scatter of a value scatter, or does a recorded condition explain it?
+
+The trials are permuted, not assumed normal: if a condition has no effect, every assignment of its
+levels to the trials that differ in nothing else was as likely as the one recorded. Few trials have
+few such assignments, and the smallest p-value they could have given is said beside the one found.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..orchestration.closed_loop import write_json
+
+Vector = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+LEVEL = 0.05  # p-value, corrected, below which a condition explains scatter
+MOST_COUNTED = 10_000_000  # assignments that are all counted; of more a sample is drawn
+_MOST_OF_ONE_STRATUM = 100_000
+DRAWS = 99_999
+_SEED = 20240229
+_ROWS = 2000
+_ROUND = 1e-9  # relative; assignments this close explain the same
+LEAST_TRIALS = 4
+
+
+class BadTable(ValueError):
+    """The table cannot be used; the message says what it is, what is wrong and what to do."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """The trials at one level of a condition: how many, and the mean of their value."""
+
+    label: str
+    trials: int
+    mean: float
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What one recorded condition has to do with a value.
+
+    Attributes
+    ----------
+    same_as : tuple of str
+        Columns that divide the trials just as this one does: what is said holds for any of them.
+    levels : tuple of Level
+    share : float
+        Of the sum of squares about the mean, what this condition explains beyond all others.
+    difference : float
+        Largest mean of a level less the smallest, in the value's unit.
+    standardized : float
+        The same in standard deviations of what no condition explains; infinite where that is zero.
+    p_value, corrected : float
+        Share of the assignments that explain at least as much; Holm's correction for the number of
+        conditions tested.
+    smallest_p, smallest_corrected : float
+        The smallest these trials could have given, and what the correction would leave of it were
+        it the only small one. 1: no two trials differ in this condition alone.
+    assignments : int
+        Different ones there are, or were drawn.
+    exact : bool
+        All were counted.
+    explains : bool
+        `corrected` is below `LEVEL`.
+    """
+
+    name: str
+    same_as: tuple[str, ...]
+    levels: tuple[Level, ...]
+    share: float
+    difference: float
+    standardized: float
+    p_value: float
+    corrected: float
+    smallest_p: float
+    smallest_corrected: float
+    assignments: int
+    exact: bool
+    explains: bool
+
+    @property
+    def can_tell(self) -> bool:
+        """Whether the strongest effect there could be would have been seen in these trials."""
+        return self.smallest_corrected < LEVEL
+
+
+@dataclass(frozen=True)
+class TrialsDiagnosis:
+    """What the conditions of the trials explain of one column's scatter.
+
+    Attributes
+    ----------
+    table, value : str
+    trials : int
+        Those that have the value and all conditions.
+    left_out : int
+        Those that do not.
+    mean, deviation : float
+        Of the value over all trials; n - 1 in the deviation's denominator.
+    explained : float
+        Share of the sum of squares that all conditions explain together, each level of each
+        condition with a mean of its own.
+    adjusted : float
+        The same less what as many columns of noise would explain; below zero where they do worse.
+    residual_deviation : float
+        What is left, with the degrees of freedom that are left; NaN where none are.
+    conditions : tuple of Condition
+        In order of what they explain.
+    no_conditions : dict of str to str
+        The other columns, and why each was not taken for a condition.
+    """
+
+    table: str
+    value: str
+    trials: int
+    left_out: int
+    mean: float
+    deviation: float
+    explained: float
+    adjusted: float
+    residual_deviation: float
+    conditions: tuple[Condition, ...]
+    no_conditions: Mapping[str, str]
+
+    @property
+    def answer(self) -> str:
+        """One sentence: whether the scatter is scatter."""
+        explaining = [c for c in self.conditions if c.explains]
+        if explaining:
+            told = "; ".join(
+                f"{c.name} explains {c.share:.0%} (p = {c.corrected:.2g}), "
+                f"{c.difference:.3g} between its levels"
+                for c in explaining
+            )
+            return f"The scatter of {self.value} is not all scatter: {told}."
+        able = [c.name for c in self.conditions if c.can_tell]
+        unable = [c.name for c in self.conditions if not c.can_tell]
+        parts = []
+        if able:
+            parts.append(f"no sign that {' or '.join(able)} explains the scatter of {self.value}")
+        if unable:
+            least = min(c.smallest_corrected for c in self.conditions if not c.can_tell)
+            parts.append(
+                f"{self.trials} trials cannot tell about {' or '.join(unable)}: "
+                f"the smallest p-value they could have given is {least:.2g}"
+            )
+        if not parts:
+            return f"No condition was recorded that could explain the scatter of {self.value}."
+        sentence = "; ".join(parts)
+        return sentence[0].upper() + sentence[1:] + "."
+
+    def to_dict(self) -> dict[str, object]:
+        """All fields and the answer, for JSON."""
+        return {"answer": self.answer, **asdict(self)}
+
+    def save(self, folder: Path | str) -> None:
+        """Write ``trials.json`` into `folder`.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "trials.json", self.to_dict())
+
+
+def explain_scatter(table: Path | str, value: str) -> TrialsDiagnosis:
+    """Ask whether the recorded conditions of trials explain a value's scatter.
+
+    Columns that are one value throughout say nothing, and columns with more than half as many
+    different values as trials are taken for the trial's number or another result, not for a
+    condition.
+
+    Parameters
+    ----------
+    table : Path or str
+        CSV with a header, one trial a row; an empty cell is a missing value.
+    value : str
+        The column whose scatter is asked about.
+
+    Returns
+    -------
+    TrialsDiagnosis
+
+    Raises
+    ------
+    BadTable
+        If the table cannot be read, has no such column, or its values cannot be compared.
+    """
+    path = Path(table)
+    columns = read_columns(path)
+    if value not in columns:
+        raise BadTable(f"{path}: no column {value!r}; there are {', '.join(columns)}")
+    conditions, no_conditions = _conditions(columns, value)
+    complete = [
+        k
+        for k, cell in enumerate(columns[value])
+        if cell and all(columns[n][k] for n in conditions)
+    ]
+    left_out = len(columns[value]) - len(complete)
+    y = np.array([number(path, value, columns[value][k]) for k in complete])
+    if len(y) < LEAST_TRIALS:
+        raise BadTable(
+            f"{path}: {len(y)} trials have {value!r} and its conditions, expected at least "
+            f"{LEAST_TRIALS}"
+        )
+    total = float(((y - y.mean()) ** 2).sum())
+    if total <= (1e-12 * float(np.abs(y).max())) ** 2 * len(y):
+        raise BadTable(f"{path}: {value!r} is {y[0]:g} in every trial, there is no scatter")
+    codes = {n: _codes([columns[n][k] for k in complete]) for n in conditions}
+    # the trials that are left out may have taken a level or a difference with them
+    for name in [n for n, c in codes.items() if c.max() == 0]:
+        no_conditions[name] = "the same in every trial that has the value"
+        del codes[name]
+    same_as: dict[str, list[str]] = {}
+    for name in codes:
+        twin = next((n for n in same_as if np.array_equal(codes[n], codes[name])), None)
+        if twin is None:
+            same_as[name] = []
+        else:
+            same_as[twin].append(name)
+            no_conditions[name] = f"divides the trials as {twin} does"
+    kept = {n: codes[n] for n in same_as}
+    left, freedom = _left(y, list(kept.values()))
+    residual = math.sqrt(left / freedom) if freedom else math.nan
+    tests = {n: _test(y, c, [o for m, o in kept.items() if m != n]) for n, c in kept.items()}
+    corrected = _holm({n: t.p_value for n, t in tests.items()})
+    found = []
+    for name, test in tests.items():
+        labels = [columns[name][k] for k in complete]
+        levels = _levels(y, kept[name], labels)
+        difference = max(v.mean for v in levels) - min(v.mean for v in levels)
+        smallest = min(1.0, test.smallest_p * len(tests))
+        found.append(
+            Condition(
+                name,
+                tuple(same_as[name]),
+                levels,
+                test.explained / total,
+                difference,
+                _ratio(difference, residual),
+                test.p_value,
+                corrected[name],
+                test.smallest_p,
+                smallest,
+                test.assignments,
+                test.exact,
+                corrected[name] < LEVEL,
+            )
+        )
+    found.sort(key=lambda c: (-c.share, c.name))
+    n = len(y)
+    return TrialsDiagnosis(
+        path.name,
+        value,
+        n,
+        left_out,
+        float(y.mean()),
+        math.sqrt(total / (n - 1)),
+        1 - left / total,
+        1 - (left / freedom) / (total / (n - 1)) if freedom else math.nan,
+        residual,
+        tuple(found),
+        no_conditions,
+    )
+
+
+@dataclass(frozen=True)
+class _Test:
+    explained: float
+    p_value: float
+    smallest_p: float
+    assignments: int
+    exact: bool
+
+
+def read_columns(path: Path) -> dict[str, list[str]]:
+    """The cells of a CSV table by column, as text.
+
+    Raises
+    ------
+    BadTable
+        If it cannot be read, has no rows, or rows of different lengths.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = [r for r in csv.reader(file) if any(cell.strip() for cell in r)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise BadTable(f"{path}: cannot be read as a CSV table: {error}") from error
+    if len(rows) < 2:
+        raise BadTable(f"{path}: {len(rows)} lines, expected a header and a trial in each row")
+    header = [name.strip() for name in rows[0]]
+    if len(set(header)) < len(header):
+        twice = next(n for n in header if header.count(n) > 1)
+        raise BadTable(f"{path}: two columns are named {twice!r}, expected different names")
+    for k, row in enumerate(rows[1:], start=2):
+        if len(row) != len(header):
+            raise BadTable(f"{path}: row {k} has {len(row)} cells, expected {len(header)}")
+    return {n: [r[j].strip() for r in rows[1:]] for j, n in enumerate(header)}
+
+
+def number(path: Path, column: str, cell: str) -> float:
+    """A cell as a finite number.
+
+    Raises
+    ------
+    BadTable
+        If it is none.
+    """
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise BadTable(f"{path}: {column!r} is {cell!r} in a row, expected a number")
+    return value
+
+
+def _conditions(columns: Mapping[str, list[str]], value: str) -> tuple[list[str], dict[str, str]]:
+    """The columns that are conditions, and why the others are not."""
+    conditions, others = [], {}
+    for name, cells in columns.items():
+        if name == value:
+            continue
+        with_value = [c for c, v in zip(cells, columns[value], strict=True) if v and c]
+        levels = len(set(with_value))
+        if levels < 2:
+            others[name] = "the same in every trial that has the value"
+        elif 2 * levels > len(with_value):
+            others[name] = "hardly ever the same twice: the trial's number, or another result"
+        else:
+            conditions.append(name)
+    return conditions, others
+
+
+def _codes(labels: Sequence[str]) -> Indices:
+    """Levels numbered in the order they come, so that equal divisions have equal codes."""
+    order: dict[str, int] = {}
+    return np.array([order.setdefault(x, len(order)) for x in labels], dtype=np.int64)
+
+
+def _levels(y: Vector, codes: Indices, labels: Sequence[str]) -> tuple[Level, ...]:
+    levels = []
+    for code in range(int(codes.max()) + 1):
+        at = np.flatnonzero(codes == code)
+        levels.append(Level(labels[int(at[0])], len(at), float(y[at].mean())))
+    return tuple(levels)
+
+
+def _ratio(difference: float, deviation: float) -> float:
+    if math.isnan(deviation):
+        return math.nan
+    return difference / deviation if deviation > 0 else math.inf
+
+
+def _columns(codes: Indices) -> Vector:
+    return np.asarray(codes[:, None] == np.arange(int(codes.max()) + 1), dtype=float)
+
+
+def _basis(columns: Vector) -> Vector:
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, singular > 1e-9 * singular[0]])
+
+
+def _left(y: Vector, conditions: Sequence[Indices]) -> tuple[float, int]:
+    """Sum of squares left by all conditions together, and its degrees of freedom."""
+    basis = _basis(np.hstack([np.ones((len(y), 1)), *map(_columns, conditions)]))
+    residual = y - basis @ (basis.T @ y)
+    freedom = len(y) - basis.shape[1]
+    return float(residual @ residual) if freedom else 0.0, freedom
+
+
+def _test(y: Vector, codes: Indices, others: Sequence[Indices]) -> _Test:
+    """Permute a condition's levels among the trials that are alike in all other conditions."""
+    alike = _codes([",".join(str(int(o[k])) for o in others) for k in range(len(y))])
+    strata = [np.flatnonzero(alike == s) for s in range(int(alike.max()) + 1)]
+    centred = y.astype(float)
+    design = _columns(codes)
+    for members in strata:
+        centred[members] -= centred[members].mean()
+        design[members] -= design[members].mean(0)
+    if not np.abs(design).max() > 1e-9:
+        return _Test(0.0, 1.0, 1.0, 1, True)
+    left, singular, _ = np.linalg.svd(design, full_matrices=False)
+    design = left[:, singular > 1e-9 * singular[0]]
+    observed = float(((design.T @ centred) ** 2).sum())
+    near = _ROUND * float(centred @ centred)
+    counts = [_arrangements(codes[m]) for m in strata]
+    total = math.prod(counts)
+    if total > MOST_COUNTED or max(counts) > _MOST_OF_ONE_STRATUM:
+        hits = 0
+        for shuffled in _draws(alike):
+            explained = (np.einsum("dnk,n->dk", design[shuffled], centred) ** 2).sum(1)
+            hits += int((explained >= observed - near).sum())
+        smallest = 1 / (DRAWS + 1)
+        return _Test(observed, (1 + hits) / (1 + DRAWS), smallest, DRAWS, False)
+    # An assignment's sum over the trials is a sum over strata: what they give one by one is put
+    # together in two halves, and every pair of these is an assignment.
+    halves = [np.zeros((1, design.shape[1]))] * 2
+    for members in strata:
+        parts = np.array(
+            [design[members[list(order)]].T @ centred[members] for order in _orders(codes[members])]
+        )
+        smaller = 0 if len(halves[0]) <= len(halves[1]) else 1
+        sums = halves[smaller][:, None, :] + parts[None, :, :]
+        halves[smaller] = sums.reshape(-1, design.shape[1])
+    hits, largest, largest_hits = 0, -1.0, 0
+    for first in halves[0]:
+        explained = ((first + halves[1]) ** 2).sum(1)
+        hits += int((explained >= observed - near).sum())
+        here = float(explained.max())
+        if here > largest + near:
+            largest, largest_hits = here, 0
+        largest_hits += int((explained >= largest - near).sum())
+    return _Test(observed, hits / total, largest_hits / total, total, True)
+
+
+def _draws(strata: Indices) -> Iterator[Indices]:
+    """Random permutations within strata, `DRAWS` in all, some rows at a time."""
+    random = np.random.default_rng(_SEED)
+    sorted_places = np.argsort(strata, kind="stable")
+    for begin in range(0, DRAWS, _ROWS):
+        rows = min(_ROWS, DRAWS - begin)
+        order = np.argsort(strata + random.random((rows, len(strata))), axis=1)
+        shuffled = np.empty_like(order)
+        shuffled[:, sorted_places] = order
+        yield shuffled
+
+
+def _arrangements(codes: Indices) -> int:
+    _, sizes = np.unique(codes, return_counts=True)
+    return math.factorial(len(codes)) // math.prod(math.factorial(int(s)) for s in sizes)
+
+
+def _orders(codes: Indices) -> Iterator[tuple[int, ...]]:
+    """Every different arrangement of the levels, as places to take them from."""
+    places = {int(c): [int(k) for k in np.flatnonzero(codes == c)] for c in np.unique(codes)}
+
+    def fill(free: tuple[int, ...], levels: list[int]) -> Iterator[dict[int, int]]:
+        if not levels:
+            yield {}
+            return
+        source = places[levels[0]]
+        for chosen in itertools.combinations(free, len(source)):
+            taken = dict(zip(chosen, source, strict=True))
+            rest = tuple(k for k in free if k not in taken)
+            for others in fill(rest, levels[1:]):
+                yield taken | others
+
+    for order in fill(tuple(range(len(codes))), list(places)):
+        yield tuple(order[k] for k in range(len(codes)))
+
+
+def _holm(p_values: Mapping[str, float]) -> dict[str, float]:
+    """P-values corrected for their number, after Holm (1979)."""
+    corrected: dict[str, float] = {}
+    largest = 0.0
+    for k, name in enumerate(sorted(p_values, key=lambda n: p_values[n])):
+        largest = max(largest, min(1.0, p_values[name] * (len(p_values) - k)))
+        corrected[name] = largest
+    return corrected
