@@ -143,11 +143,15 @@ def jitcode(system: System, seconds: float) -> Solver:
 
     swap = {symengine.Symbol(f"Y{k}"): package.y(k) for k in range(len(symbols))}
     plain = [symengine.sympify(sp.N(e, 17).xreplace(table)).subs(swap) for e in rates]
-    ode = package.jitcode(plain, verbose=False)
+    ode = package.jitcode(plain, verbose=False, wants_jacobian=True)
     level = logging.getLogger().level
     # its setuptools would read a pyproject.toml of the present folder, and raises the log level
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        ode.compile_C(verbose=False)
+        # the tangents' Jacobian would take minutes to simplify
+        ode.generate_jac_sym(simplify=False)
+        ode.generate_f_C(simplify=False, do_cse=True)
+        ode.generate_jac_C(do_cse=True)
+        ode.generate_functions()
     logging.getLogger().setLevel(level)
     prepared = time.perf_counter() - begin
 

@@ -2,6 +2,8 @@
 
 Writes ``docs/proof/variational.json`` with the commit: the nominal loops and five perturbed ones,
 every exponent by both roads, and how they approach each other as the communication step shrinks.
+Beside each difference stands how far the reference itself moves between two tolerances: a loop is
+compared for as long as its reference is settled, and not longer.
 """
 
 from __future__ import annotations
@@ -25,9 +27,13 @@ from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import Spectrum, follow
 
+Vector = npt.NDArray[np.float64]
+
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "variational.json"
 TANGENTS = 5
 STOP, STEP = 20.0, 1e-3
+TIGHT, LOOSER = 1e-13, 1e-11  # the reference's tolerances
+SETTLED = 0.1  # share of what is allowed by which they may differ
 RELATIVE, ABSOLUTE = 1e-3, 1e-3  # of an exponent, and bits/s near zero
 
 
@@ -38,16 +44,19 @@ class Case:
     plant: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     goal: float = 0.08
+    stop: float = STOP
 
 
+SHORT = 3.0  # s; at 5 s and beyond, 1e-10 and 1e-13 part by many times what is allowed
 CASES = (
     Case("IOL, nominal", "iol"),
     Case("NCTF, nominal", "nctf"),
-    Case("IOL, sigma0_hat = 66966.331", "iol", values={"sigma0_hat": 66966.331}),
+    Case("IOL, sigma0_hat = 66966.331", "iol", values={"sigma0_hat": 66966.331}, stop=SHORT),
     Case(
         "IOL, sigma0_hat = 66966.331, sigma1_hat = 349.41",
         "iol",
         values={"sigma0_hat": 66966.331, "sigma1_hat": 349.41},
+        stop=SHORT,
     ),
     Case("NCTF, sigma1 at 70 %", "nctf", {"sigma1": 0.7 * 344.56}),
     Case("NCTF, sigma1 at 130 %", "nctf", {"sigma1": 1.3 * 344.56}),
@@ -55,12 +64,12 @@ CASES = (
 )
 
 
-def whole(case: Case, stop: float) -> Spectrum:
+def whole(case: Case, stop: float, tolerance: float = TIGHT) -> Spectrum:
     """The tangents in one solver, their first frame in the order x, v, z, i, w."""
     kernel = loop_kernel("plant", case.controller)
     values = {"plant_" + k: v for k, v in case.plant.items()}
     values |= {"controller_" + k: v for k, v in case.values.items()}
-    model = Model(kernel, values, 1e-13)
+    model = Model(kernel, values, tolerance)
     model.set_input("x_d", case.goal)
     names = [s.name for s in kernel.states]
     order = [f"plant_{n}" for n in "xvzi"] + [n for n in names if n.startswith("controller_")]
@@ -88,24 +97,38 @@ def over_fmus(case: Case, stop: float, step: float, **options: Any) -> TangentRu
         controller.close()
 
 
-def compared(case: Case, stop: float) -> dict[str, Any]:
+def compared(case: Case) -> dict[str, Any]:
     """One loop by both roads [bits/s]."""
-    model, began = whole(case, stop), time.perf_counter()
-    run = over_fmus(case, stop, STEP)
-    one, other = _bits(model.exponents), _bits(run.exponents)
-    share = np.abs(other - one) / np.maximum(RELATIVE * np.abs(one), ABSOLUTE)
-    return {
+    model = whole(case, case.stop)
+    one, looser = _bits(model.exponents), _bits(whole(case, case.stop, LOOSER).exponents)
+    began = time.perf_counter()
+    run = over_fmus(case, case.stop, STEP)
+    seconds = time.perf_counter() - began
+    other = _bits(run.exponents)
+    row: dict[str, Any] = {
         "loop": case.name,
         "stop": float(run.time[-1]),
         "stopped": run.stopped or model.failure,
         "model": one.tolist(),
         "fmu": other.tolist(),
         "difference": (other - one).tolist(),
-        "largest_share_of_allowed": float(share.max()),
+        "largest_share_of_allowed": _share(other, one),
+        "model_at_looser_tolerance": looser.tolist(),
+        "share_that_the_model_moves": _share(looser, one),
         "sum_rule_error": float(abs(run.growth[-1].sum() / run.trace[-1] - 1.0)),
         "communication_steps": len(run.time) - 1,
-        "seconds": round(time.perf_counter() - began, 1),
+        "seconds": round(seconds, 1),
     }
+    if case.stop < STOP:
+        longer = [_bits(whole(case, STOP, t).exponents) for t in (LOOSER, TIGHT)]
+        row["share_that_the_model_moves_over_20_s"] = _share(*longer)
+    return row
+
+
+def _share(found: Vector, reference: Vector) -> float:
+    """Largest difference of an exponent over what is allowed."""
+    allowed = np.maximum(RELATIVE * np.abs(reference), ABSOLUTE)
+    return float(np.max(np.abs(found - reference) / allowed))
 
 
 def convergence() -> list[dict[str, Any]]:
@@ -126,7 +149,7 @@ def convergence() -> list[dict[str, Any]]:
     return rows
 
 
-def _bits(nats: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _bits(nats: Vector) -> Vector:
     return np.asarray(nats / np.log(2))
 
 
@@ -137,14 +160,16 @@ def main() -> int:
     report: dict[str, Any] = {"commit": commit, "convergence": convergence(), "loops": []}
     TARGET.parent.mkdir(parents=True, exist_ok=True)
     for case in CASES:
-        row = compared(case, STOP)
+        row = compared(case)
         report["loops"].append(row)
         TARGET.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
         print(f"{row['loop']}: {row['largest_share_of_allowed']:.3g}", file=sys.stderr, flush=True)
     failed = [
         r["loop"]
         for r in report["loops"]
-        if not r["largest_share_of_allowed"] <= 1.0 or r["stopped"]
+        if not r["largest_share_of_allowed"] <= 1.0
+        or not r["share_that_the_model_moves"] <= SETTLED
+        or r["stopped"]
     ]
     print(json.dumps({"loops": len(CASES), "outside": failed}))
     return 1 if failed else 0

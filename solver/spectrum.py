@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import kernel_cache, propagation, stepper, tangents
+from . import explicit, kernel_cache, propagation, stepper, tangents
 from .kernel import MAX_STEPS, Kernel, Model, describe_failure
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 RUNAWAY = 1e6  # times a state's nominal value
+APART = 1000.0  # ratio of rates up to which the explicit pair is tried
+ZERO = 1e-9  # share of the fastest rate below which one is none
 
 _FOOTER = """
 
@@ -27,6 +29,8 @@ if MOST_EVENTS:
     integrate, settle_events = build(rhs, jac, indicate, kind, noting, MOST_EVENTS)
 _spectrum = build_spectrum(rhs, jac, integrate, settle_events)
 _returns = build_returns(integrate)
+walk, integrate_explicitly = build_explicit(rhs, jac, {states})
+_explicit_returns = build_returns(integrate_explicitly)
 
 
 @njit(cache=True, error_model="numpy")
@@ -46,6 +50,43 @@ def returns(
     low, high
 ):
     return _returns(
+        t0, t1, x, u, p, atol, rtol, work, info, max_steps, bound, coordinate, level, times,
+        states, low, high
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def explicit_spectrum(
+    times, X, L, trace, u, p, atol, rtol, work, info, max_steps, bound, scale, frame
+):
+    count, n = frame.shape
+    w = np.empty(n + count * n)
+    for i in range(n):
+        w[i] = X[0, i]
+        for j in range(count):
+            w[(j + 1) * n + i] = frame[j, i]
+    for row in range(1, times.shape[0]):
+        for j in range(count):
+            L[row, j] = L[row - 1, j]
+        trace[row] = trace[row - 1] + walk(
+            times[row - 1], times[row], w, L[row], u, p, atol, rtol, work, info, max_steps, bound,
+            scale
+        )
+        for i in range(n):
+            X[row, i] = w[i]
+            for j in range(count):
+                frame[j, i] = w[(j + 1) * n + i]
+        if info[STATUS] != DONE:
+            return row
+    return times.shape[0]
+
+
+@njit(cache=True, error_model="numpy")
+def explicit_returns(
+    t0, t1, x, u, p, atol, rtol, work, info, max_steps, bound, coordinate, level, times, states,
+    low, high
+):
+    return _explicit_returns(
         t0, t1, x, u, p, atol, rtol, work, info, max_steps, bound, coordinate, level, times,
         states, low, high
     )
@@ -94,9 +135,11 @@ class Spectrum:
 
 @cache
 def _functions(module: str, source: str, states: int, parameters: int) -> Any:
-    added = Path(tangents.__file__).read_text(encoding="utf-8")
-    # the stepper's names stand in the kernel's source already
-    added = re.sub(r"^from \.stepper import (\([^)]*\)|.*)$", "", added, flags=re.MULTILINE)
+    files = (tangents.__file__, explicit.__file__)
+    added = "\n\n".join(Path(f).read_text(encoding="utf-8") for f in files)
+    # these names stand in the module already
+    own = r"^from \.(stepper|tangents) import (\([^)]*\)|.*)$"
+    added = re.sub(own, "", added, flags=re.MULTILINE)
     added = added.replace("from .propagation", f"from {propagation.__name__}")
     shared = hashlib.sha256(Path(propagation.__file__).read_bytes()).hexdigest()
     text = "\n\n".join([source, added, f"# with {shared}"])
@@ -118,6 +161,8 @@ def follow(
     runaway: float = RUNAWAY,
 ) -> Spectrum:
     """Follow a model from its present state, and `count` tangents with it.
+
+    What has no modes and is not stiff is followed by an explicit pair, all else by the stiff step.
 
     Parameters
     ----------
@@ -151,6 +196,10 @@ def follow(
     if rows.shape != (count, n):
         raise ValueError(f"the frame has the shape {rows.shape}, expected {(count, n)}")
     grid = np.asarray(times, dtype=float)
+    if _may_be_explicit(model, float(grid[0])):
+        smooth = _stride(model, grid, rows.copy(), runaway)
+        if smooth is not None:
+            return smooth
     if count < n:
         return _walk(model, grid, rows, runaway, collocating=True)
     start, held, info = model.x.copy(), model.u.copy(), model.info.copy()
@@ -172,6 +221,72 @@ def follow(
         return run
     run.growth[:, :leading] = again.growth
     return run
+
+
+def _may_be_explicit(model: Model, t: float) -> bool:
+    """Whether the rates of a model's motion look near enough to each other for an explicit pair.
+
+    Looked at are the Jacobian where the motion begins and at its states' magnitudes to either side.
+    Where it stands still exponentials are exact, and nothing else is asked for.
+    """
+    kernel = model.kernel
+    if kernel.modes:
+        return False
+    jac = kernel.functions.jac
+    jac = getattr(jac, "py_func", jac)  # three calls are not worth compiling it
+    n, u, p = len(model.x), model.u.tolist(), model.p.tolist()
+    nominal = np.array([s.nominal for s in kernel.states])
+    seen = []
+    for shift in (1.0, 0.0, -1.0):
+        matrix = np.zeros((n, n))
+        try:
+            jac(t, (model.x + shift * nominal).tolist(), u, p, matrix, [0.0] * n)
+            rates = np.abs(np.linalg.eigvals(matrix))
+        except (ArithmeticError, TypeError, ValueError):  # outside of what the equations are for
+            if shift == 0.0:
+                return False
+            continue
+        moving = rates[rates > ZERO * rates.max()]
+        if len(moving) and moving.max() > APART * moving.min():
+            return False
+        seen.append(matrix)
+    return any(np.any(matrix != seen[0]) for matrix in seen)
+
+
+def _stride(model: Model, grid: Vector, frame: Matrix, runaway: float) -> Spectrum | None:
+    """As `_walk`, by the explicit pair; None, and the model as it was, where that is too stiff."""
+    n = len(model.x)
+    f = functions(model.kernel)
+    states = np.empty((len(grid), n))
+    states[0] = model.x
+    growth = np.zeros((len(grid), len(frame)))
+    trace = np.zeros(len(grid))
+    nominal = np.array([s.nominal for s in model.kernel.states])
+    before = model.info.copy()
+    done = f.explicit_spectrum(
+        grid,
+        states,
+        growth,
+        trace,
+        model.u,
+        model.p,
+        model.atol,
+        model.tolerance,
+        np.zeros(explicit.explicit_work_size(n)),
+        model.info,
+        MAX_STEPS,
+        runaway * nominal,
+        nominal,
+        frame,
+    )
+    if int(model.info[stepper.STATUS]) not in (stepper.DONE, tangents.RAN_AWAY):
+        model.info[:] = before
+        return None
+    failure, ran_away = _failure(model, states[min(done, len(grid) - 1)], grid[-1])
+    model.x[:] = states[done - 1]
+    return Spectrum(
+        grid[:done], states[:done], growth[:done], trace[:done], frame, 0, failure, ran_away
+    )
 
 
 def _walk(model: Model, grid: Vector, frame: Matrix, runaway: float, collocating: bool) -> Spectrum:
@@ -282,25 +397,38 @@ def follow_returns(
     times, states = np.empty(most), np.empty((most, n))
     low, high = np.empty(n), np.empty(n)
     parameters, _ = _with_note(model, f)
-    found = f.returns(
-        start,
-        stop,
-        model.x,
-        model.u,
-        parameters,
-        model.atol,
-        model.tolerance,
-        model._work,
-        model.info,
-        MAX_STEPS,
-        RUNAWAY * nominal,
-        coordinate,
-        level,
-        times,
-        states,
-        low,
-        high,
-    )
+
+    def walk(returns: Any, work: Vector) -> int:
+        found = returns(
+            start,
+            stop,
+            model.x,
+            model.u,
+            parameters,
+            model.atol,
+            model.tolerance,
+            work,
+            model.info,
+            MAX_STEPS,
+            RUNAWAY * nominal,
+            coordinate,
+            level,
+            times,
+            states,
+            low,
+            high,
+        )
+        return int(found)
+
+    found = -1
+    if _may_be_explicit(model, start):
+        state, before = model.x.copy(), model.info.copy()
+        found = walk(f.explicit_returns, np.zeros(explicit.explicit_work_size(n)))
+        if int(model.info[stepper.STATUS]) not in (stepper.DONE, tangents.RAN_AWAY):
+            model.x[:], model.info[:] = state, before
+            found = -1
+    if found < 0:
+        found = walk(f.returns, model._work)
     failure, ran_away = _failure(model, model.x, stop)
     reached = float(model.info[stepper.REACHED])
     return Returns(times[:found], states[:found], low, high, reached, failure, ran_away)

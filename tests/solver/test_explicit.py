@@ -1,0 +1,179 @@
+"""The explicit pair against the stiff step, exact answers, and its own order."""
+
+import itertools
+
+import numpy as np
+import pytest
+import sympy as sp
+from known_systems import belt, entries, linear, lorenz, stretched, torus, van_der_pol
+from scipy.integrate import solve_ivp
+
+from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import Component, State, symbol
+from ballscrew.solver.explicit import FIFTH, LAST, PLACES, WEIGHTS
+from ballscrew.solver.kernel import Model
+from ballscrew.solver.spectrum import (
+    RUNAWAY,
+    _may_be_explicit,
+    _stride,
+    _walk,
+    follow,
+    follow_returns,
+)
+
+pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
+
+MATRIX = [[-1.0, 4.0, 0.0], [-4.0, -2.0, 1.0], [3.0, 0.0, -9.0]]
+
+
+def explicitly(model, stop, count=None):
+    n = len(model.x)
+    return _stride(model, np.array([0.0, stop]), np.eye(n)[: count or n], RUNAWAY)
+
+
+def stiffly(model, stop):
+    return _walk(model, np.array([0.0, stop]), np.eye(len(model.x)), RUNAWAY, collocating=False)
+
+
+def test_the_weights_integrate_polynomials_up_to_their_orders():
+    places = np.array(PLACES)
+    np.testing.assert_allclose(WEIGHTS[:LAST].sum(axis=1), places[:LAST], atol=1e-13)
+    for power in range(8):
+        moments = WEIGHTS[LAST:] @ places[:LAST] ** power
+        assert moments[0] == pytest.approx(1.0 / (power + 1), abs=1e-13)
+        # the estimates are differences to rules of orders five and three
+        assert abs(moments[FIFTH - LAST]) < 1e-13 or power >= 5
+        assert abs(moments[FIFTH + 1 - LAST]) < 1e-13 or power >= 3
+
+
+@pytest.mark.parametrize(
+    ("kernel", "values", "stop"),
+    [
+        (lorenz, {}, 5.0),
+        (van_der_pol, {"mu": 0.2}, 20.0),
+        (van_der_pol, {"mu": 5.0}, 20.0),
+        (torus, {}, 20.0),
+    ],
+)
+def test_the_exponents_are_those_of_the_stiff_step(kernel, values, stop):
+    ours = explicitly(Model(kernel(), values, 1e-10), stop)
+    theirs = stiffly(Model(kernel(), values, 1e-13), stop)
+    np.testing.assert_allclose(ours.exponents, theirs.exponents, atol=2e-8)
+    np.testing.assert_allclose(ours.states, theirs.states, atol=2e-8)
+    np.testing.assert_allclose(ours.trace, theirs.trace, atol=2e-8)
+    assert ours.growth[-1].sum() == pytest.approx(ours.trace[-1], rel=1e-9)
+
+
+def test_the_exponents_of_a_linear_system_are_the_exact_ones():
+    run = explicitly(Model(linear(), entries(MATRIX), 1e-10), 2.0)
+    np.testing.assert_allclose(run.exponents, stretched(MATRIX, 2.0), atol=1e-9)
+
+
+def test_what_a_tenth_of_the_tolerance_changes_bounds_the_error():
+    """Steps go with the tolerance to the power 1/8, the error with the steps' seventh or eighth."""
+    exact = stiffly(Model(van_der_pol(), {}, 1e-13), 20.0).exponents
+    tolerances = 10.0 ** -np.arange(5.0, 11.0)
+    runs = [explicitly(Model(van_der_pol(), {}, t), 20.0).exponents for t in tolerances]
+    errors = [float(np.max(np.abs(r - exact))) for r in runs]
+    changes = [float(np.max(np.abs(a - b))) for a, b in itertools.pairwise(runs)]
+    order = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
+    assert 0.7 < order < 1.2, errors
+    for error, change in zip(errors, changes, strict=False):
+        assert error < 2.0 * change, (errors, changes)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_fewer_tangents_and_many_times_give_the_same_first_exponents(count):
+    whole = follow(Model(lorenz(), {}, 1e-11), [0.0, 5.0])
+    few = follow(Model(lorenz(), {}, 1e-11), np.linspace(0.0, 5.0, 51), count=count)
+    np.testing.assert_allclose(few.exponents, whole.exponents[:count], atol=1e-7)
+
+
+def test_a_run_in_pieces_carries_its_frame_on():
+    whole = follow(Model(lorenz(), {}, 1e-11), [0.0, 5.0])
+    model = Model(lorenz(), {}, 1e-11)
+    first = follow(model, [0.0, 2.0])
+    second = follow(model, [2.0, 5.0], frame=first.frame)
+    np.testing.assert_allclose(first.growth[-1] + second.growth[-1], whole.growth[-1], atol=1e-7)
+
+
+def test_a_motion_that_runs_away_ends_with_the_state_that_does():
+    model = Model(van_der_pol(), {"mu": -1.0, "x_start": 3.0}, 1e-9)
+    assert _may_be_explicit(model, 0.0)
+    run = follow(model, np.linspace(0.0, 50.0, 11))
+    assert run.ran_away
+    assert "runs away" in run.failure
+    assert run.time[-1] < 50.0
+    assert len(run.growth) == len(run.time) == len(run.states)
+
+
+def test_only_what_is_smooth_and_not_stiff_is_left_to_the_explicit_pair():
+    def chosen(kernel, values=None):
+        return _may_be_explicit(Model(kernel, values, 1e-9), 0.0)
+
+    assert chosen(lorenz())
+    assert chosen(van_der_pol())
+    assert chosen(torus())
+    assert not chosen(van_der_pol(), {"mu": 1000.0})
+    assert not chosen(linear(), entries(MATRIX))  # exponentials are exact there
+    assert not chosen(belt())
+    assert not chosen(loop_kernel("plant", "nctf"))
+    assert not chosen(loop_kernel("plant", "iol"))
+
+
+def test_where_stiffness_limits_the_steps_nothing_is_done_and_nothing_moved():
+    model = Model(van_der_pol(), {"mu": 100.0}, 1e-9)
+    start, notes = model.x.copy(), model.info.copy()
+    assert explicitly(model, 20.0) is None
+    assert np.array_equal(model.x, start)
+    assert np.array_equal(model.info, notes)
+
+
+def test_times_close_together_are_no_stiffness():
+    """At rest only the tangents have errors, and here none that count."""
+    rest = float(np.sqrt(72.0))
+    model = Model(lorenz(), {"x_start": rest, "y_start": rest, "z_start": 27.0}, 1e-9)
+    run = _stride(model, np.linspace(0.0, 1.0, 1001), np.eye(3), RUNAWAY)
+    assert run is not None
+    assert run.growth[-1].sum() == pytest.approx(-41.0 / 3.0, rel=1e-9)
+
+
+def stiffening():
+    """x' = 1, y' = -e^x (y - sin x): the longer it runs, the faster y is."""
+    x, y = symbol("x"), symbol("y")
+    states = (
+        State("x", "1", "x", sp.Integer(1), start=0.0),
+        State("y", "1", "y", -sp.exp(x) * (y - sp.sin(x)), start=1.0),
+    )
+    return generate(Component("stiffening", "grows stiff", states=states))
+
+
+def test_a_motion_that_becomes_stiff_on_its_way_is_followed_to_its_end():
+    """The determinant of its tangents is exp(1 - e^T), and y ends at sin x within 1 / e^T."""
+    kernel, stop = stiffening(), 12.0
+    model = Model(kernel, {}, 1e-9)
+    assert _may_be_explicit(model, 0.0)
+    run = follow(model, [0.0, stop])
+    assert not run.failure
+    assert run.growth[-1].sum() == pytest.approx(-(np.exp(stop) - 1.0), rel=1e-6)
+    assert run.states[-1] == pytest.approx([stop, np.sin(stop)], abs=1e-4)
+
+
+def test_returns_are_those_of_another_solver():
+    def rhs(_, s):
+        return [s[1], (1 - s[0] ** 2) * s[1] - s[0]]
+
+    def upwards(_, s):
+        return s[0]
+
+    upwards.direction = 1
+    course = solve_ivp(
+        rhs, (0.0, 60.0), [2.0, 0.0], "DOP853", rtol=1e-12, atol=1e-13, events=upwards
+    )
+    model = Model(van_der_pol(), {}, 1e-11)
+    assert _may_be_explicit(model, 0.0)
+    passes = follow_returns(model, 0.0, 60.0, 0, 0.0, 5)
+    np.testing.assert_allclose(passes.time, course.t_events[0][:5], atol=1e-8)
+    np.testing.assert_allclose(passes.states, course.y_events[0][:5], atol=1e-8)
+    assert passes.high[0] == pytest.approx(course.y[0].max(), abs=0.02)
