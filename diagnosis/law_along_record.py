@@ -34,6 +34,8 @@ KINDS = {
 _DAHL, _BLIMAN_SORINE, _MAXWELL_SLIP, _CLASSICAL = 1, 2, 3, 4
 ELEMENTS = 4  # of Maxwell slip
 _STATES = 2 * ELEMENTS
+_LUGRE = 6  # parameters of the LuGre laws
+_GAP_PARTS = 8  # steps between two samples
 _SLOWEST_SLIP = 1e-7  # of the plant's Maxwell-slip law [m/s]
 
 
@@ -93,9 +95,197 @@ def friction_along(
                 _move(kind, state, d, h, v[k], v[k + 1], forwards, backwards, sharpness)
 
 
+@compiled
+def mean_friction_along(
+    kind: int,
+    x: Vector,
+    v: Vector,
+    step: float,
+    parts: int,
+    forwards: Vector,
+    backwards: Vector,
+    sharpness: float,
+    friction: Vector,
+) -> None:
+    """A law along one record, on average over the interval after each sample.
+
+    Between samples the motion is the cubic through both positions and velocities, in `parts` steps.
+
+    Parameters
+    ----------
+    x, v : ndarray, shape (n,)
+        [m], [m/s]
+    step : float
+        Sampling interval [s].
+    parts : int
+    friction : ndarray, shape (n,)
+        Filled; the last is that of the interval before [N].
+    """
+    state = np.zeros(_STATES)
+    h = step / parts
+    place, pace = x[0], v[0]
+    for k in range(len(x) - 1):
+        mean = (x[k + 1] - x[k]) / step
+        left, right = v[k] - mean, v[k + 1] - mean
+        total = 0.5 * _friction(kind, state, pace, forwards, backwards, sharpness)
+        for j in range(1, parts + 1):
+            s = j / parts
+            bend = s * (1.0 - s) * step * ((1.0 - s) * left - s * right)
+            after = x[k] + s * (x[k + 1] - x[k]) + bend
+            then = v[k] + s * (v[k + 1] - v[k])
+            if after != place:
+                _move(kind, state, after - place, h, pace, then, forwards, backwards, sharpness)
+            place, pace = after, then
+            weight = 1.0 if j < parts else 0.5
+            total += weight * _friction(kind, state, pace, forwards, backwards, sharpness)
+        friction[k] = total / parts
+    friction[-1] = friction[-2]
+
+
+@compiled
+def force_behind_spring(
+    kind: int,
+    x: Vector,
+    v: Vector,
+    step: float,
+    stiffness: float,
+    mass: float,
+    forwards: Vector,
+    backwards: Vector,
+    sharpness: float,
+    force: Vector,
+) -> None:
+    """Force of a spring that drags a block with a law where `x` goes on the spring's other side.
+
+    The spring's own damping is a tenth of critical, as of machine parts.
+
+    Parameters
+    ----------
+    x, v : ndarray, shape (n,)
+        Motion before the spring [m], [m/s].
+    step : float
+        Sampling interval [s].
+    stiffness, mass : float
+        [N/m], [kg]
+    force : ndarray, shape (n,)
+        Filled [N].
+    """
+    state = np.zeros(_STATES)
+    block, speed, accelerated = x[0], v[0], 0.0
+    damping = 0.2 * math.sqrt(stiffness * mass)
+    rate = math.sqrt(stiffness / mass)
+    parts = max(4, math.ceil(step * rate / 0.15))
+    h = step / parts
+    for k in range(1, len(x)):
+        mean = (x[k] - x[k - 1]) / step
+        total = 0.0
+        for j in range(parts):
+            s = (j + 1.0) / parts
+            # the cubic through both samples and velocities
+            left, right = v[k - 1] - mean, v[k] - mean
+            bend = s * (1.0 - s) * step * ((1.0 - s) * left - s * right)
+            place = x[k - 1] + s * (x[k] - x[k - 1]) + bend
+            pace = v[k - 1] + s * (v[k] - v[k - 1])
+            friction = _friction(kind, state, speed, forwards, backwards, sharpness)
+            # implicit in what joins the two: stable however stiff
+            pull = stiffness * (place - block - h * speed) + damping * (pace - speed)
+            accelerated = (pull - friction) / (mass + h * damping + h * h * stiffness)
+            before = speed
+            speed += h * accelerated
+            d = h * speed
+            if d != 0.0:
+                _move(kind, state, d, h, before, speed, forwards, backwards, sharpness)
+            block += d
+            total += stiffness * (place - block) + damping * (pace - speed)
+        force[k - 1] = total / parts
+    force[-1] = force[-2]
+
+
+@compiled
+def force_behind_gap(
+    kind: int,
+    x: Vector,
+    v: Vector,
+    step: float,
+    gap: float,
+    mass: float,
+    forwards: Vector,
+    backwards: Vector,
+    sharpness: float,
+    force: Vector,
+) -> None:
+    """Force on what pushes a block with a law across a gap, which it hangs in the middle of first.
+
+    Contact is lost where the block would have to be pulled, be it by friction or by its mass, and
+    made again without a rebound.
+
+    Parameters
+    ----------
+    x, v : ndarray, shape (n,)
+        Motion of what pushes [m], [m/s].
+    step : float
+        Sampling interval [s].
+    gap, mass : float
+        [m], [kg]
+    force : ndarray, shape (n,)
+        On average over the interval after each sample; filled [N].
+    """
+    state = np.zeros(_STATES)
+    block, speed, side, pushed = x[0], 0.0, 0.0, v[0]
+    h = step / _GAP_PARTS
+    for k in range(len(x) - 1):
+        mean = (x[k + 1] - x[k]) / step
+        left, right = v[k] - mean, v[k + 1] - mean
+        pull = (v[k + 1] - v[k]) / step
+        total = 0.0
+        for j in range(1, _GAP_PARTS + 1):
+            s = j / _GAP_PARTS
+            bend = s * (1.0 - s) * step * ((1.0 - s) * left - s * right)
+            push = x[k] + s * (x[k + 1] - x[k]) + bend
+            pushed = v[k] + s * (v[k + 1] - v[k])
+            before = speed
+            if side != 0.0:
+                place = push - side * 0.5 * gap
+                speed = pushed
+                if place != block:
+                    _move(
+                        kind, state, place - block, h, before, speed, forwards, backwards, sharpness
+                    )
+                block = place
+                contact = mass * pull + _friction(
+                    kind, state, speed, forwards, backwards, sharpness
+                )
+                if side * contact < 0.0:
+                    contact, side = 0.0, 0.0
+                total += contact
+                continue
+            speed -= h / mass * _friction(kind, state, speed, forwards, backwards, sharpness)
+            place = block + h * speed
+            off = push - place
+            if abs(off) > 0.5 * gap:
+                side = 1.0 if off > 0.0 else -1.0
+                place = push - side * 0.5 * gap
+                total += mass * (pushed - speed) / h
+                speed = pushed
+            if place != block:
+                _move(kind, state, place - block, h, before, speed, forwards, backwards, sharpness)
+            block = place
+        force[k] = total / _GAP_PARTS
+    force[-1] = force[-2]
+
+
 @compiled_in_place
 def _stribeck(v: float, fc: float, fs: float, vs: float) -> float:
     return fc + (fs - fc) * math.exp(-((v / vs) ** 2))
+
+
+@compiled_in_place
+def _bent(v: float, q: Vector) -> float:
+    """LuGre's curve; with two more parameters, one more bend of it at low speed."""
+    g = _stribeck(v, q[3], q[4], q[5])
+    if len(q) > _LUGRE:
+        g += q[_LUGRE] * math.exp(-((v / q[_LUGRE + 1]) ** 2))
+    return g
 
 
 @compiled_in_place
@@ -115,7 +305,7 @@ def _friction(
         return s * _stribeck(v, q[1], q[2], q[3]) + q[0] * v  # type: ignore[no-any-return]
     z = state[0]
     b = forwards if z > 0.0 else backwards
-    g = _stribeck(v, q[3], q[4], q[5])
+    g = _bent(v, q)
     if sharpness > 0.0:
         s = 2.0 / math.pi * math.atan(sharpness * v)
         rate = s * s * v - b[0] * s * v * z / g
@@ -195,10 +385,10 @@ def _move_bristles(
     if sharpness > 0.0 and h < math.inf:
         s = 2.0 / math.pi * math.atan(sharpness * w)
     if before * d > 0.0 and after * d > 0.0:
-        first = _stribeck(before, q[3], q[4], q[5])
-        last = _stribeck(after, q[3], q[4], q[5])
+        first = _bent(before, q)
+        last = _bent(after, q)
     else:
-        first = last = _stribeck(w, q[3], q[4], q[5])
+        first = last = _bent(w, q)
     g = 0.5 * (first + last)
     way = s * d
     if z * s < 0.0:  # bent to the other side: first back to nothing

@@ -168,13 +168,7 @@ def read_record(
     if path.is_dir():
         file = path / "record.csv"
         about = _read_about(path / "trial.json")
-    try:
-        columns = _read_mat(file) if file.suffix.lower() == ".mat" else _read_csv(file)
-    except FileNotFoundError:
-        raise BadRecord(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
-    signals = _renamed(path, columns, mapping)
+    signals = _renamed(path, read_columns(file), mapping)
     _check_numbers(path, signals)
     for name, values in signals.items():
         signals[name] = values * _FACTORS[UNITS[name]][units.get(name, UNITS[name])]
@@ -285,6 +279,42 @@ def _rig_mass(about: Mapping[str, Any]) -> float:
     return 1.0
 
 
+def read_columns(path: Path) -> dict[str, Vector]:
+    """All columns of a CSV, MAT or Parquet file by the names they have there.
+
+    Raises
+    ------
+    BadRecord
+        If the file is not there or no table of numbers.
+    """
+    readers = {".mat": _read_mat, ".parquet": _read_parquet}
+    try:
+        return readers.get(path.suffix.lower(), _read_csv)(path)
+    except FileNotFoundError:
+        raise BadRecord(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _read_parquet(path: Path) -> dict[str, Vector]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if not path.is_file():
+        raise FileNotFoundError
+    try:
+        table = pq.read_table(path)
+    except pa.ArrowInvalid as error:
+        raise BadRecord(f"{path}: is no Parquet file: {str(error).splitlines()[0]}") from error
+    columns = {}
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        try:
+            columns[name] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=float)
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            continue  # words and dates are nobody's signal
+    return columns
+
+
 def _read_csv(path: Path) -> dict[str, Vector]:
     try:
         with open(path, newline="", encoding="utf-8-sig") as stream:
@@ -347,7 +377,7 @@ def _renamed(
         if theirs not in columns:
             raise BadRecord(
                 f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
-                f"{_near(theirs, columns)}; there are {', '.join(columns) or 'none'}"
+                f"{near(theirs, columns)}; there are {', '.join(columns) or 'none'}"
             )
         if ours not in UNITS:
             raise BadRecord(
@@ -359,7 +389,7 @@ def _renamed(
     for wanted in ("time", "force", "x"):
         if wanted not in named and not (wanted == "x" and "x_fine" in named):
             raise BadRecord(
-                f"{path}: has no column {wanted!r}{_near(wanted, columns)}; there are "
+                f"{path}: has no column {wanted!r}{near(wanted, columns)}; there are "
                 f"{', '.join(columns) or 'none'}; use --map theirs={wanted}"
             )
     lengths = {n: len(v) for n, v in named.items()}
@@ -454,6 +484,7 @@ def _check_motion(path: Path, record: Record) -> None:
             )
 
 
-def _near(name: str, names: object) -> str:
+def near(name: str, names: object) -> str:
+    """The names that look like `name`, in brackets, for a complaint."""
     close = difflib.get_close_matches(name, list(names), n=3, cutoff=0.4)  # type: ignore[call-overload]
     return f" (nearest: {', '.join(close)})" if close else ""

@@ -59,6 +59,15 @@ def ball_screw(
         States x, v, i and those of the friction law. A feedback law may act on x, v, the friction
         law's deflection `z` (without one, its states) and i.
     """
+    axis = bare_ball_screw(friction, name)
+    # Sticking is a matter of the whole body: its modes hold velocity and position.
+    return with_sticking(axis) if friction is classical else axis
+
+
+def bare_ball_screw(
+    friction: Callable[[sp.Expr], ForceTerm] = modified_lugre, name: str = "ball_screw"
+) -> Component:
+    """The axis as `ball_screw` makes it, not yet able to stick: forces can still be added."""
     kt, ke, inductance, resistance, p, m, rotor = map(
         symbol, ("kt", "ke", "L", "R", "p", "m", "Jm")
     )
@@ -66,10 +75,7 @@ def ball_screw(
     angle_per_length = 2 * sp.pi * p
     motor = ForceTerm("motor", kt * angle_per_length * i, "motor torque through the screw")
     friction_term = friction(v)
-    inner = friction_term.states
-    shown = {o.name for o in friction_term.outputs}
-    has_deflection = "z" in shown | {s.name for s in inner}
-    acted_on = ["z"] if has_deflection else [s.name for s in inner]
+    acted_on = acted_on_of(friction_term)
     states = (
         State("x", "m", "position of the block", v, nominal=1e-3),
         State("v", "m/s", "velocity of the block", nominal=1e-3),
@@ -84,14 +90,10 @@ def ball_screw(
     outputs = (
         Output("x", "m", "position of the block", x, nominal=0.1),
         Output("v", "m/s", "velocity of the block", v, nominal=0.1),
-        *(
-            Output(s.name, s.unit, s.meaning, symbol(s.name), nominal=s.nominal)
-            for s in inner
-            if s.name in acted_on and s.name not in shown
-        ),
+        *inner_outputs(friction_term),
         Output("i", "A", "armature current", i, nominal=0.1),
     )
-    axis = Component(
+    return Component(
         name=name,
         description="Ball-screw axis: DC motor, screw, sliding block with "
         + friction_term.meaning.split(",")[0],
@@ -109,5 +111,19 @@ def ball_screw(
         outputs=outputs,
         balances=(ForceBalance("v", m + rotor * angle_per_length**2, (motor, friction_term)),),
     )
-    # Sticking is a matter of the whole body: its modes hold velocity and position.
-    return with_sticking(axis) if friction is classical else axis
+
+
+def acted_on_of(friction: ForceTerm) -> tuple[str, ...]:
+    """What of a friction law a feedback law may act on: its `z`; without one, its states."""
+    states = tuple(s.name for s in friction.states)
+    return ("z",) if "z" in {*states, *(o.name for o in friction.outputs)} else states
+
+
+def inner_outputs(friction: ForceTerm) -> tuple[Output, ...]:
+    """Outputs of what a feedback law may act on and the friction law does not put out itself."""
+    shown = {o.name for o in friction.outputs}
+    return tuple(
+        Output(s.name, s.unit, s.meaning, symbol(s.name), nominal=s.nominal)
+        for s in friction.states
+        if s.name in acted_on_of(friction) and s.name not in shown
+    )

@@ -1,0 +1,54 @@
+"""A gap between screw and block that every reversal has to cross."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import sympy as sp
+
+from ...solver.component import Component
+from .cause import Cause, Courses, Shape, Values, Vector, parameter
+
+if TYPE_CHECKING:
+    from ..course import Course
+    from ..drive_model import DriveModel
+
+_GAPS = 1e-6 * 2.0 ** np.arange(1.0, 9.5, 0.5)  # [m]
+
+
+def _missing(course: Course, model: DriveModel, gap: float) -> Vector:
+    """Force on the screw with the gap, beyond that without."""
+    behind = model.force_behind_gap(course.x, course.v, course.step, gap)
+    rigid = course.bristle + model.linear_friction * course.middle_v + model.block * course.mean_a
+    return np.asarray(behind - rigid)
+
+
+def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+    del courses, model
+    return [{"gap": float(gap)} for gap in _GAPS]
+
+
+def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    force = [_missing(c, model, values["gap"])[:, None] for c in courses]
+    return Shape(("gap",), force=force, values=values, sure=0.2)
+
+
+def _extend(plant: Component, curve: sp.Expr) -> Component:
+    del curve
+    from ...plant.two_masses import with_gap
+
+    return with_gap(plant)
+
+
+CAUSE = Cause(
+    "backlash",
+    "the screw turns through a gap before it takes the block along",
+    _grid,
+    _at,
+    (parameter("gap", "m", "between screw and block"),),
+    _extend,
+    confirm="reverse slowly with the current recorded: it falls to nothing until the gap is closed",
+    refined="gap",
+    mistaken_for=("compliance", "parameter_error", "unexplained"),
+)

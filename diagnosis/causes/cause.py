@@ -1,0 +1,202 @@
+"""What a cause is to a diagnosis: what it would do to a record, and what it does to the plant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from ...solver.component import Component, ForceTerm, Parameter, symbol
+
+if TYPE_CHECKING:
+    from ..course import Course
+    from ..drive_model import DriveModel
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+FRICTION = symbol("friction")
+"""The whole friction force of the believed law, opposing motion [N]."""
+
+ENGAGED = symbol("engaged")
+"""Share of the sliding friction that has come up since a reversal, with its sign, -1 to 1."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One way in which a cause may show.
+
+    Attributes
+    ----------
+    amplitudes : tuple of str
+        Names of the numbers in which it is linear; where each record has its own, with the
+        record's number behind a dot.
+    force, command : list of ndarray, shape (n, amplitudes), one per record; None: nothing
+        Force against motion in +x [N] and change of the command [its unit] for each amplitude at
+        one.
+    current : list of ndarray, shape (n, amplitudes), one per record; None: nothing
+        What a sample of the current shows beyond what the commands make of it on average [A].
+    values : mapping of str to float
+        What the cause depends on otherwise, as it is taken here, SI.
+    sure : float, optional
+        The amplitude is one, give or take this: it is `values` that has the size.
+    freed : str, optional
+        Instead of a force: a parameter of the model that may be anything.
+    """
+
+    amplitudes: tuple[str, ...]
+    force: list[Matrix] | None = None
+    command: list[Matrix] | None = None
+    current: list[Matrix] | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
+    sure: float | None = None
+    freed: str | None = None
+
+
+Courses = Sequence["Course"]
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One thing that may be missing in a model, or wrong with it.
+
+    Attributes
+    ----------
+    name : str
+    says : str
+        What it is, for an engineer, in a clause.
+    grid : function of (courses, model) to a list of mappings
+        Values to try of what the cause depends on other than linearly; one empty mapping where
+        there is nothing of the kind.
+    at : function of (courses, model, values) to a Shape
+    parameters : tuple of Parameter
+        What it is told by; the defaults are those of no effect.
+    extend : function of (plant, curve) to a plant
+        The plant, not yet able to stick, with the cause in it; `curve` is the friction of steady
+        sliding without its viscous part, as a function of ``v``.
+    confirm : str
+        What would confirm it.
+    mistaken_for : tuple of str
+    refined : str, optional
+        The one of `values` that is found between the grid's points.
+    beyond : function of (courses, model) to str or None
+        Why these records cannot show it at all.
+    """
+
+    name: str
+    says: str
+    grid: Callable[[Courses, DriveModel], list[Values]]
+    at: Callable[[Courses, DriveModel, Values], Shape]
+    parameters: tuple[Parameter, ...]
+    extend: Callable[..., Component]
+    confirm: str
+    mistaken_for: tuple[str, ...] = ()
+    refined: str | None = None
+    beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
+
+    def shapes(self, courses: Courses, model: DriveModel) -> list[Shape]:
+        """All shapes to try; none where these records cannot show the cause."""
+        if self.beyond(courses, model):
+            return []
+        return [self.at(courses, model, values) for values in self.grid(courses, model)]
+
+
+def parameter(name: str, unit: str, meaning: str, default: float = 0.0) -> Parameter:
+    """A parameter that a diagnosis finds."""
+    return Parameter(name, default, unit, meaning, "found in measured data")
+
+
+def force_cause(
+    name: str,
+    says: str,
+    amplitudes: Mapping[Parameter, sp.Expr],
+    confirm: str,
+    mistaken_for: tuple[str, ...] = (),
+    constants: tuple[Parameter, ...] = (),
+    grid: Callable[[Courses, DriveModel], list[Values]] = lambda courses, model: [{}],
+    beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None,
+    refined: str | None = None,
+    per_record: bool = False,
+) -> Cause:
+    """A cause that is one more force, linear in its amplitudes.
+
+    Parameters
+    ----------
+    amplitudes : mapping of Parameter to expression
+        Force against motion in +x for the amplitude at one, in the symbols ``x``, ``v``, ``t``,
+        `FRICTION`, the plant's parameters and the `constants`.
+    grid : function of (courses, model) to a list of mappings
+        Values of the constants to try.
+    per_record : bool
+        Each record has amplitudes of its own, as where a phase is another after each homing.
+    """
+    names = tuple(p.name for p in amplitudes)
+    expressions = list(amplitudes.values())
+
+    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+        force = [_along(expressions, c, model, values) for c in courses]
+        told = names
+        if per_record and len(courses) > 1:
+            told = tuple(f"{n}.{r + 1}" for r in range(len(courses)) for n in names)
+            force = [
+                np.hstack([f if r == k else np.zeros_like(f) for k in range(len(courses))])
+                for r, f in enumerate(force)
+            ]
+        return Shape(told, force=force, values=values)
+
+    def extend(plant: Component, curve: sp.Expr) -> Component:
+        friction = -next(t.force for t in plant.terms if t.name == "friction")
+        known = {p.name for p in plant.all_parameters}
+        bristle = friction - symbol("sigma2") * symbol("v") if "sigma2" in known else friction
+        opposing = sp.Add(*[symbol(n) * e for n, e in zip(names, expressions, strict=True)])
+        return plant.with_force(
+            ForceTerm(
+                name=name,
+                force=-opposing.xreplace({FRICTION: friction, ENGAGED: bristle / curve}),
+                meaning=says,
+                parameters=tuple(p for p in (*amplitudes, *constants) if p.name not in known),
+            )
+        )
+
+    return Cause(
+        name,
+        says,
+        grid,
+        at,
+        (*amplitudes, *constants),
+        extend,
+        confirm,
+        mistaken_for,
+        refined,
+        beyond,
+    )
+
+
+def engaged(course: Course, model: DriveModel) -> Vector:
+    """`ENGAGED` along a record, shape (n,)."""
+    return np.asarray(course.bristle / model.curve(course.middle_v))
+
+
+def _along(
+    expressions: Sequence[sp.Expr], course: Course, model: DriveModel, values: Mapping[str, float]
+) -> Matrix:
+    signals = {
+        "x": course.middle_x,
+        "v": course.middle_v,
+        "t": course.time + 0.5 * course.step,
+        FRICTION.name: course.bristle + model.linear_friction * course.middle_v,
+        ENGAGED.name: engaged(course, model),
+    }
+    numbers = {**model.values, **values}
+    columns = []
+    for expression in expressions:
+        free = sorted(s.name for s in sp.sympify(expression).free_symbols)
+        function = sp.lambdify([symbol(n) for n in free], expression, "numpy")
+        column = function(*(signals[n] if n in signals else numbers[n] for n in free))
+        columns.append(np.broadcast_to(column, course.x.shape))
+    return np.column_stack(columns)

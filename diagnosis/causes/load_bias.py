@@ -1,0 +1,15 @@
+"""A constant force, as from gravity, a spring far from its rest or an amplifier's offset."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from .cause import force_cause, parameter
+
+CAUSE = force_cause(
+    "load_bias",
+    "a constant force acts on the block",
+    {parameter("load", "N", "constant force against motion in +x"): sp.Integer(1)},
+    confirm="the force that just moves the block, both ways: the two differ, at all speeds alike",
+    mistaken_for=("direction_asymmetry",),
+)

@@ -1,0 +1,61 @@
+"""Bristles that bend before the block slides, where the law knows sticking and sliding only."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import sympy as sp
+
+from ...solver.component import Component
+from .cause import Cause, Courses, Shape, Values, parameter
+
+if TYPE_CHECKING:
+    from ..drive_model import DriveModel
+
+_WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # over which the force comes up [m]
+
+
+def bristled(model: DriveModel, sigma0: float) -> DriveModel:
+    """The model with LuGre's bristles, critically damped, under its own curve over speed."""
+    damping = max(2 * math.sqrt(sigma0 * model.block) - model.values["sigma2"], 0.0)  # Eq. 2.17
+    values = {**model.values, "sigma0": sigma0, "sigma1": damping, "Kv": 1e8}
+    return replace(model, law="modified_lugre", values=values)
+
+
+def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+    del courses
+    return [{"sigma0": model.friction_scale / float(way)} for way in _WAYS]
+
+
+def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    offset = 0.0 if model.has_motor else model.values["offset"]
+    bent = bristled(model, values["sigma0"])
+    force = [(bent.friction(c.x, c.v, c.step) - offset - c.bristle)[:, None] for c in courses]
+    return Shape(("sigma0",), force=force, values=values, sure=0.3)
+
+
+def _beyond(courses: Courses, model: DriveModel) -> str | None:
+    del courses
+    return None if model.law == "classical" else "the believed law has presliding of its own"
+
+
+def _extend(plant: Component, curve: sp.Expr) -> Component:
+    del curve
+    return plant  # the law is another one, see `bristled`
+
+
+CAUSE = Cause(
+    "presliding_hysteresis",
+    "the force comes up over a way after each reversal, which the law does not know",
+    _grid,
+    _at,
+    (parameter("sigma0", "N/m", "stiffness of the bristles", 1e6),),
+    _extend,
+    confirm="small slow movements to and fro: force over position is a loop",
+    refined="sigma0",
+    mistaken_for=("compliance", "backlash"),
+    beyond=_beyond,
+)

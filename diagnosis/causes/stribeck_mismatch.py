@@ -1,0 +1,69 @@
+"""A friction curve that rises or falls from low speed on where the model's does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import sympy as sp
+
+from ...solver.component import Component, symbol
+from .cause import ENGAGED, Courses, Shape, Values, force_cause, parameter
+
+if TYPE_CHECKING:
+    from ..drive_model import DriveModel
+
+_SPEEDS = 14
+_SMALL = 0.05  # of the friction: a bend so small that its effect is proportional to it
+_BEND = sp.exp(-((symbol("v") / symbol("V_mismatch")) ** 2))
+
+
+def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+    """Characteristic speeds within those of the record."""
+    del model
+    speeds = np.abs(np.concatenate([c.v for c in courses]))
+    high = 0.5 * float(np.quantile(speeds, 0.98))
+    low = max(0.03 * high, float(np.quantile(speeds, 0.05)))
+    if not high > 1.2 * low:
+        return []
+    return [{"V_mismatch": float(v)} for v in np.geomspace(low, high, _SPEEDS)]
+
+
+def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    if not model.can_bend:
+        return _ADDED.at(courses, model, values)
+    size = _SMALL * model.friction_scale
+    bent = model.changed({"dF_low": size, **values})
+    force = [
+        ((bent.friction(c.x, c.v, c.step) - model.friction(c.x, c.v, c.step)) / size)[:, None]
+        for c in courses
+    ]
+    return Shape(("dF_low",), force=force, values=values)
+
+
+def _extend(plant: Component, curve: sp.Expr) -> Component:
+    """The bend goes into the law's curve where it has Stribeck's, else beside the law."""
+    names = [p.name for p in plant.all_parameters]
+    bent = [n for n in names if n.partition("_")[0] in ("Fc", "Fs")]
+    if not any(n.startswith("Fs") for n in bent):
+        return _ADDED.extend(plant, curve)
+    bend = symbol("dF_low") * _BEND
+    return plant.substituted(
+        {symbol(n): symbol(n) + bend for n in bent},
+        parameters=(*plant.parameters, *_ADDED.parameters),
+    )
+
+
+_ADDED = force_cause(
+    "stribeck_mismatch",
+    "friction at low speed rises or falls otherwise than the model's curve",
+    {parameter("dF_low", "N", "friction at low speed beyond the model's"): _BEND * ENGAGED},
+    confirm="constant speeds, close together where the curve bends: Table 2.3's experiment",
+    mistaken_for=("nonlinear_viscous", "parameter_error"),
+    constants=(parameter("V_mismatch", "m/s", "speed by which it has fallen to 1/e", 1.0),),
+    grid=_grid,
+    refined="V_mismatch",
+)
+
+CAUSE = replace(_ADDED, at=_at, extend=_extend)

@@ -1,0 +1,60 @@
+"""Where a study's motion went: what position-dependent causes need to know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .cause import Courses, Values, Vector
+
+if TYPE_CHECKING:
+    from ..drive_model import DriveModel
+
+_FEWEST_PERIODS = 2.0  # in the travel
+_MOST_PERIODS = 250.0
+_PEAKS = 8
+
+
+def middle_and_half(courses: Courses) -> tuple[float, float]:
+    """Middle of the travel and half its length [m]."""
+    low = min(float(c.x.min()) for c in courses)
+    high = max(float(c.x.max()) for c in courses)
+    return 0.5 * (low + high), max(0.5 * (high - low), 1e-9)
+
+
+def periods(
+    courses: Courses, model: DriveModel, name: str, harmonics: Sequence[int], flips: bool
+) -> list[Values]:
+    """Swings per metre to try: those of the screw's turn, or the strongest of the record.
+
+    Parameters
+    ----------
+    name : str
+        Under which the values go.
+    harmonics : sequence of int
+        Swings in a turn, where the model knows the turns in a metre, ``p``.
+    flips : bool
+        Whether the force changes sign with the velocity.
+    """
+    _, half = middle_and_half(courses)
+    way = 2 * half
+    turns = model.values.get("p")
+    if turns:
+        return [{name: k * turns} for k in harmonics if k * turns * way > _FEWEST_PERIODS]
+    found = np.arange(_FEWEST_PERIODS, _MOST_PERIODS, 0.5) / way
+    power = np.zeros(len(found))
+    for c in courses:
+        force = c.unknown * (np.sign(c.v) if flips else 1.0)
+        power += _power(c.x, force - force.mean(), found)
+    inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] > power[2:])) + 1
+    best = inner[np.argsort(-power[inner])][:_PEAKS]
+    return [{name: float(found[k])} for k in np.sort(best)]
+
+
+def _power(x: Vector, force: Vector, found: Vector) -> Vector:
+    """How much of a force swings with the position so often per metre."""
+    thin = max(1, len(x) // 8000)
+    turn = np.exp(2j * np.pi * np.outer(found, x[::thin]))
+    return np.asarray(np.abs(turn @ force[::thin]) ** 2)

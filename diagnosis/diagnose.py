@@ -1,0 +1,686 @@
+"""Given records of a drive and the model its user believes: what is wrong with it, and why."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from .along_record import LAWS
+from .believed import read_believed
+from .causes import CAUSES
+from .course import Course, Noise, instrument_noise, lay_along, resmoothed
+from .diagnosis import (
+    EXPLAINED,
+    NONE,
+    PARTLY,
+    UNEXPLAINED,
+    Curves,
+    Diagnosis,
+    FoundCause,
+    Level,
+    NextExperiment,
+    OutOfReach,
+)
+from .drive_model import DriveModel
+from .drive_record import DriveRecord, read_drive_records
+from .evidence import Prior, conditioned, fit
+from .records import BadRecord
+from .regression import (
+    STRETCH,
+    Added,
+    filters,
+    fitted_noise,
+    law_forces,
+    likelihood,
+    response,
+    sensitivities,
+    surprises,
+)
+from .residuals import Residual, floor, residual
+from .rivals import rivals
+from .selection import (
+    LARGEST,
+    NEAR,
+    PRICE,
+    Candidate,
+    Choice,
+    Explanation,
+    Problem,
+    amplitudes,
+    choose,
+    free_spreads,
+    p_value,
+    refine,
+    restricted_to,
+    scores,
+    state_problem,
+)
+
+Vector = npt.NDArray[np.float64]
+
+_FIRST_RMS = 0.05  # of the friction: unmodelled force, before it is fitted
+_FIRST_MEMORY = 0.01  # [s]
+_ADJUSTMENTS = 3
+_FOLDS = 5
+_DRAWS = 1000  # of stretches, for an interval
+_SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
+_SEEN = 5.0  # standard deviations
+_FREED_SHOWN = 0.1  # of a value that may be wrong
+UNITS = {"kt": "N*m/A", "ke": "V*s/rad", "R": "ohm", "L": "H", "m": "kg", "gain": "N/V"} | {
+    name: unit
+    for law in LAWS.values()
+    for name, unit in zip(law.parameters, law.units, strict=True)
+}
+# A trial of `ballscrew rig` that tells a cause from those it is mistaken for.
+TRIALS_FOR = {
+    "direction_asymmetry": ("viscous", "the same speeds both ways, several of them"),
+    "load_bias": ("viscous", "the same speeds both ways, several of them"),
+    "position_periodic_friction": ("2.3.1/1", "slow steady motion over many turns, both ways"),
+    "position_trend_friction": ("2.3.1/16", "slow steady motion over the whole travel, both ways"),
+    "torque_ripple": ("2.3.1/1", "slow steady motion over many turns, both ways"),
+    "nonlinear_viscous": ("viscous", "constant speeds up to the highest"),
+    "stribeck_mismatch": ("2.3.1", "constant speeds, close together where the curve bends"),
+    "presliding_hysteresis": ("presliding", "a slow staircase of the force below break-away"),
+    "compliance": ("presliding", "a slow staircase of the force below break-away"),
+    "backlash": ("2.4/1", "slow reversals with the current recorded"),
+    "unmodelled_inertia": ("2.6/9", "the fastest sine: force against acceleration"),
+    "input_delay": ("2.10/1", "a step of the command with the current recorded"),
+    "friction_drift": ("viscous/1", "the same constant speed, again and again"),
+    "resistance_drift": ("viscous/1", "the same constant speed again and again, current recorded"),
+    "voltage_saturation": ("viscous/60", "the highest speed, voltage at the motor recorded"),
+    "parameter_error": ("2.3.1", "constant speeds both ways"),
+    "unexplained": ("2.3.1", "constant speeds both ways over the whole travel"),
+}
+_TURNS = 4  # of naming causes and adjusting values
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Records, the model's adjusted values and the noise, under one explanation."""
+
+    courses: list[Course]
+    model: DriveModel
+    noise: Noise
+    added: Added
+
+
+def adjusted(
+    courses: list[Course],
+    model: DriveModel,
+    believed: DriveModel,
+    noise: Noise,
+    added: Added,
+    freed: Sequence[str] = (),
+    rounds: int = _ADJUSTMENTS,
+) -> Situation:
+    """The believed values, each within its tolerance (or free), and the noise, fitted."""
+    names = model.adjustable
+    spread = np.array([believed.tolerance[n] for n in names]) / math.sqrt(3.0)
+    free = free_spreads(believed)
+    for name in freed:
+        spread[names.index(name)] = free[names.index(name)]
+    for turn in range(rounds):  # Gauss-Newton
+        made = filters(courses, model, noise)
+        signal = surprises(courses, model, made, added)
+        columns = np.column_stack([signal, sensitivities(courses, model, made, added)])
+        mean = np.array([believed.values[n] / model.values[n] - 1.0 for n in names])
+        prior = Prior(np.arange(1, len(names) + 1), mean, spread)
+        change = fit(columns.T @ columns, [prior]).amplitude
+        model = model.changed(
+            {
+                n: model.values[n] * max(1.0 + float(c), 0.3)
+                for n, c in zip(names, change, strict=True)
+            }
+        )
+        courses = [
+            resmoothed(c, model, noise, f, u, i)
+            for c, f, u, i in zip(courses, added.force, added.command, added.current, strict=True)
+        ]
+        if turn + 1 < rounds or rounds == 1:
+            noise = fitted_noise(courses, model, noise, added)
+    return Situation(courses, model, noise, added)
+
+
+def explained(situation: Situation, problem: Problem, best: Explanation) -> Added:
+    """What an explanation adds to the records' forces and commands."""
+    amplitude = amplitudes(problem, best)
+    added = Added.nothing(situation.courses)
+    for member in best.members:
+        if not member.shape.freed:
+            added = added.more(member.shape, amplitude[member.columns])
+    return added
+
+
+def _cost(situation: Situation) -> float:
+    """Minus the logarithm of the records' likelihood."""
+    courses, model = situation.courses, situation.model
+    law = law_forces(courses, model)
+    return likelihood(courses, model, situation.noise, situation.added, law)
+
+
+@dataclass(frozen=True)
+class Found:
+    """The end of a search: the situation under the best explanation."""
+
+    situation: Situation
+    problem: Problem
+    choice: Choice
+    first_alone: Mapping[str, float]
+
+
+def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
+    """Look for causes; values, noise and causes are found in turn until they agree."""
+    courses = [lay_along(r, believed) for r in records]
+    channels = [instrument_noise(r)[2] for r in records]
+    noise = Noise(np.mean(channels, axis=0), _FIRST_RMS * believed.friction_scale, _FIRST_MEMORY)
+    situation = adjusted(courses, believed, believed, noise, Added.nothing(courses))
+    names: tuple[str, ...] = ()
+    first: Mapping[str, float] = {}
+    cost = _cost(situation)
+    for turn in range(_TURNS):
+        problem = state_problem(situation.courses, situation.model, believed, situation.noise)
+        # before anything is known, noise is overrated and the first name alone can be relied on
+        choice = choose(problem, largest=1 if turn == 0 else LARGEST)
+        first = first or choice.alone
+        freed = [m.shape.freed for m in choice.best.members if m.shape.freed]
+        if not choice.best.members and not names:
+            break
+        done = turn > 0 and choice.best.names == names
+        names = choice.best.names
+        if done:
+            break
+        made = filters(situation.courses, situation.model, situation.noise)
+        problem, best = refine(problem, choice.best, situation.courses, situation.model, made)
+        choice = replace(choice, best=best)
+        added = explained(situation, problem, best)
+        after = adjusted(
+            situation.courses,
+            situation.model,
+            believed,
+            situation.noise,
+            added,
+            [f for f in freed if f],
+            rounds=2,
+        )
+        if _cost(after) > cost:  # the step was too long to be a step: what came before it stands
+            situation = replace(situation, added=added)
+            break
+        situation, cost = after, _cost(after)
+    return Found(situation, problem, choice, first)
+
+
+def diagnose(
+    data: Sequence[Path | str],
+    params: Path | str | None = None,
+    law: str | None = None,
+    mapping: Mapping[str, str] | None = None,
+    progress: Callable[[str], None] = lambda doing: None,
+) -> Diagnosis:
+    """What a simulation of recorded runs gets wrong, why, and how much better it can be.
+
+    Parameters
+    ----------
+    data : sequence of path-like
+        CSV, MAT or Parquet files with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A].
+    params : path-like, optional
+        The believed model, see `read_believed`; the nominal axis by default.
+    law : str, optional
+        Friction law, in place of the file's.
+    mapping : mapping of str to str, optional
+        ``theirs -> ours`` names of columns.
+    progress : function of what is being done, optional
+
+    Raises
+    ------
+    BadRecord, BadParameters
+        With one line that says what cannot be used and why.
+    """
+    believed = read_believed(params, law)
+    return diagnose_records(read_drive_records(data, mapping), believed, progress)
+
+
+def diagnose_records(
+    records: Sequence[DriveRecord],
+    believed: DriveModel,
+    progress: Callable[[str], None] = lambda doing: None,
+) -> Diagnosis:
+    """As `diagnose`, of records in memory."""
+    began = time.perf_counter()
+    notes = check_tellable(records, believed)
+    progress("looking for causes")
+    found = search(records, believed)
+    progress("judging on data held out")
+    return _concluded(records, believed, found, notes, began)
+
+
+def check_tellable(records: Sequence[DriveRecord], believed: DriveModel) -> list[str]:
+    """Doubts of what records can tell.
+
+    Raises
+    ------
+    BadRecord
+        If they cannot carry a diagnosis at all.
+    """
+    notes = []
+    channels = {tuple(sorted(set(r.signals) & {"i"})) for r in records}
+    if len(channels) > 1:
+        raise BadRecord("some records have the current `i` and some not; diagnose them apart")
+    for record in records:
+        x, u = record.x, record.u
+        if np.ptp(x) == 0:
+            raise BadRecord(
+                f"{record.name}: the position never changes ({x[0]:.6g} m): a drive that does not "
+                "move says nothing of its friction; record a motion both ways"
+            )
+        if np.ptp(u) == 0 and u[0] == 0:
+            raise BadRecord(f"{record.name}: the command u is zero all the time")
+        for column in ("u", "i", "x"):
+            if column in record.signals:
+                share = _clipped(record.signals[column])
+                if column != "x" and share > _CLIPPED:
+                    notes.append(
+                        f"{record.name}: {column} is at its largest value in {100 * share:.0f} % "
+                        "of the samples: clipped? What was cut off tells nothing"
+                    )
+        smooth_x = np.convolve(x, np.ones(21) / 21, "valid")
+        pace = np.diff(smooth_x)
+        if not (
+            np.any(pace > 0.05 * np.abs(pace).max()) and np.any(pace < -0.05 * np.abs(pace).max())
+        ):
+            notes.append(
+                f"{record.name}: moves one way only: whatever shows at reversals, or differs by "
+                "direction, cannot be told from a constant force"
+            )
+    del believed
+    return notes
+
+
+_CLIPPED = 0.02
+
+
+def _clipped(values: Vector) -> float:
+    """Share of the samples at the extremes, beyond what a smooth top would have."""
+    largest = np.nanmax(np.abs(values))
+    return float(np.mean(np.abs(values) >= largest * (1 - 1e-9))) if largest > 0 else 0.0
+
+
+def _folds(courses: Sequence[Course], problem: Problem) -> npt.NDArray[np.int64]:
+    """To which fold each stretch belongs: whole records, or contiguous parts of few."""
+    counts = [max(2, round(len(c.x) * c.step / STRETCH)) for c in courses]
+    if len(courses) >= _FOLDS:
+        return np.repeat(np.arange(len(courses)) % _FOLDS, counts)
+    return np.concatenate([np.arange(n) * _FOLDS // n for n in counts])
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What explanations made without some data do on those data.
+
+    Attributes
+    ----------
+    residuals : list of Residual
+        With none, the first, the first two ... of the causes, then with everything that was chosen.
+    chosen : list of tuple of str
+        Names, one tuple for each fold.
+    """
+
+    residuals: list[Residual]
+    chosen: list[tuple[str, ...]]
+
+
+def _judged(situation: Situation, problem: Problem, names: Sequence[str], members: int) -> HeldOut:
+    courses = situation.courses
+    fold_of = _folds(courses, problem)
+    channels = len(courses[0].channels)
+    limits = np.array(problem.limits) // channels
+    whole = [
+        Residual(np.zeros(limits[-1]), np.zeros(limits[-1]), np.zeros(limits[-1], dtype=bool))
+        for _ in range(len(names) + 2)
+    ]
+    chosen = []
+    size = min(members + 1, LARGEST)
+    for fold in range(_FOLDS):
+        used = fold_of != fold
+        choice = choose(problem, used, largest=size).best
+        chosen.append(choice.causes)
+        test = np.zeros(limits[-1], dtype=bool)
+        for stretch in np.flatnonzero(~used):
+            test[limits[stretch] : limits[stretch + 1]] = True
+        for k, target in enumerate(whole):
+            kept = set(names[:k]) if k <= len(names) else set(choice.names)
+            part = restricted_to(problem, choice, kept)
+            fitted = amplitudes(problem, part, used)
+            added = Added.nothing(courses)
+            for m in part.members:
+                if not m.shape.freed:
+                    added = added.more(m.shape, fitted[m.columns])
+            values = {
+                n: situation.model.values[n] * max(1.0 + float(fitted[1 + j]), 0.1)
+                for j, n in enumerate(problem.names)
+            }
+            found = residual(courses, situation.model.changed(values), situation.noise, added)
+            for a, b in (
+                (target.force, found.force),
+                (target.position, found.position),
+                (target.telling, found.telling),
+            ):
+                a[test] = b[test]
+    return HeldOut(whole, chosen)
+
+
+def _gain(
+    before: Residual, after: Residual, limits: npt.NDArray[np.int64]
+) -> tuple[float, tuple[float, float]]:
+    """Share of the force residual's mean square that goes, and its 95 % interval."""
+    pairs = []
+    for a, b in pairwise(limits):
+        keep = before.telling[a:b]
+        pairs.append(
+            (
+                float(np.sum(before.force[a:b][keep] ** 2)),
+                float(np.sum(after.force[a:b][keep] ** 2)),
+            )
+        )
+    squares = np.array(pairs)
+    random = np.random.default_rng(0)
+    drawn = squares[random.integers(0, len(squares), (_DRAWS, len(squares)))].sum(axis=1)
+    shares = 1.0 - drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300)
+    total = squares.sum(axis=0)
+    low, high = np.quantile(shares, [0.025, 0.975])
+    return 1.0 - float(total[1] / max(total[0], 1e-300)), (float(low), float(high))
+
+
+def _level(found: Residual) -> Level:
+    return Level(found.force_rms, found.position_rms)
+
+
+def _concluded(
+    records: Sequence[DriveRecord],
+    believed: DriveModel,
+    found: Found,
+    notes: list[str],
+    began: float,
+) -> Diagnosis:
+    situation, problem, best = found.situation, found.problem, found.choice.best
+    courses, noise = situation.courses, situation.noise
+    names = best.causes
+    held = _judged(situation, problem, names, len(best.members))
+    limits = np.array(problem.limits) // len(courses[0].channels)
+    nothing = Added.nothing(courses)
+    baseline = residual(courses, believed, noise, nothing)
+    final = residual(courses, situation.model, noise, situation.added)
+    lowest = floor(courses, situation.model, noise)
+    causes = tuple(
+        _found_cause(situation, problem, found.choice, k, held, limits)
+        for k, m in enumerate(best.members)
+        if not m.is_rival
+    )
+    verdict = NONE
+    if best.rivals:
+        verdict = PARTLY if causes else UNEXPLAINED
+    elif causes:
+        verdict = EXPLAINED
+    fitted = amplitudes(problem, best)
+    named, unnamed = nothing, nothing
+    for m in best.members:
+        if m.is_rival:
+            unnamed = unnamed.more(m.shape, fitted[m.columns])
+        elif not m.shape.freed:
+            named = named.more(m.shape, fitted[m.columns])
+    gain, interval = _gain(held.residuals[0], held.residuals[-1], limits)
+    del gain
+    law = [believed.friction(c.x, c.v, c.step) for c in courses]
+    viscous = [believed.linear_friction * c.middle_v for c in courses]
+    predicted = np.concatenate([f + v for f, v in zip(law, viscous, strict=True)])
+    lives = {r.name: r.lives for r in rivals(courses[:1], situation.model)}
+    curves = Curves(
+        time=np.concatenate([c.time for c in courses]),
+        record=np.repeat(np.arange(len(courses)), [len(c.x) for c in courses]),
+        x=np.concatenate([c.x for c in courses]),
+        v=np.concatenate([c.v for c in courses]),
+        force=predicted + baseline.force,
+        predicted=predicted,
+        before=baseline.force,
+        after=final.force,
+        position_before=baseline.position,
+        position_after=final.position,
+        cause=np.concatenate(named.force),
+        shape=np.concatenate(unnamed.force),
+        telling=baseline.telling,
+    )
+    return Diagnosis(
+        verdict=verdict,
+        where=_where(found, _level(baseline), _level(lowest), lives),
+        floor=_level(lowest),
+        baseline_residual=_level(baseline),
+        adjusted_residual=_level(held.residuals[0]),
+        final_residual=_level(held.residuals[-1]),
+        gain_interval=interval,
+        causes=causes,
+        unnamed=tuple(lives[n] for n in best.rivals),
+        out_of_reach=_out_of_reach(courses, situation.model, problem, best),
+        next_experiment=_next_experiment(causes, best),
+        believed=believed,
+        mended=situation.model,
+        adjustments={
+            n: situation.model.values[n] / believed.values[n] - 1.0 for n in problem.names
+        },
+        noise={
+            "unmodelled_force_N": noise.rms,
+            "its_memory_s": noise.memory,
+            **{
+                {"x": "position_m", "i": "current_A"}[c]: float(math.sqrt(v))
+                for c, v in zip(courses[0].channels, noise.channels, strict=True)
+            },
+        },
+        alone={n: float(g) for n, g in found.choice.alone.items() if n in CAUSES},
+        records=tuple(r.name for r in records),
+        curves=curves,
+        seconds=time.perf_counter() - began,
+        notes=tuple(notes),
+    )
+
+
+def _found_cause(
+    situation: Situation,
+    problem: Problem,
+    choice: Choice,
+    k: int,
+    held: HeldOut,
+    limits: npt.NDArray[np.int64],
+) -> FoundCause:
+    best = choice.best
+    member = best.members[k]
+    cause = CAUSES[member.name]
+    place = best.causes.index(member.name)
+    before, after = held.residuals[place], held.residuals[place + 1]
+    gain, interval = _gain(before, after, limits)
+    values, intervals = _values_of(situation, problem, best, k)
+    units = {p.name: p.unit for p in cause.parameters}
+    if member.shape.freed:
+        units = {member.shape.freed: UNITS.get(member.shape.freed, "")}
+    confused = []
+    for other in choice.others:
+        if best.score - other.score > NEAR or len(other.members) != len(best.members):
+            continue
+        different = set(other.names) - set(best.names)
+        if len(different) == 1 and member.name not in other.names:
+            confused += [n for n in different if n in CAUSES]
+    return FoundCause(
+        name=member.name,
+        says=cause.says,
+        parameters=values,
+        intervals=intervals,
+        units={n: units.get(n.partition(".")[0], "") for n in values},
+        gain_heldout=gain,
+        gain_interval=interval,
+        before=_level(before),
+        after=_level(after),
+        evidence=best.gains[k],
+        p_value=p_value(problem, best, k),
+        chosen_again=float(np.mean([member.name in names for names in held.chosen])),
+        confused_with=tuple(dict.fromkeys(confused)),
+        confirm=cause.confirm,
+    )
+
+
+def _values_of(
+    situation: Situation, problem: Problem, best: Explanation, k: int
+) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """A member's numbers and their 95 % intervals, as wide as the stretches say they must be."""
+    member = best.members[k]
+    shape = member.shape
+    fitted = fit(problem.products.over(), list(best.priors))
+    where = [int(np.flatnonzero(fitted.columns == c)[0]) for c in member.columns]
+    wide = scores(problem, best, k).widening()
+    quantile = float(student.ppf(0.975, max(problem.stretches - len(where), 1)))
+    amplitude = fitted.amplitude[where]
+    spread = np.sqrt(np.diag(fitted.covariance))[where] * wide
+    if shape.freed:
+        value = situation.model.values[shape.freed]
+        now = value * (1.0 + float(amplitude[0]))
+        error = quantile * value * float(spread[0])
+        return {shape.freed: now}, {shape.freed: (now - error, now + error)}
+    values = {n: float(v) for n, v in shape.values.items()}
+    intervals: dict[str, tuple[float, float]] = {}
+    cause = CAUSES[member.name]
+    if cause.refined:
+        value = values[cause.refined]
+        error = min(quantile * wide * _log_spread(situation, problem, best, k), 3.0)
+        intervals[cause.refined] = (value * math.exp(-error), value * math.exp(error))
+    if shape.sure is None:
+        for name, a, e in zip(shape.amplitudes, amplitude, spread, strict=True):
+            values[name] = float(a)
+            intervals[name] = (float(a - quantile * e), float(a + quantile * e))
+    return values, intervals
+
+
+def _log_spread(situation: Situation, problem: Problem, best: Explanation, k: int) -> float:
+    """Standard error of the logarithm of a refined value, everything else adjusted."""
+    member = best.members[k]
+    cause = CAUSES[member.name]
+    key = cause.refined or ""
+    value = member.shape.values[key]
+    made = filters(situation.courses, situation.model, situation.noise)
+    fitted = amplitudes(problem, best)[member.columns]
+    sides = [
+        response(
+            situation.courses,
+            made,
+            cause.at(
+                situation.courses,
+                situation.model,
+                {**member.shape.values, key: value * math.exp(s)},
+            ),
+        )
+        @ fitted
+        for s in (0.05, -0.05)
+    ]
+    slope = (sides[0] - sides[1]) / 0.1
+    used = np.concatenate([p.columns for p in best.priors]).astype(np.int64)
+    scale = np.concatenate([p.spread for p in best.priors])
+    others = problem.columns[:, used]
+    if member.shape.sure is not None:  # its amplitude is one
+        keep = ~np.isin(used, member.columns)
+        others, scale = others[:, keep], scale[keep]
+    inner = others.T @ others + np.diag(scale**-2.0)
+    cross = others.T @ slope
+    information = float(slope @ slope - cross @ np.linalg.solve(inner, cross))
+    return 1.0 / math.sqrt(max(information, 1e-12))
+
+
+def _where(found: Found, baseline: Level, lowest: Level, lives: Mapping[str, str]) -> str:
+    """Where the residual lives, and how large it is, in one sentence."""
+    size = (
+        f"{baseline.force:.3g} N rms in force (noise alone: {lowest.force:.3g} N) and "
+        f"{_length(baseline.position)} in position over a second ({_length(lowest.position)})"
+    )
+    alone = {n: g for n, g in found.first_alone.items() if n in lives}
+    if not alone or max(alone.values()) < PRICE:
+        return (
+            f"The model as believed leaves {size}; none of it has a structure beyond noise and "
+            "values within their tolerances."
+        )
+    best = max(alone, key=lambda n: alone[n])
+    return (
+        f"The model as believed leaves {size}; what noise does not explain of it lives "
+        f"{lives[best]}."
+    )
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.3g} mm" if metres >= 1e-4 else f"{1e6 * metres:.3g} um"
+
+
+def _out_of_reach(
+    courses: Sequence[Course], model: DriveModel, problem: Problem, best: Explanation
+) -> tuple[OutOfReach, ...]:
+    """Causes that would not have shown had they been as large as a twentieth of the friction."""
+    left = conditioned(problem.products.over(), list(best.priors)).products
+    size = _SMALLEST * model.friction_scale
+    out = []
+    for cause in CAUSES.values():
+        if cause.name in best.causes:
+            continue
+        because = cause.beyond(courses, model)
+        if because:
+            out.append(OutOfReach(cause.name, because))
+            continue
+        mine = [c for c in problem.candidates if c.name == cause.name]
+        shown = [_shows(c, left, size, model) for c in mine]
+        if not shown:
+            out.append(OutOfReach(cause.name, "the motion gives it nothing to show at"))
+        elif max(shown) < _SEEN:
+            out.append(
+                OutOfReach(
+                    cause.name,
+                    f"at {100 * _SMALLEST:.0f} % of the friction it would stand out by "
+                    f"{max(shown):.2g} standard deviations only, and {_SEEN:g} are asked for",
+                )
+            )
+    return tuple(out)
+
+
+def _shows(
+    candidate: Candidate, left: npt.NDArray[np.float64], size: float, model: DriveModel
+) -> float:
+    """Standard deviations by which a candidate whose force is of this size stands out."""
+    norms = np.sqrt(np.maximum(np.diag(left)[candidate.columns], 0.0))
+    shape = candidate.shape
+    if shape.freed:
+        return float(_FREED_SHOWN * norms[0])
+    forces = []
+    if shape.force is not None:
+        forces.append(np.concatenate(shape.force))
+    if shape.command is not None:
+        forces.append(model.per_command * np.concatenate(shape.command))
+    rms = np.sqrt(np.mean(sum(forces) ** 2, axis=0))
+    return (
+        float(np.max(norms * size / np.maximum(rms, 1e-300), initial=0.0))
+        if np.any(rms > 0)
+        else 0.0
+    )
+
+
+def _next_experiment(causes: tuple[FoundCause, ...], best: Explanation) -> NextExperiment | None:
+    """What would tell apart what this record cannot."""
+    for cause in causes:
+        if cause.confused_with:
+            trial, says = TRIALS_FOR.get(cause.name, TRIALS_FOR["unexplained"])
+            return NextExperiment(
+                trial,
+                f"{cause.name} cannot be told from {' or '.join(cause.confused_with)} here: {says} "
+                f"({cause.confirm})",
+            )
+    if best.rivals:
+        trial, says = TRIALS_FOR["unexplained"]
+        return NextExperiment(trial, f"structure is left that no cause has: {says}")
+    return None

@@ -1,0 +1,248 @@
+"""The result of a diagnosis: what is wrong, why, how sure that is, and what would make it surer."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..solver.kernel_cache import write_atomically
+from .drive_model import DriveModel
+
+Vector = npt.NDArray[np.float64]
+
+NONE, EXPLAINED, PARTLY, UNEXPLAINED = "none", "explained", "partly", "unexplained"
+
+
+@dataclass(frozen=True)
+class Level:
+    """A residual in the two domains.
+
+    Attributes
+    ----------
+    force : float
+        Root mean square, at frequencies where the record tells forces [N].
+    position : float
+        Root mean square of what is foretold from the start of each second [m].
+    """
+
+    force: float
+    position: float
+
+
+@dataclass(frozen=True)
+class FoundCause:
+    """A cause that was named.
+
+    Attributes
+    ----------
+    parameters, intervals : mapping
+        Values, SI, and their 95 % intervals.
+    units : mapping of str to str
+    gain_heldout : float
+        Share of the mean square of the force residual that the cause takes away, on data that
+        neither its choice nor its fit has seen, the causes before it given.
+    gain_interval : tuple of float
+        95 %, by drawing stretches of the record again.
+    before, after : Level
+        The residual on those data without and with it.
+    evidence : float
+        Logarithm of the odds that it brings.
+    chosen_again : float
+        Share of the folds in which it was chosen without the data it was judged on.
+    """
+
+    name: str
+    says: str
+    parameters: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]]
+    units: Mapping[str, str]
+    gain_heldout: float
+    gain_interval: tuple[float, float]
+    before: Level
+    after: Level
+    evidence: float
+    p_value: float
+    chosen_again: float
+    confused_with: tuple[str, ...]
+    confirm: str
+
+
+@dataclass(frozen=True)
+class OutOfReach:
+    """A cause that these records could not have shown."""
+
+    name: str
+    because: str
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """A trial that the rig can run, and what for."""
+
+    trial: str
+    says: str
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Signals for pictures, records end to end, shape (n,) each.
+
+    Attributes
+    ----------
+    time, record : ndarray
+        [s] within each record, and which it is.
+    x, v : ndarray
+        [m], [m/s]
+    force, predicted : ndarray
+        Friction and all else that opposes the motion, by the record and by the believed model [N].
+    before, after : ndarray
+        Force residual under the believed and under the mended model [N].
+    position_before, position_after : ndarray
+        [m]
+    cause : ndarray
+        Force of the named causes together [N].
+    shape : ndarray
+        Force of what is left without a name [N].
+    telling : ndarray of bool
+    """
+
+    time: Vector
+    record: npt.NDArray[np.int64]
+    x: Vector
+    v: Vector
+    force: Vector
+    predicted: Vector
+    before: Vector
+    after: Vector
+    position_before: Vector
+    position_after: Vector
+    cause: Vector
+    shape: Vector
+    telling: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a study found.
+
+    Attributes
+    ----------
+    verdict : {"none", "explained", "partly", "unexplained"}
+    where : str
+        Where the residual lives and how large it is, in a sentence.
+    floor, baseline_residual, adjusted_residual, final_residual : Level
+        Of noise; of the model as believed; with its values adjusted within their tolerances; with
+        the causes. The last two on data that neither choice nor fit has seen.
+    gain_interval : tuple of float
+        95 % of the share of the adjusted residual's mean square in force that goes.
+    causes : tuple of FoundCause
+        In order of gain.
+    unnamed : tuple of str
+        Where structure lives that no cause has.
+    out_of_reach : tuple of OutOfReach
+    next_experiment : NextExperiment or None
+    believed, mended : DriveModel
+        The model before and with adjusted values; causes beside.
+    adjustments : mapping of str to float
+        Relative changes of the values that were believed.
+    noise : mapping of str to float
+        Of the instruments and the unmodelled force, as found.
+    alone : mapping of str to float
+        Evidence of every cause by itself.
+    notes : tuple of str
+        Doubts.
+    """
+
+    verdict: str
+    where: str
+    floor: Level
+    baseline_residual: Level
+    adjusted_residual: Level
+    final_residual: Level
+    gain_interval: tuple[float, float]
+    causes: tuple[FoundCause, ...]
+    unnamed: tuple[str, ...]
+    out_of_reach: tuple[OutOfReach, ...]
+    next_experiment: NextExperiment | None
+    believed: DriveModel
+    mended: DriveModel
+    adjustments: Mapping[str, float]
+    noise: Mapping[str, float]
+    alone: Mapping[str, float]
+    records: tuple[str, ...]
+    curves: Curves
+    seconds: float
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What goes into ``diagnosis.json``."""
+
+        def level(value: Level) -> dict[str, float]:
+            return {"force_N": value.force, "position_m": value.position}
+
+        return {
+            "verdict": self.verdict,
+            "where": self.where,
+            "floor": level(self.floor),
+            "baseline_residual": level(self.baseline_residual),
+            "adjusted_residual": level(self.adjusted_residual),
+            "final_residual": level(self.final_residual),
+            "gain_interval": list(self.gain_interval),
+            "causes": [
+                {
+                    "name": c.name,
+                    "says": c.says,
+                    "parameters": dict(c.parameters),
+                    "intervals": {n: list(v) for n, v in c.intervals.items()},
+                    "units": dict(c.units),
+                    "gain_heldout": c.gain_heldout,
+                    "gain_interval": list(c.gain_interval),
+                    "before": level(c.before),
+                    "after": level(c.after),
+                    "evidence": c.evidence,
+                    "p_value": c.p_value,
+                    "chosen_again": c.chosen_again,
+                    "confused_with": list(c.confused_with),
+                    "confirm": c.confirm,
+                }
+                for c in self.causes
+            ],
+            "unnamed": list(self.unnamed),
+            "out_of_reach": [{"name": o.name, "because": o.because} for o in self.out_of_reach],
+            "next_experiment": None
+            if self.next_experiment is None
+            else {"trial": self.next_experiment.trial, "says": self.next_experiment.says},
+            "adjustments": dict(self.adjustments),
+            "noise": dict(self.noise),
+            "evidence_alone": dict(self.alone),
+            "records": list(self.records),
+            "seconds": self.seconds,
+            "notes": list(self.notes),
+        }
+
+    def found(self) -> list[tuple[str, dict[str, float]]]:
+        """Names and values, as `extended_plant` takes them."""
+        return [(c.name, dict(c.parameters)) for c in self.causes]
+
+    def save(self, folder: Path) -> None:
+        """Write ``diagnosis.json``.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+        write_atomically(folder / "diagnosis.json", text.encode())
+
+
+def names_of(causes: Sequence[FoundCause]) -> str:
+    """For sentences."""
+    return ", ".join(c.name for c in causes) or "no cause"

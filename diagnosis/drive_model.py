@@ -1,0 +1,232 @@
+"""The drive as its user believes it to be, in the form a diagnosis needs.
+
+What is linear (motor, inertia, viscous friction) goes into a filter; the rest of the friction law
+is integrated along the measured motion and enters the filter as a known force.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from ..plant.law import claims
+from ..solver.component import symbol
+from .along_record import LAWS
+from .innovations import LinearDrive, sampled
+from .law_along_record import (
+    KINDS,
+    force_behind_gap,
+    force_behind_spring,
+    mean_friction_along,
+)
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+MOTOR = ("kt", "ke", "R", "L", "m", "Jm")
+DIRECT = ("m", "gain", "offset")
+BEND = ("dF_low", "V_mismatch")  # of friction at low speed, N and m/s; see stribeck_mismatch
+_SLOWEST = 1e-5  # at which a curve is taken instead of at rest [m/s]
+_PARTS = 8  # steps of the law between two samples
+_DOUBTS = {"x": 1e-4, "v": 0.1, "i": 1.0}  # spreads of the states before the first sample
+
+
+@dataclass(frozen=True)
+class DriveModel:
+    """A drive with a friction law and the values believed of it.
+
+    Attributes
+    ----------
+    kind : {"ball_screw", "drive"}
+        With a DC motor and a voltage `u`, or a body on which ``gain*u`` acts as a force.
+    law : str
+        One of ``LAWS`` of the estimator.
+    values : mapping of str to float
+        All parameters, SI.
+    tolerance : mapping of str to float
+        Relative doubt of each value that may be adjusted: its uniform spread, plus or minus.
+    """
+
+    kind: str
+    law: str
+    values: Mapping[str, float]
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def has_motor(self) -> bool:
+        return self.kind == "ball_screw"
+
+    @property
+    def adjustable(self) -> tuple[str, ...]:
+        """Parameters that a record may speak of."""
+        names = (*(MOTOR if self.has_motor else DIRECT), *self.law_parameters)
+        return tuple(n for n in names if self.values.get(n) and self.tolerance.get(n, 0.0) > 0)
+
+    @property
+    def law_parameters(self) -> tuple[str, ...]:
+        law = LAWS[self.law]
+        if law.directional:
+            return tuple(f"{n}_{side}" for side in ("pos", "neg") for n in law.parameters)
+        return law.parameters
+
+    @property
+    def turn(self) -> float:
+        """Angle of the screw per way [rad/m]."""
+        return 2 * math.pi * self.values["p"]
+
+    @property
+    def inertia(self) -> float:
+        """Of all that moves [kg]."""
+        v = self.values
+        return v["m"] + (v["Jm"] * self.turn**2 if self.has_motor else 0.0)
+
+    @property
+    def block(self) -> float:
+        """Of what friction acts on; half of a drive whose parts nobody told [kg]."""
+        return self.values["m"] * (1.0 if self.has_motor else 0.5)
+
+    @property
+    def per_ampere(self) -> float:
+        """Force of the motor [N/A]."""
+        return self.values["kt"] * self.turn
+
+    @property
+    def back_emf(self) -> float:
+        """[V*s/m]"""
+        return self.values["ke"] * self.turn
+
+    @property
+    def per_command(self) -> float:
+        """Force that a lasting command holds at rest, per its unit [N/V]."""
+        if self.has_motor:
+            return self.per_ampere / self.values["R"]
+        return self.values["gain"]
+
+    @property
+    def braking(self) -> float:
+        """What of the drive's force goes with velocity, beside friction [N*s/m]."""
+        return self.per_command * self.back_emf if self.has_motor else 0.0
+
+    @property
+    def can_bend(self) -> bool:
+        """Whether the law's curve can be given one more bend, see `BEND`."""
+        return KINDS[self.law] == KINDS["lugre"]
+
+    @property
+    def linear_friction(self) -> float:
+        """Viscous coefficient that the filter takes care of [N*s/m]."""
+        return self.values["sigma2"] if "sigma2" in self.law_parameters else 0.0
+
+    @property
+    def friction_scale(self) -> float:
+        """Size of the friction while sliding slowly [N]."""
+        v = self.values
+        for names in (("Fc",), ("Fc_pos",)):
+            if all(n in v for n in names):
+                return abs(v[names[0]])
+        return abs(v["f1"] - v["f2"])
+
+    def changed(self, values: Mapping[str, float]) -> DriveModel:
+        return replace(self, values={**self.values, **values})
+
+    def linear(
+        self, step: float, channels: tuple[str, ...], noise: Vector, rms: float, memory: float
+    ) -> LinearDrive:
+        """The drive for the filter.
+
+        Parameters
+        ----------
+        step : float
+            Sampling interval [s].
+        channels : tuple of {"x", "i"}
+        noise : ndarray, shape (channels,)
+            Variances [m^2, A^2].
+        rms, memory : float
+            Of the unmodelled force [N], [s].
+        """
+        m = self.inertia
+        states = ("x", "v", "i", "d") if self.has_motor else ("x", "v", "d")
+        s = len(states)
+        equations = np.zeros((s, s))
+        equations[0, 1] = 1.0
+        equations[1, 1] = -self.linear_friction / m
+        equations[1, -1] = -1.0 / m
+        command, force = np.zeros(s), np.zeros(s)
+        force[1] = -1.0 / m
+        if self.has_motor:
+            inductance = self.values["L"]
+            equations[1, 2] = self.per_ampere / m
+            equations[2, 1] = -self.back_emf / inductance
+            equations[2, 2] = -self.values["R"] / inductance
+            command[2] = 1.0 / inductance
+        else:
+            command[1] = self.values["gain"] / m
+        sees = np.zeros((len(channels), s))
+        for c, name in enumerate(channels):
+            sees[c, states.index(name)] = 1.0
+        doubt = np.array([_DOUBTS.get(n, rms) for n in states])
+        return sampled(equations, command, force, sees, noise, doubt, step, rms, memory)
+
+    def curve(self, v: Vector) -> Vector:
+        """Friction of steady sliding at these speeds, without its viscous part, shape (n,) [N]."""
+        speed = np.abs(v) + _SLOWEST
+        names = sorted(s.name for s in curve_of(self.law).free_symbols)
+        numbers = {**self.values, "v": speed}
+        curve = sp.lambdify([symbol(n) for n in names], curve_of(self.law), "numpy")
+        return np.broadcast_to(curve(*(numbers[n] for n in names)), speed.shape)
+
+    def friction(self, x: Vector, v: Vector, step: float) -> Vector:
+        """The law along a motion, without what is linear in velocity, shape (n,) [N].
+
+        On average over the interval after each sample, as are all forces here.
+        """
+        out = np.empty(len(x))
+        motion = np.ascontiguousarray(x), np.ascontiguousarray(v), step, _PARTS
+        mean_friction_along(KINDS[self.law], *motion, *self._law_values(), out)
+        out -= self.linear_friction * midway(v)
+        if not self.has_motor:
+            out += self.values["offset"]
+        return out
+
+    def force_behind_gap(self, x: Vector, v: Vector, step: float, gap: float) -> Vector:
+        """Force on what pushes the block across a gap [m], shape (n,) [N]."""
+        out = np.empty(len(x))
+        law = self._law_values()
+        force_behind_gap(KINDS[self.law], x, v, step, gap, self.block, *law, out)
+        return out
+
+    def force_behind_spring(self, x: Vector, v: Vector, step: float, stiffness: float) -> Vector:
+        """Force of a spring [N/m] that drags the block, shape (n,) [N]."""
+        out = np.empty(len(x))
+        law = self._law_values()
+        force_behind_spring(KINDS[self.law], x, v, step, stiffness, self.block, *law, out)
+        return out
+
+    def _law_values(self) -> tuple[Vector, Vector, float]:
+        half = len(LAWS[self.law].parameters)
+        q = np.array([self.values[n] for n in self.law_parameters])
+        sharpness = self.values.get("Kv", 0.0) if self.law != "lugre" else 0.0
+        bend = [self.values[n] for n in BEND] if self.can_bend and BEND[0] in self.values else []
+        return np.append(q[:half], bend), np.append(q[-half:], bend), sharpness
+
+
+@cache
+def curve_of(law: str) -> sp.Expr:
+    """Friction of steady sliding in +x as a function of ``v``, without its viscous part."""
+    steady = claims(law).steady_state
+    if steady is None:  # Bliman-Sorine and Maxwell slip settle at their Coulomb force
+        steady = symbol("Fc") if law == "maxwell_slip" else symbol("f1") - symbol("f2")
+    v = symbol("v")
+    viscous = symbol("sigma2") * v if symbol("sigma2") in steady.free_symbols else sp.Integer(0)
+    return steady - viscous
+
+
+def midway(values: Vector) -> Vector:
+    """Mean over the interval after each sample, shape (n,)."""
+    return np.append(0.5 * (values[1:] + values[:-1]), values[-1])

@@ -1,0 +1,198 @@
+"""Weighing explanations of one signal in white noise: linear models, by their evidence.
+
+An explanation is a group of columns whose amplitudes have a normal prior: a known mean and spread,
+or mean zero and the spread under which the data are most likely. Everything needed of the data are
+the products of columns over stretches of the record, so that a comparison on some stretches, or on
+all but some, costs no more than one on all of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_factor, cho_solve
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+_SIZES = 2.0 ** np.arange(1.0, 9.0)  # of a group's part in the signal, in standard deviations
+
+
+@dataclass(frozen=True)
+class Products:
+    """Products of the signal, column 0, and of all others, summed over stretches.
+
+    Attributes
+    ----------
+    by_stretch : ndarray, shape (stretches, columns, columns)
+    """
+
+    by_stretch: npt.NDArray[np.float64]
+
+    @classmethod
+    def of(cls, columns: Matrix, edges: Sequence[int]) -> Products:
+        """Of columns, shape (n, c), between the `edges`."""
+        return cls(np.stack([columns[a:b].T @ columns[a:b] for a, b in pairwise(edges)]))
+
+    def over(self, stretches: npt.NDArray[np.bool_] | None = None) -> Matrix:
+        return np.asarray(
+            self.by_stretch.sum(axis=0) if stretches is None else self.by_stretch[stretches].sum(0)
+        )
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is believed of a group's amplitudes before the data.
+
+    Attributes
+    ----------
+    columns : ndarray of int
+        In the products; never 0.
+    mean, spread : ndarray
+        Of each amplitude; an infinite spread is not allowed.
+    """
+
+    columns: npt.NDArray[np.int64]
+    mean: Vector
+    spread: Vector
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Most likely amplitudes of all groups together.
+
+    Attributes
+    ----------
+    columns : ndarray of int
+    amplitude : ndarray
+    covariance : ndarray
+    evidence : float
+        Logarithm, up to what all models of the same signal share.
+    """
+
+    columns: npt.NDArray[np.int64]
+    amplitude: Vector
+    covariance: Matrix
+    evidence: float
+
+
+def fit(products: Matrix, priors: Sequence[Prior]) -> Fitted:
+    """Amplitudes and evidence of a model made of groups.
+
+    Parameters
+    ----------
+    products : ndarray, shape (columns, columns)
+    priors : sequence of Prior
+    """
+    columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
+    mean = np.concatenate([p.mean for p in priors])
+    precision = np.concatenate([p.spread for p in priors]) ** -2.0
+    inner = products[np.ix_(columns, columns)]
+    wanted = products[columns, 0] + precision * mean
+    # scaled by the prior: precisions differ by many powers of ten
+    scale = 1.0 / np.sqrt(precision)
+    system = np.eye(len(columns)) + scale[:, None] * inner * scale
+    factor = cho_factor(system, lower=True)
+    amplitude = scale * cho_solve(factor, scale * wanted)
+    covariance = scale[:, None] * cho_solve(factor, np.diag(scale))
+    explained = float(wanted @ amplitude) - float(mean @ (precision * mean))
+    evidence = 0.5 * explained - float(np.sum(np.log(np.diag(factor[0]))))
+    return Fitted(columns, amplitude, covariance, evidence)
+
+
+@dataclass(frozen=True)
+class Conditioned:
+    """Products of columns once a model's groups are projected out with their priors.
+
+    Attributes
+    ----------
+    products : ndarray, shape (columns, columns)
+    evidence : float
+        Of the model that was projected out.
+    """
+
+    products: Matrix
+    evidence: float
+
+
+def conditioned(products: Matrix, priors: Sequence[Prior]) -> Conditioned:
+    """What is left to explain, and with what, given a model."""
+    columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
+    mean = np.concatenate([p.mean for p in priors])
+    scale = np.concatenate([p.spread for p in priors])
+    inner = products[np.ix_(columns, columns)]
+    factor = cho_factor(np.eye(len(columns)) + scale[:, None] * inner * scale, lower=True)
+    # the signal less what the prior's mean already says
+    shifted = products.copy()
+    shifted[0, :] -= mean @ products[columns, :]
+    shifted[:, 0] = shifted[0, :]
+    shifted[0, 0] = products[0, 0] - 2 * mean @ products[columns, 0] + mean @ inner @ mean
+    cross = scale[:, None] * shifted[columns, :]
+    left = shifted - cross.T @ cho_solve(factor, cross)
+    evidence = -0.5 * left[0, 0] - float(np.sum(np.log(np.diag(factor[0]))))
+    return Conditioned(left, evidence)
+
+
+def evidence_of(products: Matrix, priors: Sequence[Prior]) -> float:
+    """Evidence of a model, on the scale of `conditioned`."""
+    columns = np.concatenate([[0], *(p.columns for p in priors)]).astype(np.int64)
+    small = products[np.ix_(columns, columns)]
+    moved, at = [], 1
+    for p in priors:
+        moved.append(Prior(np.arange(at, at + len(p.columns)), p.mean, p.spread))
+        at += len(p.columns)
+    return conditioned(small, moved).evidence
+
+
+def gain(left: Matrix, columns: npt.NDArray[np.int64], mean: Vector, spread: Vector) -> float:
+    """By how much a further group raises the evidence, given conditioned products."""
+    inner = left[np.ix_(columns, columns)]
+    g = left[columns, 0]
+    moved = g - inner @ mean
+    system = np.eye(len(columns)) + spread[:, None] * inner * spread
+    factor = cho_factor(system, lower=True)
+    scaled = spread * moved
+    before = float(2 * g @ mean - mean @ inner @ mean)
+    return 0.5 * (before + float(scaled @ cho_solve(factor, scaled))) - float(
+        np.sum(np.log(np.diag(factor[0])))
+    )
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """The best spread of a group of which only the directions are known."""
+
+    gain: float
+    spread: Vector
+
+
+def weigh(left: Matrix, columns: npt.NDArray[np.int64], usual: Vector | None = None) -> Weighed:
+    """Evidence of a group whose size is unknown: the best of many sizes, less what choosing costs.
+
+    Parameters
+    ----------
+    left : ndarray
+        Conditioned products.
+    columns : ndarray of int
+    usual : ndarray, optional
+        Relative spreads of the amplitudes; by default all columns count alike in the signal.
+    """
+    norms = np.sqrt(np.maximum(np.diag(left)[columns], 1e-300))
+    relative = 1.0 / np.maximum(norms, 1e-9 * norms.max()) if usual is None else usual
+    relative = relative / math.sqrt(float(np.sum((relative * norms) ** 2)))
+    # in the directions of the scaled products every size is a matter of one number
+    inner = relative[:, None] * left[np.ix_(columns, columns)] * relative
+    strength, directions = np.linalg.eigh(inner)
+    strength = np.maximum(strength, 0.0)
+    seen = (directions.T @ (relative * left[columns, 0])) ** 2
+    grown = 1.0 + _SIZES[:, None] ** 2 * strength
+    gains = 0.5 * np.sum(_SIZES[:, None] ** 2 * seen / grown - np.log(grown), axis=1)
+    best = int(np.argmax(gains))
+    # every size was as likely before
+    total = float(np.logaddexp.reduce(gains)) - math.log(len(_SIZES))
+    return Weighed(total, _SIZES[best] * relative)

@@ -1,0 +1,101 @@
+"""Shapeless rivals of the causes: a force that is any smooth function of something.
+
+A cause with few numbers wins against them where it is true, because they spread what they foretell
+over everything. Where one of them wins, the record has structure that no cause of the catalogue
+has, and the rival says where it lives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+
+from .causes.cause import Shape, engaged
+from .course import Course
+from .drive_model import DriveModel
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+_TIME_KNOT = 0.35  # [s]
+_MOST = 60  # functions of one rival
+_PLACE_KNOT = 4e-4  # [m]
+REVERSAL = 5e-6  # way back that makes a reversal [m]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """One of the shapeless explanations.
+
+    Attributes
+    ----------
+    lives : str
+        Where such structure lives, for a sentence.
+    shapes : list of Shape
+        The same at different fineness.
+    """
+
+    name: str
+    lives: str
+    shapes: list[Shape]
+
+
+def way_since_reversal(x: Vector) -> Vector:
+    """Way since the last reversal [m]; less than 5 um of a way back is none."""
+    out = np.empty_like(x)
+    turned = extreme = x[0]
+    direction = 1.0
+    for k, place in enumerate(x):
+        if direction * (place - extreme) > 0:
+            extreme = place
+        elif direction * (extreme - place) > REVERSAL:
+            turned, direction, extreme = extreme, -direction, place
+        out[k] = abs(place - turned)
+    return out
+
+
+def rivals(courses: Sequence[Course], model: DriveModel) -> list[Rival]:
+    """All of them, for these records."""
+    sign = [engaged(c, model) for c in courses]
+    one = [np.ones(len(c.x)) for c in courses]
+    # records follow each other in time; places are the same for all
+    begins = np.concatenate([[0.0], np.cumsum([c.time[-1] + c.step for c in courses])])
+    time = [c.time + 0.5 * c.step + b for c, b in zip(courses, begins, strict=False)]
+    place = [c.middle_x for c in courses]
+    logway = [np.log(way_since_reversal(c.x) + 2e-6) for c in courses]
+    speed = [np.log(np.abs(c.middle_v) + 1e-4) for c in courses]
+    lasts, travel = float(begins[-1]), max(float(np.ptp(np.concatenate(place))), 1e-6)
+    in_time = [max(5, min(round(lasts / _TIME_KNOT), _MOST)), 12]
+    in_place = [max(6, min(round(travel / _PLACE_KNOT), 2 * _MOST)), 24, 10]
+    made = []
+    for name, lives, signal, carrier, counts in (
+        ("friction over time", "in time", time, sign, in_time),
+        ("force over time", "in time", time, one, in_time),
+        ("friction over position", "with position", place, sign, in_place),
+        ("force over position", "with position", place, one, in_place),
+        ("friction after reversals", "at reversals", logway, sign, [10]),
+        ("friction over speed", "with speed", speed, sign, [8]),
+        ("force over speed", "with speed and one direction", speed, one, [8]),
+    ):
+        shapes = [_splines(signal, carrier, count) for count in sorted(set(counts))]
+        made.append(Rival(name, lives, shapes))
+    return made
+
+
+def _splines(signal: list[Vector], carrier: list[Vector], count: int) -> Shape:
+    """Cubic B-splines over a signal, times another."""
+    low = min(float(s.min()) for s in signal)
+    high = max(float(s.max()) for s in signal)
+    high = max(high, low + 1e-9)
+    inner = np.linspace(low, high, count - 2)
+    gap = inner[1] - inner[0]
+    knots = np.concatenate([low - gap * np.arange(3, 0, -1), inner, high + gap * np.arange(1, 4)])
+    force = []
+    for s, c in zip(signal, carrier, strict=True):
+        basis = BSpline.design_matrix(np.clip(s, low, high), knots, 3).toarray()
+        force.append(basis[:, :count] * c[:, None])
+    return Shape(tuple(f"b{k}" for k in range(force[0].shape[1])), force=force)

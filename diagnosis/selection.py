@@ -1,0 +1,442 @@
+"""Which causes explain a study, if any: a search over small sets, weighed by evidence.
+
+All sets of a size are not tried: the best few of each size are kept and grown. A set pays for each
+member what naming one of so many costs, so that records without an effect are left without a name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize_scalar
+from scipy.stats import f as fisher
+
+from .causes import CAUSES
+from .causes.cause import Shape
+from .course import Course, Noise
+from .drive_model import DriveModel
+from .evidence import Prior, Products, conditioned, evidence_of, fit, gain, weigh
+from .regression import Added, Filter, edges, filters, response, sensitivities, surprises
+from .rivals import rivals
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+PRICE = 7.0  # of the first name, in natural logarithms of the odds
+NEXT_PRICE = 11.0  # of each further one: two things wrong at once are rarer than one
+RIVALS_PRICE = 5.0  # what has a shape for everything has to be better by so much
+_FREED = 0.3  # relative spread of a value that may be anything
+_MORE_MASS = 0.2  # spread of an unknown mass, relative to all that moves
+_IDEAL = 0.1  # share of its evidence by which a rival may be ahead: causes' shapes are idealized
+_LEFT_OVER = 0.15  # share of a rival's evidence that a name beside it has to bring
+_KEPT = 4  # sets of each size that are grown
+LARGEST = 4  # members of a set
+NEAR = 3.0  # sets whose odds differ by less, in natural logarithms, cannot be told apart
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A shape of a cause, or of a rival, as columns of the problem."""
+
+    name: str
+    shape: Shape
+    columns: npt.NDArray[np.int64]
+    is_rival: bool = False
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything that is compared, linear in its amplitudes.
+
+    Attributes
+    ----------
+    products : Products
+        Of the signal (column 0), the adjustable values (next) and the candidates.
+    columns : ndarray, shape (n, c)
+    limits : list of int
+        Ends of the stretches.
+    names : tuple of str
+        Adjustable values.
+    prior : Prior
+        Of their relative changes from where the problem was made.
+    free : ndarray
+        Spreads of values that may be anything.
+    candidates : list of Candidate
+    """
+
+    products: Products
+    columns: Matrix
+    limits: list[int]
+    names: tuple[str, ...]
+    prior: Prior
+    free: Vector
+    candidates: list[Candidate]
+
+    @property
+    def stretches(self) -> int:
+        return len(self.limits) - 1
+
+
+def state_problem(
+    courses: Sequence[Course], model: DriveModel, believed: DriveModel, noise: Noise
+) -> Problem:
+    """The problem around a model's values, whose priors are those believed."""
+    made = filters(courses, model, noise)
+    nothing = Added.nothing(courses)
+    signal = surprises(courses, model, made, nothing)
+    names = model.adjustable
+    blocks = [signal[:, None], sensitivities(courses, model, made, nothing)]
+    at = 1 + len(names)
+    candidates = []
+    shapes: list[tuple[str, Shape, bool]] = [
+        (cause.name, shape, False)
+        for cause in CAUSES.values()
+        for shape in cause.shapes(courses, model)
+    ]
+    shapes += [(r.name, shape, True) for r in rivals(courses, model) for shape in r.shapes]
+    for name, shape, is_rival in shapes:
+        if shape.freed:
+            column = 1 + names.index(shape.freed)
+            candidates.append(Candidate(name, shape, np.array([column])))
+            continue
+        count = len(shape.amplitudes)
+        blocks.append(response(courses, made, shape))
+        candidates.append(Candidate(name, shape, np.arange(at, at + count), is_rival))
+        at += count
+    columns = np.hstack(blocks)
+    limits = edges(courses)
+    mean = np.array([believed.values[n] / model.values[n] - 1.0 for n in names])
+    spread = np.array([believed.tolerance[n] for n in names]) / math.sqrt(3.0)
+    prior = Prior(np.arange(1, len(names) + 1), mean, spread)
+    free = free_spreads(model)
+    return Problem(Products.of(columns, limits), columns, limits, names, prior, free, candidates)
+
+
+def free_spreads(model: DriveModel) -> Vector:
+    """Relative spread of each adjustable value when it may be anything."""
+    mass = _MORE_MASS * model.inertia / model.values["m"]
+    return np.array([mass if n == "m" else _FREED for n in model.adjustable])
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of candidates with the spreads under which it was weighed.
+
+    Attributes
+    ----------
+    members : tuple of Candidate
+        In order of gain.
+    priors : tuple of Prior
+        Of the adjustable values first, then of each member that has columns of its own.
+    score : float
+        Evidence less the price of the names.
+    gains : tuple of float
+        Evidence that each member brought when it was taken in.
+    """
+
+    members: tuple[Candidate, ...]
+    priors: tuple[Prior, ...]
+    score: float
+    gains: tuple[float, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(m.name for m in self.members)
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        return tuple(m.name for m in self.members if not m.is_rival)
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        return tuple(m.name for m in self.members if m.is_rival)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The best explanation, and those it cannot be told from.
+
+    Attributes
+    ----------
+    best : Explanation
+    others : list of Explanation
+        All that were looked at, best first.
+    alone : mapping of str to float
+        Evidence of each name by itself over nothing.
+    """
+
+    best: Explanation
+    others: list[Explanation]
+    alone: Mapping[str, float] = field(default_factory=dict)
+
+
+def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -> Choice:
+    """The set of causes that explains the used stretches best."""
+    products = problem.products.over(used)
+    base = conditioned(products, [problem.prior])
+    empty = Explanation((), (problem.prior,), base.evidence, ())
+    beam, seen = [empty], [empty]
+    alone: dict[str, float] = {}
+    for size in range(largest):
+        grown: dict[frozenset[str], Explanation] = {}
+        for start in beam:
+            for name, more in _grow(problem, products, start).items():
+                if size == 0:
+                    alone[name] = more.gains[0]
+                key = frozenset((*start.names, name))
+                if key not in grown or grown[key].score < more.score:
+                    grown[key] = more
+        ranked = sorted(grown.values(), key=lambda e: -e.score)
+        beam = ranked[:_KEPT]
+        seen += ranked[: 4 * _KEPT]
+        if not beam or beam[0].score < max(e.score for e in seen) - NEXT_PRICE:
+            break
+    seen.sort(key=lambda e: -e.score)
+    return Choice(_ordered(problem, products, seen[0]), seen, alone)
+
+
+def _ordered(problem: Problem, products: Matrix, best: Explanation) -> Explanation:
+    """The members in the order of what the evidence would lose without each."""
+    whole = evidence_of(products, best.priors)
+    loses = [
+        whole - evidence_of(products, _without(problem, best, k).priors)
+        for k in range(len(best.members))
+    ]
+    order = sorted(range(len(loses)), key=lambda k: -loses[k])
+    return replace(
+        best,
+        members=tuple(best.members[k] for k in order),
+        gains=tuple(float(loses[k]) for k in order),
+    )
+
+
+def _grow(problem: Problem, products: Matrix, start: Explanation) -> dict[str, Explanation]:
+    """The explanation with one more name, for each name."""
+    left = conditioned(products, list(start.priors))
+    found: dict[str, list[tuple[float, Candidate, tuple[Prior, ...]]]] = {}
+    for c in problem.candidates:
+        if c.name in start.names:
+            continue
+        if c.shape.freed:
+            k = int(c.columns[0]) - 1
+            first = start.priors[0]
+            if first.spread[k] != problem.prior.spread[k]:
+                continue
+            spread = first.spread.copy()
+            spread[k] = problem.free[k]
+            freed = (Prior(first.columns, first.mean, spread), *start.priors[1:])
+            bring = evidence_of(products, freed) - left.evidence
+            found.setdefault(c.name, []).append((bring, c, freed))
+            continue
+        if c.shape.sure is not None:
+            mean, spread = np.ones(len(c.columns)), np.full(len(c.columns), c.shape.sure)
+            bring = gain(left.products, c.columns, mean, spread)
+        else:
+            weighed = weigh(left.products, c.columns)
+            mean, spread, bring = np.zeros(len(c.columns)), weighed.spread, weighed.gain
+        priors = (*start.priors, Prior(c.columns, mean, spread))
+        found.setdefault(c.name, []).append((bring, c, priors))
+    out = {}
+    for name, options in found.items():
+        best = max(options, key=lambda o: o[0])
+        # one of many shapes was to be picked as well
+        brings = float(np.logaddexp.reduce([o[0] for o in options])) - math.log(len(options))
+        price = NEXT_PRICE if start.members else PRICE
+        if best[1].is_rival:
+            price += RIVALS_PRICE + _IDEAL * max(brings, 0.0)
+        else:
+            # what a shapeless force leaves over of a large structure is no sign of a cause
+            price += _LEFT_OVER * sum(
+                g for m, g in zip(start.members, start.gains, strict=True) if m.is_rival
+            )
+        out[name] = Explanation(
+            (*start.members, best[1]),
+            best[2],
+            start.score + brings - price,
+            (*start.gains, brings),
+        )
+    return out
+
+
+def refine(
+    problem: Problem,
+    explanation: Explanation,
+    courses: Sequence[Course],
+    model: DriveModel,
+    made: Sequence[Filter],
+) -> tuple[Problem, Explanation]:
+    """The explanation with its causes' nonlinear values found between the points of their grids."""
+    for k, member in enumerate(explanation.members):
+        if member.is_rival or member.shape.freed or not CAUSES[member.name].refined:
+            continue
+        problem, explanation = _refined_member(problem, explanation, k, courses, model, made)
+    return problem, explanation
+
+
+def _refined_member(
+    problem: Problem,
+    explanation: Explanation,
+    k: int,
+    courses: Sequence[Course],
+    model: DriveModel,
+    made: Sequence[Filter],
+) -> tuple[Problem, Explanation]:
+    member = explanation.members[k]
+    cause = CAUSES[member.name]
+    key = cause.refined or ""
+    points = sorted(c.shape.values[key] for c in problem.candidates if c.name == member.name)
+    here = points.index(member.shape.values[key])
+    low = points[max(here - 1, 0)] * (0.7 if here == 0 else 1.0)
+    high = points[min(here + 1, len(points) - 1)] * (1.4 if here + 1 == len(points) else 1.0)
+    others = _without(problem, explanation, k)
+    used = np.concatenate([p.columns for p in others.priors]).astype(np.int64)
+    base = problem.columns[:, np.concatenate([[0], used])]
+
+    def bring(value: float) -> tuple[float, Shape, Matrix, Vector]:
+        shape = cause.at(courses, model, {**member.shape.values, key: value})
+        columns = response(courses, made, shape)
+        whole = np.hstack([base, columns])
+        products = whole.T @ whole
+        moved, at = [], 1
+        for p in others.priors:
+            moved.append(Prior(np.arange(at, at + len(p.columns)), p.mean, p.spread))
+            at += len(p.columns)
+        rest = conditioned(products, moved).products
+        mine = np.arange(at, at + columns.shape[1])
+        if shape.sure is not None:
+            spread = np.full(len(mine), 0.02)  # between the grid's points the size is the value's
+            return gain(rest, mine, np.ones(len(mine)), spread), shape, columns, spread
+        weighed = weigh(rest, mine)
+        return weighed.gain, shape, columns, weighed.spread
+
+    found = minimize_scalar(
+        lambda q: -bring(math.exp(q))[0],
+        bounds=(math.log(low), math.log(high)),
+        method="bounded",
+        options={"xatol": 0.01, "maxiter": 10},
+    )
+    _, shape, columns, spread = bring(math.exp(float(found.x)))
+    at = problem.columns.shape[1]
+    candidate = Candidate(member.name, shape, np.arange(at, at + columns.shape[1]))
+    whole = np.hstack([problem.columns, columns])
+    problem = replace(
+        problem,
+        products=Products.of(whole, problem.limits),
+        columns=whole,
+        candidates=[*problem.candidates, candidate],
+    )
+    mean = np.full(len(spread), 1.0 if shape.sure is not None else 0.0)
+    priors = (*others.priors, Prior(candidate.columns, mean, spread))
+    members = tuple(candidate if j == k else m for j, m in enumerate(explanation.members))
+    return problem, replace(explanation, members=members, priors=priors)
+
+
+def amplitudes(problem: Problem, explanation: Explanation, used: Mask | None = None) -> Vector:
+    """Most likely amplitudes of all columns, zero where an explanation has none, shape (c,)."""
+    fitted = fit(problem.products.over(used), list(explanation.priors))
+    out = np.zeros(problem.columns.shape[1])
+    out[fitted.columns] = fitted.amplitude
+    return out
+
+
+def left_over(problem: Problem, amplitude: Vector) -> Vector:
+    """Sum of squares of what is left in each stretch, shape (stretches,)."""
+    weights = -amplitude.copy()
+    weights[0] = 1.0
+    used = np.flatnonzero(weights)
+    inner = problem.products.by_stretch[:, used[:, None], used]
+    return np.asarray(np.einsum("i,sij,j->s", weights[used], inner, weights[used]))
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What each stretch says of a member's amplitudes, the other members given.
+
+    Attributes
+    ----------
+    by_stretch : ndarray, shape (stretches, m)
+    information : ndarray, shape (m, m)
+    """
+
+    by_stretch: Matrix
+    information: Matrix
+
+    def widening(self) -> float:
+        """By how much standard errors are larger than white noise would make them."""
+        spread = self.by_stretch - self.by_stretch.mean(axis=0)
+        found = float(np.trace(np.linalg.lstsq(self.information, spread.T @ spread, rcond=None)[0]))
+        return math.sqrt(max(found / self.information.shape[0], 1.0))
+
+
+def scores(problem: Problem, explanation: Explanation, member: int) -> Scores:
+    """The scores of a member at the fit without it."""
+    columns = explanation.members[member].columns
+    others = _without(problem, explanation, member)
+    products = problem.products.over()
+    fitted = fit(products, list(others.priors))
+    mine = np.isin(fitted.columns, columns)  # a freed value stays where it was believed to be
+    amplitude = fitted.amplitude.copy()
+    amplitude[mine] = 0.0
+    mean = np.concatenate([p.mean for p in others.priors])
+    amplitude[mine] = mean[mine]
+    rest = fitted.columns[~mine]
+    precision = np.diag(np.concatenate([p.spread for p in others.priors])[~mine] ** -2.0)
+    cross = products[np.ix_(rest, columns)]
+    share = np.linalg.solve(products[np.ix_(rest, rest)] + precision, cross)
+    weights = np.zeros((problem.columns.shape[1], len(columns)))
+    weights[columns, np.arange(len(columns))] = 1.0
+    weights[rest] -= share
+    left = np.zeros(problem.columns.shape[1])
+    left[0] = 1.0
+    left[fitted.columns] -= amplitude
+    used = np.unique(np.concatenate([[0], fitted.columns, columns]))
+    inner = problem.products.by_stretch[:, used[:, None], used]
+    by_stretch = np.einsum("im,sij,j->sm", weights[used], inner, left[used])
+    information = products[np.ix_(columns, columns)] - cross.T @ share
+    return Scores(by_stretch, information)
+
+
+def p_value(problem: Problem, explanation: Explanation, member: int) -> float:
+    """Chance of as large an effect of a member by accident, the others given.
+
+    From the sums over stretches, whose scatter is taken from themselves: nothing is believed of the
+    noise within a stretch (Hotelling's T^2). Times the number of causes that were looked at.
+    """
+    found = scores(problem, explanation, member).by_stretch
+    count, m = found.shape
+    if count <= m + 1:
+        return 1.0
+    mean = found.mean(axis=0)
+    spread = np.cov(found.T).reshape(m, m)
+    t2 = count * float(mean @ np.linalg.lstsq(spread, mean, rcond=None)[0])
+    value = float(fisher.sf(t2 * (count - m) / (m * (count - 1)), m, count - m))
+    return min(1.0, value * len({c.name for c in problem.candidates if not c.is_rival}))
+
+
+def restricted_to(
+    problem: Problem, explanation: Explanation, names: Collection[str]
+) -> Explanation:
+    """The explanation with the members of these names only."""
+    for k in reversed(range(len(explanation.members))):
+        if explanation.members[k].name not in names:
+            explanation = _without(problem, explanation, k)
+    return explanation
+
+
+def _without(problem: Problem, explanation: Explanation, member: int) -> Explanation:
+    members = tuple(c for k, c in enumerate(explanation.members) if k != member)
+    base = explanation.priors[0]
+    gone = explanation.members[member]
+    if gone.shape.freed:
+        spread = base.spread.copy()
+        k = int(gone.columns[0]) - 1
+        spread[k] = problem.prior.spread[k]
+        priors = (Prior(base.columns, base.mean, spread), *explanation.priors[1:])
+        return Explanation(members, priors, explanation.score, ())
+    kept = tuple(p for p in explanation.priors[1:] if not np.array_equal(p.columns, gone.columns))
+    return Explanation(members, (base, *kept), explanation.score, ())

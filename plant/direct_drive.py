@@ -1,0 +1,99 @@
+"""A body that a force moves, ``gain*u``, with a friction law and nothing of the motor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import sympy as sp
+
+from ..solver.component import (
+    Component,
+    ForceBalance,
+    ForceTerm,
+    Input,
+    Output,
+    Parameter,
+    State,
+    symbol,
+)
+from .amplifier import PARAMETERS as AMPLIFIER
+from .ball_screw import acted_on_of, inner_outputs
+from .classical import classical, with_sticking
+from .modified_lugre import modified_lugre
+
+PARAMETERS = (
+    Parameter("m", 1.0, "kg", "mass of all that moves", "Table 2.1, the block's", minimum=1e-6),
+    Parameter("gain", 1.0, "N/V", "force of the drive per volt of command", "one to one"),
+    Parameter("offset", 0.0, "N", "constant force against motion in +x", "none"),
+)
+
+
+def direct_drive(
+    friction: Callable[[sp.Expr], ForceTerm] = modified_lugre, name: str = "direct_drive"
+) -> Component:
+    """The drive from its command `u` [V] to position `x` [m], with a friction law of choice.
+
+    Parameters
+    ----------
+    friction : function of the velocity symbol, returning a ForceTerm
+    name : str
+
+    Returns
+    -------
+    Component
+        States x, v and those of the friction law; m dv/dt = gain u - friction - offset. A feedback
+        law may act on x, v and the friction law's deflection `z` (without one, its states).
+    """
+    drive = bare_direct_drive(friction, name)
+    return with_sticking(drive) if friction is classical else drive
+
+
+def bare_direct_drive(
+    friction: Callable[[sp.Expr], ForceTerm] = modified_lugre, name: str = "direct_drive"
+) -> Component:
+    """The drive as `direct_drive` makes it, not yet able to stick: forces can still be added."""
+    x, v = symbol("x"), symbol("v")
+    term = friction(v)
+    return Component(
+        name=name,
+        description="Direct drive: a force on a sliding block with " + term.meaning.split(",")[0],
+        parameters=PARAMETERS,
+        inputs=(
+            Input(
+                "u", "V", "command of the drive", nominal=10.0, law=("x", "v", *acted_on_of(term))
+            ),
+        ),
+        states=(
+            State("x", "m", "position of the block", v, nominal=1e-3),
+            State("v", "m/s", "velocity of the block", nominal=1e-3),
+        ),
+        outputs=(
+            Output("x", "m", "position of the block", x, nominal=0.1),
+            Output("v", "m/s", "velocity of the block", v, nominal=0.1),
+            *inner_outputs(term),
+        ),
+        balances=(
+            ForceBalance(
+                "v",
+                symbol("m"),
+                (
+                    ForceTerm("drive", symbol("gain") * symbol("u"), "force of the drive"),
+                    ForceTerm("offset", -symbol("offset"), "constant force"),
+                    term,
+                ),
+            ),
+        ),
+    )
+
+
+def with_command_limit(plant: Component) -> Component:
+    """The plant with its command cut at ``voltage_limit``, either sign; without a limit, the same.
+
+    The parameter is the amplifier's, so that a limit has one name for every plant.
+    """
+    u, limit = symbol("u"), symbol("voltage_limit")
+    cut = sp.Piecewise((-limit, u < -limit), (limit, u > limit), (u, True))
+    (parameter,) = (p for p in AMPLIFIER if p.name == limit.name)
+    parameter = replace(parameter, meaning="largest command, either sign; 1e6: no limit")
+    return plant.substituted({u: cut}, parameters=(*plant.parameters, parameter))

@@ -1,0 +1,112 @@
+"""The parameter file: what is not said, what makes no sense, and an extended plant's own file."""
+
+import pytest
+
+from ballscrew.diagnosis.along_record import LAWS
+from ballscrew.diagnosis.believed import BadParameters, read_believed
+from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.extended_plant import extended_plant, parameter_file
+
+EMPS = """
+plant = "drive"
+law = "classical"
+[parameters]
+m = 95.11
+gain = 35.15
+offset = -3.16
+sigma2 = 203.5
+Fc = 20.39
+[tolerance]
+m = 0.1
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        path = tmp_path / "axis.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_an_empty_file_or_none_is_the_nominal_axis(written):
+    model = read_believed(written(""))
+    assert model == read_believed()
+    assert (model.kind, model.law) == ("ball_screw", "modified_lugre")
+    assert model.values["R"] == 21.4
+    assert model.values["sigma0"] == 66967.231
+    assert set(model.tolerance.values()) == {0.03}
+    assert not {"L", "p", "Kv", "offset"} & set(model.tolerance)
+
+
+def test_a_drive_without_a_motor_and_without_a_break_away_force(written):
+    model = read_believed(written(EMPS))
+    assert model.kind == "drive"
+    assert model.values["Fs"] == model.values["Fc"] == 20.39
+    assert model.values["offset"] == -3.16
+    assert model.tolerance["m"] == 0.1
+    assert model.tolerance["gain"] == 0.03
+    assert model.friction_scale == 20.39
+
+
+def test_each_direction_has_its_own_break_away_force(written):
+    text = 'law = "directional_lugre"\n[parameters]\nFc_pos = 1.5\nFs_neg = 3.0\nFc_neg = 1.2'
+    model = read_believed(written(text))
+    assert (model.values["Fs_pos"], model.values["Fs_neg"]) == (1.5, 3.0)
+
+
+def test_another_law_takes_what_it_knows_of_the_file(written):
+    model = read_believed(written(EMPS), law="dahl")
+    assert model.law == "dahl"
+    assert model.values["Fc"] == 20.39
+    assert "sigma2" not in model.values
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('plan = "drive"', "there is no 'plan', did you mean plant"),
+        ('plant = "rocket"', "plant is 'rocket', expected one of ball_screw, drive"),
+        ("law = 3", "law is 3, expected one of lugre"),
+        ("[parameters]\nFcc = 1.0", r"\[parameters\] there is no 'Fcc', did you mean Fc"),
+        ("[parameters]\nFc = '1'", r"Fc is '1', expected a finite number in SI units"),
+        ("[parameters]\nFc = true", "Fc is True, expected a finite number"),
+        ("[parameters]\nFc = inf", "Fc is inf, expected a finite number"),
+        ("[parameters]\nm = -1", "m is -1 kg, expected 1e-06 to inf .mass of the block"),
+        ("parameters = 3", r"parameters is 3, expected a table \[parameters\]"),
+        ("[tolerance]\nKv = 0.1", "Kv, which is never adjusted; leave it out"),
+        ("[tolerance]\nm = 3", "the tolerance of m is 3, expected a share of its value"),
+        ('plant = "drive"\n[parameters]\nR = 2', r"\[parameters\] there is no 'R'"),
+        ("m = = 3", "is no TOML file"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(written, text, said):
+    with pytest.raises(BadParameters, match=said) as caught:
+        read_believed(written(text))
+    assert "\n" not in str(caught.value)
+    assert "axis.toml" in str(caught.value)
+
+
+def test_a_missing_file_is_one_line(tmp_path):
+    with pytest.raises(BadParameters, match=r"none\.toml cannot be read"):
+        read_believed(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("kind", ["ball_screw", "drive"])
+@pytest.mark.parametrize("law", LAWS)
+def test_an_extended_plants_file_is_read_back(written, kind, law):
+    model = read_believed(written(f'plant = "{kind}"\nlaw = "{law}"\n[parameters]\nm = 0.1234567'))
+    found = [("load_bias", {"load": 0.3}), ("unmodelled_inertia", {"m": 1.0 / 3.0})]
+    again = read_believed(written(parameter_file(extended_plant(model, found))))
+    assert again == model.changed({"m": 1.0 / 3.0})
+
+
+def test_bristles_found_under_the_classical_law_are_a_law_of_the_file(written):
+    believed = read_believed(written(EMPS))
+    plant = extended_plant(believed, [("presliding_hysteresis", {"sigma0": 1e6})])
+    again = read_believed(written(parameter_file(plant)))
+    assert again.law == "modified_lugre"
+    assert again.values["sigma0"] == 1e6
+    assert isinstance(again, DriveModel)
