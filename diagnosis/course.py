@@ -264,7 +264,11 @@ def _sharpened(course: Course) -> Course:
     if not count:
         return course
     x = course.record.x
-    way = np.minimum(np.abs(np.gradient(course.x)), count)
+    # since the sample before; where the drive turns round, as far as it may have gone in between
+    since = np.abs(np.diff(course.x, prepend=course.x[0]))
+    bend = np.abs(np.gradient(np.gradient(course.x)))
+    bend = np.maximum(bend, np.maximum(np.append(bend[1:], 0.0), np.append(0.0, bend[:-1])))
+    way = np.minimum(np.maximum(since, np.append(since[1:], 0.0)) + bend, count)
     steps = np.diff(x, prepend=x[0])
     read = np.where(steps > 0, x + 0.5 * way, x + 0.5 * count)
     read = np.where(steps < 0, x + count - 0.5 * way, read) - 0.5 * count
