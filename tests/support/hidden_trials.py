@@ -13,6 +13,7 @@ from hidden_cases import CATALOGUE, OUTSIDE, HiddenCase, draw_case, write_case
 
 NOTHING, SHAPE = "none", "unexplained"  # what is found where no cause is named
 FAILED = "failed"
+FIRST_SEED = 5000  # those below were looked at while the diagnosis was made
 SAMPLED = 30  # cases of every cause; the other groups' sizes go with it
 CAUSE, NONE, OUT, PAIR = "cause", "none", "outside", "pair"
 
@@ -89,11 +90,14 @@ def plan_trials(each: int = SAMPLED, only: str | None = None) -> list[Trial]:
     only : str, optional
         A cause, an outside effect, or a group.
     """
-    trials = [Trial(CAUSE, (name,), seed) for name in CATALOGUE for seed in range(each)]
-    trials += [Trial(NONE, ("none",), seed) for seed in range(10 * each)]
+    first = FIRST_SEED
+    trials = [
+        Trial(CAUSE, (name,), seed) for seed in range(first, first + each) for name in CATALOGUE
+    ]
+    trials += [Trial(NONE, ("none",), seed) for seed in range(first, first + 10 * each)]
     outside = (20 * each + 2) // 3
-    trials += [Trial(OUT, (OUTSIDE[k % 3],), k // 3) for k in range(outside)]
-    for seed in range((10 * each + 2) // 3):
+    trials += [Trial(OUT, (OUTSIDE[k % 3],), first + k // 3) for k in range(outside)]
+    for seed in range(first, first + (10 * each + 2) // 3):
         both = np.random.default_rng([seed, 2]).choice(CATALOGUE, 2, replace=False)
         trials.append(Trial(PAIR, tuple(str(n) for n in both), seed))
     if only is None:
