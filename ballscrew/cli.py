@@ -19,10 +19,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import (
     __version__,
+    diagnose_command,
     features_command,
     identify_command,
     lyapunov_command,
     map_command,
+    native_command,
     rig_command,
 )
 from .controllers import CONTROLLERS
@@ -43,6 +45,7 @@ _EXAMPLES = """examples:
   ballscrew export --out fmus
   ballscrew rig 2.4/7 --out out/trial
   ballscrew identify out/trial --law dahl --out out/dahl
+  ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
   ballscrew features --out out/features
 """
 _RUN_EXAMPLES = """examples:
@@ -101,7 +104,8 @@ def _parser() -> argparse.ArgumentParser:
         "export",
         help="write the components as FMUs",
         epilog="examples:\n  ballscrew export --out fmus --only plant iol\n"
-        "  ballscrew export --ssp --out loops\n",
+        "  ballscrew export --ssp --out loops\n"
+        "  ballscrew export --native --platforms linux64,win64 --out native\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     export.add_argument("--out", required=True, type=Path, metavar="DIR")
@@ -124,6 +128,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="with --variational: tangents, as many as the loop has states (default 5)",
     )
+    native_command.add_options(export.add_argument)
     export.set_defaults(action=_export)
 
     run = commands.add_parser(
@@ -158,6 +163,7 @@ def _parser() -> argparse.ArgumentParser:
         map_command,
         rig_command,
         identify_command,
+        diagnose_command,
         features_command,
     ):
         command.add_parser(commands, _Parser)
@@ -223,7 +229,10 @@ def _export(options: argparse.Namespace) -> int:
     if options.variational and options.ssp:
         raise BadRequest("--variational and --ssp: expected one of them")
     tangents = _whole("--tangents", options.tangents, 1, 12)
+    native_command.check(options)
     _prepare(options.out)
+    if options.native:
+        return native_command.export(options, names, tangents)
     from .fmus.catalogue import fmu, variational_fmu
     from .fmus.system_export import export_system
     from .solver.codegen import UnsupportedComponent

@@ -74,7 +74,15 @@ _DRAWS = 1000  # of stretches, for an interval
 _SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
 _SEEN = 5.0  # standard deviations
 _FREED_SHOWN = 0.1  # of a value that may be wrong
-UNITS = {"kt": "N*m/A", "ke": "V*s/rad", "R": "ohm", "L": "H", "m": "kg", "gain": "N/V"} | {
+UNITS = {
+    "Jm": "kg*m^2",
+    "kt": "N*m/A",
+    "ke": "V*s/rad",
+    "R": "ohm",
+    "L": "H",
+    "m": "kg",
+    "gain": "N/V",
+} | {
     name: unit
     for law in LAWS.values()
     for name, unit in zip(law.parameters, law.units, strict=True)

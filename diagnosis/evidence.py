@@ -20,6 +20,7 @@ from scipy.linalg import cho_factor, cho_solve
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
+_LEAST = 0.1  # of the largest norm, by which amplitudes are measured
 _SIZES = 2.0 ** np.arange(1.0, 9.0)  # of a group's part in the signal, in standard deviations
 
 
@@ -71,18 +72,15 @@ class Fitted:
     columns : ndarray of int
     amplitude : ndarray
     covariance : ndarray
-    evidence : float
-        Logarithm, up to what all models of the same signal share.
     """
 
     columns: npt.NDArray[np.int64]
     amplitude: Vector
     covariance: Matrix
-    evidence: float
 
 
 def fit(products: Matrix, priors: Sequence[Prior]) -> Fitted:
-    """Amplitudes and evidence of a model made of groups.
+    """Amplitudes of a model made of groups.
 
     Parameters
     ----------
@@ -100,9 +98,7 @@ def fit(products: Matrix, priors: Sequence[Prior]) -> Fitted:
     factor = cho_factor(system, lower=True)
     amplitude = scale * cho_solve(factor, scale * wanted)
     covariance = scale[:, None] * cho_solve(factor, np.diag(scale))
-    explained = float(wanted @ amplitude) - float(mean @ (precision * mean))
-    evidence = 0.5 * explained - float(np.sum(np.log(np.diag(factor[0]))))
-    return Fitted(columns, amplitude, covariance, evidence)
+    return Fitted(columns, amplitude, covariance)
 
 
 @dataclass(frozen=True)
@@ -183,7 +179,8 @@ def weigh(left: Matrix, columns: npt.NDArray[np.int64], usual: Vector | None = N
         Relative spreads of the amplitudes; by default all columns count alike in the signal.
     """
     norms = np.sqrt(np.maximum(np.diag(left)[columns], 1e-300))
-    relative = 1.0 / np.maximum(norms, 1e-9 * norms.max()) if usual is None else usual
+    # a column that hardly shows has no reason to be larger for it
+    relative = 1.0 / np.maximum(norms, _LEAST * norms.max()) if usual is None else usual
     relative = relative / math.sqrt(float(np.sum((relative * norms) ** 2)))
     # in the directions of the scaled products every size is a matter of one number
     inner = relative[:, None] * left[np.ix_(columns, columns)] * relative

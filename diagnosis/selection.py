@@ -32,7 +32,7 @@ NEXT_PRICE = 11.0  # of each further one: two things wrong at once are rarer tha
 RIVALS_PRICE = 5.0  # what has a shape for everything has to be better by so much
 _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 0.2  # spread of an unknown mass, relative to all that moves
-_IDEAL = 0.1  # share of its evidence by which a rival may be ahead: causes' shapes are idealized
+NEARLY = 0.8  # share of what anything explains that causes have to explain to be believed
 _LEFT_OVER = 0.15  # share of a rival's evidence that a name beside it has to bring
 _KEPT = 4  # sets of each size that are grown
 LARGEST = 4  # members of a set
@@ -176,28 +176,54 @@ class Choice:
 
 
 def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -> Choice:
-    """The set of causes that explains the used stretches best."""
+    """The set of causes that explains the used stretches best.
+
+    Two searches: among causes, and among causes and rivals. What causes explain nearly as well as
+    anything does is theirs, since their equations are idealized and the rivals fit everything; what
+    rivals explain beyond is added to it.
+    """
     products = problem.products.over(used)
     base = conditioned(products, [problem.prior])
     empty = Explanation((), (problem.prior,), base.evidence, ())
-    beam, seen = [empty], [empty]
-    alone: dict[str, float] = {}
+    causes = [c for c in problem.candidates if not c.is_rival]
+    rivals_too = [c for c in problem.candidates if c.is_rival]
+    named = _search(problem, products, empty, causes, largest)
+    free = _search(problem, products, empty, problem.candidates, largest)
+    best = free[0]
+    if named[0].score - empty.score >= NEARLY * (best.score - empty.score):
+        room = max(0, min(2, LARGEST + 1 - len(named[0].members)))
+        best = _search(problem, products, named[0], rivals_too, room)[0]
+    alone = {}
+    for only in (named, free):
+        for e in only:
+            if len(e.members) == 1:
+                alone[e.names[0]] = e.gains[0]
+    others = sorted([*named, *free], key=lambda e: -e.score)
+    return Choice(_ordered(problem, products, best), others, alone)
+
+
+def _search(
+    problem: Problem,
+    products: Matrix,
+    start: Explanation,
+    candidates: Sequence[Candidate],
+    largest: int,
+) -> list[Explanation]:
+    """Explanations grown from one by up to `largest` more names, best first."""
+    beam, seen = [start], [start]
     for size in range(largest):
         grown: dict[frozenset[str], Explanation] = {}
-        for start in beam:
-            for name, more in _grow(problem, products, start).items():
-                if size == 0:
-                    alone[name] = more.gains[0]
-                key = frozenset((*start.names, name))
+        for e in beam:
+            for name, more in _grow(problem, products, e, candidates).items():
+                key = frozenset((*e.names, name))
                 if key not in grown or grown[key].score < more.score:
                     grown[key] = more
         ranked = sorted(grown.values(), key=lambda e: -e.score)
         beam = ranked[:_KEPT]
-        seen += ranked[: 4 * _KEPT]
+        seen += ranked if size == 0 else ranked[: 4 * _KEPT]
         if not beam or beam[0].score < max(e.score for e in seen) - NEXT_PRICE:
             break
-    seen.sort(key=lambda e: -e.score)
-    return Choice(_ordered(problem, products, seen[0]), seen, alone)
+    return sorted(seen, key=lambda e: -e.score)
 
 
 def _ordered(problem: Problem, products: Matrix, best: Explanation) -> Explanation:
@@ -215,11 +241,13 @@ def _ordered(problem: Problem, products: Matrix, best: Explanation) -> Explanati
     )
 
 
-def _grow(problem: Problem, products: Matrix, start: Explanation) -> dict[str, Explanation]:
+def _grow(
+    problem: Problem, products: Matrix, start: Explanation, candidates: Sequence[Candidate]
+) -> dict[str, Explanation]:
     """The explanation with one more name, for each name."""
     left = conditioned(products, list(start.priors))
     found: dict[str, list[tuple[float, Candidate, tuple[Prior, ...]]]] = {}
-    for c in problem.candidates:
+    for c in candidates:
         if c.name in start.names:
             continue
         if c.shape.freed:
@@ -248,7 +276,7 @@ def _grow(problem: Problem, products: Matrix, start: Explanation) -> dict[str, E
         brings = float(np.logaddexp.reduce([o[0] for o in options])) - math.log(len(options))
         price = NEXT_PRICE if start.members else PRICE
         if best[1].is_rival:
-            price += RIVALS_PRICE + _IDEAL * max(brings, 0.0)
+            price += RIVALS_PRICE
         else:
             # what a shapeless force leaves over of a large structure is no sign of a cause
             price += _LEFT_OVER * sum(
@@ -361,15 +389,26 @@ class Scores:
     ----------
     by_stretch : ndarray, shape (stretches, m)
     information : ndarray, shape (m, m)
+    pieces : ndarray, shape (stretches, m, m)
+        Of it, what each stretch brings.
     """
 
     by_stretch: Matrix
     information: Matrix
+    pieces: npt.NDArray[np.float64]
+
+    def estimate(self) -> Vector:
+        """Amplitudes by least squares, without a prior."""
+        total = self.by_stretch.sum(axis=0)
+        return np.asarray(np.linalg.lstsq(self.information, total, rcond=None)[0])
 
     def widening(self) -> float:
-        """By how much standard errors are larger than white noise would make them."""
-        spread = self.by_stretch - self.by_stretch.mean(axis=0)
-        found = float(np.trace(np.linalg.lstsq(self.information, spread.T @ spread, rcond=None)[0]))
+        """By how much standard errors are larger than white noise would make them.
+
+        From the scatter of what the stretches say once the member itself is in the model.
+        """
+        left = self.by_stretch - np.einsum("sij,j->si", self.pieces, self.estimate())
+        found = float(np.trace(np.linalg.lstsq(self.information, left.T @ left, rcond=None)[0]))
         return math.sqrt(max(found / self.information.shape[0], 1.0))
 
 
@@ -398,23 +437,23 @@ def scores(problem: Problem, explanation: Explanation, member: int) -> Scores:
     inner = problem.products.by_stretch[:, used[:, None], used]
     by_stretch = np.einsum("im,sij,j->sm", weights[used], inner, left[used])
     information = products[np.ix_(columns, columns)] - cross.T @ share
-    return Scores(by_stretch, information)
+    pieces = np.einsum("im,sij,jk->smk", weights[used], inner, weights[used])
+    return Scores(by_stretch, information, pieces)
 
 
 def p_value(problem: Problem, explanation: Explanation, member: int) -> float:
     """Chance of as large an effect of a member by accident, the others given.
 
-    From the sums over stretches, whose scatter is taken from themselves: nothing is believed of the
-    noise within a stretch (Hotelling's T^2). Times the number of causes that were looked at.
+    Standard errors are as wide as the stretches' scatter says, and never narrower than white noise
+    would make them. Times the number of causes that were looked at.
     """
-    found = scores(problem, explanation, member).by_stretch
-    count, m = found.shape
+    found = scores(problem, explanation, member)
+    count, m = found.by_stretch.shape
     if count <= m + 1:
         return 1.0
-    mean = found.mean(axis=0)
-    spread = np.cov(found.T).reshape(m, m)
-    t2 = count * float(mean @ np.linalg.lstsq(spread, mean, rcond=None)[0])
-    value = float(fisher.sf(t2 * (count - m) / (m * (count - 1)), m, count - m))
+    amplitude = found.estimate()
+    size = float(amplitude @ found.information @ amplitude) / found.widening() ** 2
+    value = float(fisher.sf(size / m, m, count - m))
     return min(1.0, value * len({c.name for c in problem.candidates if not c.is_rival}))
 
 

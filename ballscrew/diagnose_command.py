@@ -1,0 +1,335 @@
+"""``ballscrew diagnose``: what a model gets wrong of measured data, why, and the mended model."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .diagnosis.diagnosis import Diagnosis, Level
+    from .diagnosis.diagnosis_report import ClosedLoopSection
+    from .diagnosis.trials import TrialsDiagnosis
+    from .solver.component import Component
+
+_EXAMPLES = """DATA are CSV, MAT or Parquet files with the columns time [s], u [V] and x [m], and
+i [A] where it was measured; several are one study. FILE.toml says what you believe:
+plant ("ball_screw" or "drive"), law, [parameters] in SI units and [tolerance], the relative doubt
+of each value (default 0.03).
+
+examples:
+  ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
+  ballscrew diagnose a.csv b.csv --law modified_lugre --map t=time --map pos=x --out out/diagnosis
+  ballscrew diagnose emps.mat --params emps.toml --map vir=u --map qm=x --map t=time --out out/emps
+  ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
+  ballscrew diagnose --trials dahl.csv --value sigma --out out/scatter
+"""
+_FMU, _PARAMETERS, _CURVES = "extended_plant.fmu", "parameters.toml", "curves.parquet"
+_FILES = ("diagnosis.json", "report.html", _FMU, _PARAMETERS, _CURVES)
+_SHARES = {"": "share"}
+
+
+def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
+    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    del parser_class
+    parser = commands.add_parser(
+        "diagnose",
+        help="find what a model gets wrong of measured data, and why",
+        description="Simulate the model you believe on what was recorded, name what it lacks, and "
+        "measure the gain on data held out. Writes diagnosis.json, report.html, curves.parquet, a "
+        "picture, and where causes are found extended_plant.fmu and parameters.toml. Exit code 1: "
+        "structure is left that no cause explains.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("data", nargs="*", type=Path, metavar="DATA", help="CSV, MAT or Parquet files")
+    add("--params", type=Path, metavar="FILE.toml", help="the model as you believe it to be")
+    add("--law", metavar="NAME", help="friction law, in place of the file's")
+    add("--map", action="append", default=[], metavar="THEIRS=OURS", help="a column's name")
+    add("--trials", type=Path, metavar="TABLE.csv", help="instead: a table with a trial a row")
+    add("--value", metavar="COLUMN", help="with --trials: whose scatter is to be explained")
+    add("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
+    add("--json", action="store_true", help="print the result as JSON")
+    parser.set_defaults(action=_diagnose)
+
+
+def _diagnose(options: argparse.Namespace) -> int:
+    # matrices are small here: threads cost more than they bring
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from .cli import BadRequest
+
+    if options.trials is not None:
+        _not_with_trials(options)
+        return _trials(options)
+    if options.value is not None:
+        raise BadRequest("--value is for --trials, and there is none")
+    if not options.data:
+        raise BadRequest("neither DATA nor --trials; see ballscrew diagnose --help")
+    return _records(options)
+
+
+def _not_with_trials(options: argparse.Namespace) -> None:
+    from .cli import BadRequest
+
+    given = {"DATA": options.data, "--params": options.params, "--law": options.law}
+    for name, value in {**given, "--map": options.map}.items():
+        if value:
+            raise BadRequest(f"{name} and --trials: expected one of them")
+    if options.value is None:
+        raise BadRequest("--trials needs --value COLUMN, whose scatter is to be explained")
+
+
+# -- records ---------------------------------------------------------------------------------
+
+
+def _records(options: argparse.Namespace) -> int:
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _pair, _prepare, _write
+
+    mapping = dict(_pair("--map", text, "THEIRS=OURS") for text in options.map)
+    _check_law(options.law)
+    _check_overwritten(options)
+    _prepare(options.out)
+    from .diagnosis.believed import BadParameters
+    from .diagnosis.diagnose import diagnose
+    from .diagnosis.diagnosis import EXPLAINED, NONE
+    from .diagnosis.diagnosis_report import DOES_NOT_HOLD, does_not_hold
+    from .diagnosis.records import BadRecord
+
+    progress = _Progress()
+    try:
+        progress("reading")
+        result = diagnose(options.data, options.params, options.law, mapping, progress)
+    except (BadRecord, BadParameters) as error:
+        raise BadRequest(str(error)) from error
+    finally:
+        progress.finish()
+    extension = _extended(result)
+    progress("running the closed loop; its equations are compiled once for these causes")
+    section = _closed_loop(result, extension)
+    progress("writing")
+    _write(lambda: _save(result, extension, section, options.out))
+    progress.finish()
+    if options.json:
+        print(json.dumps(result.to_dict()))
+    else:
+        print(_table(result, extension, section, options.out))
+    notes = [*result.notes, *([extension.because] if extension.because else [])]
+    if does_not_hold(result):
+        notes.append(DOES_NOT_HOLD)
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
+    return TRUSTED if result.verdict in (EXPLAINED, NONE) else NOT_TRUSTED
+
+
+def _check_law(law: str | None) -> None:
+    from .cli import BadRequest
+    from .identify_command import NAMES
+
+    if law is not None and law not in NAMES:
+        import difflib
+
+        near = difflib.get_close_matches(law, NAMES, n=1, cutoff=0.5)
+        hint = f", did you mean {near[0]}?" if near else ""
+        raise BadRequest(f"--law {law!r} is none of {', '.join(NAMES)}{hint}")
+
+
+def _check_overwritten(options: argparse.Namespace) -> None:
+    """Results must not take the place of what they were made from."""
+    from .cli import BadRequest
+
+    results = {(options.out / name).resolve() for name in _FILES}
+    for path in (*options.data, options.params):
+        if path is not None and path.resolve() in results:
+            raise BadRequest(f"{path} would be overwritten by a result; choose another --out")
+
+
+class _Extension:
+    """The extended plant, or why there is none."""
+
+    def __init__(self, plant: Component | None, because: str = "") -> None:
+        self.plant = plant
+        self.because = because
+
+
+def _extended(result: Diagnosis) -> _Extension:
+    if not result.causes:
+        return _Extension(None)
+    from .diagnosis.extended_plant import BadExtension, extended_plant
+    from .plant.two_masses import OneBody
+    from .solver.component import ContractError
+
+    try:
+        return _Extension(extended_plant(result.mended, result.found()))
+    except (BadExtension, OneBody, ContractError) as error:
+        return _Extension(None, f"no extended plant is written: {error}")
+
+
+def _closed_loop(result: Diagnosis, extension: _Extension) -> ClosedLoopSection:
+    from .diagnosis.closed_loop_effect import NoClosedLoop, closed_loop_effect
+    from .diagnosis.diagnosis_report import ClosedLoopSection
+    from .diagnosis.extended_plant import extended_plant
+
+    if extension.plant is None:
+        because = extension.because or "No cause was named, so the closed loop stays as it is."
+        return ClosedLoopSection(None, because)
+    try:
+        believed = extended_plant(result.believed, [])
+        return ClosedLoopSection(closed_loop_effect(believed, extension.plant))
+    except NoClosedLoop as error:
+        return ClosedLoopSection(None, str(error))
+
+
+def _save(
+    result: Diagnosis, extension: _Extension, section: ClosedLoopSection, folder: Path
+) -> None:
+    """Write all; diagnosis.json is the last, so that a folder that has it is whole."""
+    from .diagnosis.diagnosis_pictures import save_pictures
+    from .diagnosis.diagnosis_report import save_report
+    from .diagnosis.extended_plant import write_extended_plant
+
+    if (folder / "diagnosis.json").exists():  # ours: an old plant must not pass for this one
+        for name in ("diagnosis.json", _FMU, _PARAMETERS):
+            (folder / name).unlink(missing_ok=True)
+    _save_curves(result, folder)
+    save_pictures(result, folder)
+    save_report(result, section, folder)
+    if extension.plant is not None:
+        write_extended_plant(extension.plant, folder)
+    result.save(folder)
+
+
+def _save_curves(result: Diagnosis, folder: Path) -> None:
+    import io
+    from dataclasses import asdict
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from .solver.kernel_cache import write_atomically
+
+    stream = io.BytesIO()
+    pq.write_table(pa.table(asdict(result.curves)), stream)
+    write_atomically(folder / _CURVES, stream.getvalue())
+
+
+def _table(
+    result: Diagnosis, extension: _Extension, section: ClosedLoopSection, folder: Path
+) -> str:
+    from .diagnosis.diagnosis_report import rig_command, verdict_sentence
+
+    lines = [f"{result.verdict}: {verdict_sentence(result)}", result.where, ""]
+    lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")
+    rows: Sequence[tuple[str, Level]] = (
+        ("as believed", result.baseline_residual),
+        ("values adjusted, held out", result.adjusted_residual),
+        ("with what was found, held out", result.final_residual),
+        ("noise alone", result.floor),
+    )
+    lines += [f"{n:<34}{v.force:>11.4g}{1e6 * v.position:>15.4g}" for n, v in rows]
+    for c in result.causes:
+        low, high = c.gain_interval
+        lines += [
+            "",
+            f"{c.name}: {c.says}",
+            f"  gain {100 * c.gain_heldout:.3g} % of the mean square in force "
+            f"({100 * low:.3g} to {100 * high:.3g} %), p = {c.p_value:.2g}",
+        ]
+        for name, value in c.parameters.items():
+            known = c.intervals.get(name)
+            between = f"  {known[0]:.4g} .. {known[1]:.4g}" if known else ""
+            unit = _SHARES.get(c.units.get(name, ""), c.units.get(name, ""))
+            lines.append(f"  {name:<20}{value:>11.4g} {unit:<8}{between}".rstrip())
+        if c.confused_with:
+            lines.append(f"  cannot be told from {', '.join(c.confused_with)} by these records")
+    lines.append("")
+    lines += [f"without a name: structure that lives {where}" for where in result.unnamed]
+    if result.out_of_reach:
+        lines.append(f"out of reach: {', '.join(o.name for o in result.out_of_reach)}")
+    if section.effect is not None:
+        lines.append(f"closed loop: {section.effect.says}")
+    if result.next_experiment is not None:
+        lines.append(f"next experiment: {result.next_experiment.says}")
+        lines.append(f"  {rig_command(result.next_experiment.trial)}")
+    plant = f", {_FMU}, {_PARAMETERS}" if extension.plant is not None else ""
+    lines.append(
+        f"report.html, diagnosis.json, {_CURVES}, diagnosis.png and .svg{plant} in {folder}"
+    )
+    return "\n".join(lines)
+
+
+# -- tables of trials ------------------------------------------------------------------------
+
+
+def _trials(options: argparse.Namespace) -> int:
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare, _write
+    from .diagnosis.trials import BadTable, explain_scatter
+    from .orchestration.closed_loop import finite_or_null
+
+    if (options.out / "trials.json").resolve() == options.trials.resolve():
+        raise BadRequest(f"{options.trials} would be overwritten by the result")
+    _prepare(options.out)
+    try:
+        result = explain_scatter(options.trials, options.value)
+    except BadTable as error:
+        raise BadRequest(str(error)) from error
+    _write(lambda: result.save(options.out))
+    if options.json:
+        print(json.dumps(finite_or_null(result.to_dict())))
+    else:
+        print(_trials_table(result))
+        print(f"trials.json in {options.out}")
+    told = any(c.explains for c in result.conditions) or all(c.can_tell for c in result.conditions)
+    return TRUSTED if told else NOT_TRUSTED
+
+
+def _trials_table(result: TrialsDiagnosis) -> str:
+    names = [
+        f"{c.name} (as {', '.join(c.same_as)})" if c.same_as else c.name for c in result.conditions
+    ]
+    wide = max(map(len, ["condition", *names]))
+    lines = [
+        result.answer,
+        f"{result.trials} trials, mean {result.mean:.5g}, deviation {result.deviation:.4g}; all "
+        f"conditions together explain {100 * result.explained:.3g} %, less what chance would "
+        f"{100 * result.adjusted:.3g} %",
+        "",
+        f"{'condition':<{wide}}{'share':>8}{'difference':>13}{'effect':>9}{'p':>9}{'corrected':>11}"
+        f"{'smallest':>10}",
+    ]
+    for name, c in zip(names, result.conditions, strict=True):
+        lines.append(
+            f"{name:<{wide}}{100 * c.share:>6.3g} %{c.difference:>13.4g}{c.standardized:>9.3g}"
+            f"{c.p_value:>9.2g}{c.corrected:>11.2g}{c.smallest_corrected:>10.2g}"
+        )
+    if result.conditions:
+        lines.append(
+            "difference between levels, and effect: the same in standard deviations of what is "
+            "left; smallest: corrected p that these trials could have given"
+        )
+    lines += [f"{name}: no condition, {why}" for name, why in result.no_conditions.items()]
+    if result.left_out:
+        lines.append(f"{result.left_out} trials left out: a cell is empty")
+    return "\n".join(lines)
+
+
+class _Progress:
+    """One line on standard error, rewritten; silent where nobody watches."""
+
+    def __init__(self) -> None:
+        self.started = time.monotonic()
+        self.active = sys.stderr.isatty()
+
+    def __call__(self, doing: str) -> None:
+        if self.active:
+            seconds = time.monotonic() - self.started
+            print(f"\r\033[K{seconds:.0f} s: {doing} ...", end="", file=sys.stderr, flush=True)
+
+    def finish(self) -> None:
+        if self.active:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,155 @@
+"""What the causes that were found do to a closed loop, and to what its motion becomes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ..fmus.catalogue import component
+from ..orchestration.motion import judge
+from ..solver.codegen import UnsupportedComponent, generate
+from ..solver.component import Component, ContractError, symbol
+from ..solver.connect import connect
+from ..solver.kernel import IntegrationError, Kernel, Model
+
+Vector = npt.NDArray[np.float64]
+
+CONTROLLER = "nctf"
+SETPOINT = 0.08  # [m]
+STOP = 5.0  # [s]
+STEP = 1e-3  # of what is shown [s]
+TOLERANCE = 1e-8
+_ROUNDS = 3  # of looking on for rest or a cycle
+_SETTLED = 0.02
+
+
+class NoClosedLoop(RuntimeError):
+    """The loop cannot be run; the message says why."""
+
+
+@dataclass(frozen=True)
+class LoopCourse:
+    """One plant under the controller.
+
+    Attributes
+    ----------
+    x, u : ndarray, shape (n,)
+        Position [m] and command [V].
+    settling : float or None
+        After which the error stays below 2 % of the step [s].
+    overshoot, error : float
+        Past the set-point, and what is left at the end, as magnitudes [m].
+    peak : float
+        Largest magnitude of the command [V].
+    becomes : str
+        What the motion becomes, as `ballscrew map` judges it.
+    evidence : str
+    slowest : float or None
+        Real part of the slowest eigenvalue where it comes to rest [1/s].
+    """
+
+    x: Vector
+    u: Vector
+    settling: float | None
+    overshoot: float
+    error: float
+    peak: float
+    becomes: str
+    evidence: str
+    slowest: float | None
+
+
+@dataclass(frozen=True)
+class ClosedLoopEffect:
+    """The believed and the extended plant under one controller.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        [s]
+    """
+
+    time: Vector
+    believed: LoopCourse
+    extended: LoopCourse
+
+    @property
+    def farthest(self) -> float:
+        """Largest distance between the two motions [m]."""
+        return float(np.abs(self.extended.x - self.believed.x).max())
+
+    @property
+    def says(self) -> str:
+        """In a sentence."""
+        changed = (
+            f"what the motion becomes stays: {self.believed.becomes}"
+            if self.believed.becomes == self.extended.becomes
+            else f"the motion becomes: {self.extended.becomes}, not {self.believed.becomes}"
+        )
+        return (
+            f"under {CONTROLLER} with its default gains the position differs by up to "
+            f"{1e6 * self.farthest:.3g} um; {changed}"
+        )
+
+
+def closed_loop_effect(believed: Component, extended: Component) -> ClosedLoopEffect:
+    """Run both plants to one set-point, plant and controller as one system of equations.
+
+    One solver for the whole loop, not the master: it takes hundredths of a second once compiled,
+    and judges stability of what it has compiled.
+
+    Raises
+    ------
+    NoClosedLoop
+        If a plant does not go with the controller, or the solver gets no further.
+    """
+    time = np.linspace(0.0, STOP, round(STOP / STEP) + 1)
+    try:
+        loops = [_loop(plant) for plant in (believed, extended)]
+        return ClosedLoopEffect(time, *(_course(loop, time) for loop in loops))
+    except (UnsupportedComponent, ContractError) as error:
+        raise NoClosedLoop(f"the plant does not run under {CONTROLLER}: {error}") from error
+    except IntegrationError as error:
+        raise NoClosedLoop(f"the solver gets no further: {error}") from error
+
+
+def _loop(plant: Component) -> Kernel:
+    controller = component(CONTROLLER)
+    # it may have ports for what it makes no use of, and not every plant has bristles or a current
+    rates = [*controller.derivatives, *(o.value for o in controller.all_outputs)]
+    used = set().union(*(rate.free_symbols for rate in rates))
+    wanted = (i for i in controller.inputs if i.role == "reference" or symbol(i.name) in used)
+    return generate(connect(plant, replace(controller, inputs=tuple(wanted))))
+
+
+def _course(loop: Kernel, time: Vector) -> LoopCourse:
+    model = Model(loop, tolerance=TOLERANCE)
+    for given in model.kernel.inputs:
+        if given.role == "reference":
+            model.set_input(given.name, SETPOINT)
+    model.settle(0.0)
+    run = model.simulate(time)
+    motion = judge(model, STOP, STOP, exponents=False, rounds=_ROUNDS)
+    x, u = run.outputs["x"], run.outputs["u"]
+    rest = motion.equilibrium
+    return LoopCourse(
+        x,
+        u,
+        _settling(time, x),
+        float(max(0.0, (x - SETPOINT).max())),
+        float(abs(SETPOINT - x[-1])),
+        float(np.abs(u).max()),
+        motion.kind.value,
+        motion.evidence,
+        None if rest is None else rest.slowest,
+    )
+
+
+def _settling(time: Vector, x: Vector) -> float | None:
+    outside = np.flatnonzero(np.abs(x - SETPOINT) > _SETTLED * SETPOINT)
+    if not len(outside):
+        return 0.0
+    last = int(outside[-1])
+    return float(time[last + 1]) if last + 1 < len(time) else None

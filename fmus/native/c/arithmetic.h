@@ -1,0 +1,11 @@
+/* What the generated equations and the stepper share. */
+#ifndef ARITHMETIC_H
+#define ARITHMETIC_H
+
+#define AT_LEAST_1(n) ((n) > 0 ? (n) : 1) /* C has no arrays of length zero */
+
+/* As max(a, b) and min(a, b) of Python, also where one of them is not a number. */
+static inline double larger(double a, double b) { return b > a ? b : a; }
+static inline double smaller(double a, double b) { return b < a ? b : a; }
+
+#endif

@@ -1,0 +1,731 @@
+/* One instance of a component, whatever the version of FMI: its memory, life cycle, step and saved
+ * states. Included once, by fmi2.c or fmi3.c, behind model.h and equations.h.
+ *
+ * There are no globals. All numbers of an instance lie in one array, as in the FMU that pythonfmu
+ * makes of the same component: a value reference is an index into it. */
+#ifndef COMPONENT_H
+#define COMPONENT_H
+
+#include <stdarg.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "stepper.h"
+
+#define ROUND_OFF 1e-9    /* share of a sampling period within which two times are the same */
+#define MOST_SAMPLES 1e6  /* sample instants in one step */
+#define LONGEST_TEXT 512
+
+typedef enum { OK, WARNING, DISCARD, ERROR, FATAL } Status; /* the same in FMI 2 and FMI 3 */
+
+/* Phases of an instance's life, as bits, so that a function can name those it is allowed in. */
+typedef enum {
+    INSTANTIATED = 1,
+    INITIALIZING = 2,
+    STEPPING = 4,    /* co-simulation, between steps */
+    EVENT = 8,       /* model exchange */
+    CONTINUOUS = 16, /* model exchange */
+    TERMINATED = 32
+} Phase;
+#define RUNNING (STEPPING | EVENT | CONTINUOUS)
+#define ALIVE (INSTANTIATED | INITIALIZING | RUNNING)
+#define ANY (ALIVE | TERMINATED)
+
+/* Everything that decides how an instance goes on. */
+typedef struct {
+    double memory[MEMORY];
+    double before[AT_LEAST_1(EVENTS)]; /* model exchange: the indicators when last looked at */
+    int32_t phase;
+    int32_t started; /* initialization is over */
+    char failure[LONGEST_TEXT]; /* why it cannot go on; empty while all is well */
+} Saved;
+
+typedef struct Kept {
+    struct Kept *next;
+    Saved saved;
+} Kept;
+
+typedef struct Instance {
+    Saved now;
+    int exchange; /* for model exchange, not co-simulation */
+    int stale;    /* outputs do not belong to the present state and inputs */
+    int derived;  /* derivatives belong to the present outputs */
+    double derivatives[AT_LEAST_1(N)];
+    double atol[AT_LEAST_1(N)];
+    Work work;
+    Kept *kept; /* saved states that are not freed yet */
+    char *name;
+    void *environment;
+    void (*log)(const struct Instance *, Status, const char *category, const char *text);
+    void (*logger)(void); /* the host's, of a type that the FMI layer knows */
+} Instance;
+
+/* -- messages ----------------------------------------------------------------------------- */
+
+static void say(Instance *c, Status status, const char *text)
+{
+    if (c->log)
+        c->log(c, status, "logStatusError", text);
+}
+
+static void put(char *text, const Instance *c, const char *format, va_list values)
+{
+    const int used = snprintf(text, LONGEST_TEXT, "%.200s: ", c->name);
+    vsnprintf(text + used, (size_t)(LONGEST_TEXT - used), format, values);
+}
+
+/* A call that makes no sense: it is refused, and the instance stays as it is. */
+static Status refuse(Instance *c, const char *format, ...)
+{
+    char text[LONGEST_TEXT] = "";
+    va_list values;
+    va_start(values, format);
+    put(text, c, format, values);
+    va_end(values);
+    say(c, ERROR, text);
+    return ERROR;
+}
+
+/* The instance cannot go on, until it is reset or set to a saved state; the first reason is kept. */
+static Status fail(Instance *c, const char *format, ...)
+{
+    char text[LONGEST_TEXT] = "";
+    va_list values;
+    va_start(values, format);
+    put(text, c, format, values);
+    va_end(values);
+    if (!c->now.failure[0])
+        memcpy(c->now.failure, text, sizeof text);
+    say(c, ERROR, text);
+    return ERROR;
+}
+
+static const char *phase_name(int phase)
+{
+    switch (phase) {
+    case INSTANTIATED: return "before initialization";
+    case INITIALIZING: return "in initialization mode";
+    case STEPPING: return "between steps of co-simulation";
+    case EVENT: return "in event mode";
+    case CONTINUOUS: return "in continuous-time mode";
+    default: return "after the end";
+    }
+}
+
+static int allowed(Instance *c, int phases, const char *call)
+{
+    if (c->now.phase & phases)
+        return 1;
+    refuse(c, "%s was called %s, where it is not allowed", call, phase_name(c->now.phase));
+    return 0;
+}
+
+/* -- parts of the memory ------------------------------------------------------------------ */
+
+#define HELD(c) ((c)->now.memory)
+#define PARAMETERS(c) ((c)->now.memory + AT_PARAMETERS)
+#define STATES(c) ((c)->now.memory + AT_STATES)
+#define OUTPUTS(c) ((c)->now.memory + AT_OUTPUTS)
+#define INFO(c) ((c)->now.memory + AT_INFO)
+#define TIME(c) ((c)->now.memory[AT_TIME])
+
+static void set_time(Instance *c, double t)
+{
+    TIME(c) = t;
+    /* between two hosts that solve for the states, a feedback law has no step to have begun */
+    if (c->exchange && STEP_START >= 0)
+        c->now.memory[STEP_START < 0 ? 0 : STEP_START] = t;
+    c->stale = 1;
+}
+
+static void scale_tolerances(Instance *c)
+{
+    for (int i = 0; i < N; i++)
+        c->atol[i] = NOMINAL[i] * c->now.memory[AT_TOLERANCE];
+}
+
+/* Let tangents take the values of their inputs, where a new frame is asked for. */
+static void take_frame(Instance *c)
+{
+#ifdef FRAME_ASK
+    double *memory = c->now.memory;
+    if (memory[FRAME_ASK] != memory[FRAME_SEEN]) {
+        memory[FRAME_SEEN] = memory[FRAME_ASK];
+        memcpy(memory + FRAME_TO, memory + FRAME_FROM, FRAME_COUNT * sizeof *memory);
+    }
+#else
+    (void)c;
+#endif
+}
+
+/* -- life cycle --------------------------------------------------------------------------- */
+
+static void initialize_states(Instance *c)
+{
+    double *memory = c->now.memory;
+    memcpy(STATES(c), memory + AT_STARTS, N * sizeof *memory);
+    memcpy(HELD(c) + INPUTS, memory + AT_STARTS + N, DISCRETE * sizeof *memory);
+    scale_tolerances(c);
+    memset(INFO(c), 0, INFO_SIZE * sizeof *memory);
+    if (MODES > 0) {
+        memory[HELD_SIZE - 1] = 0.0;
+        if (settle(TIME(c), STATES(c), HELD(c), PARAMETERS(c), &c->work, INFO(c)) != DONE)
+            fail(c, "events follow each other without end at t = %.9g s", TIME(c));
+    }
+    if (AT_SAMPLE_TIME >= 0) /* samples count from t = 0, wherever the run begins */
+        memory[AT_SAMPLES] =
+            ceil(TIME(c) / memory[AT_SAMPLE_TIME < 0 ? 0 : AT_SAMPLE_TIME] - ROUND_OFF);
+}
+
+static void refresh(Instance *c)
+{
+    if (!c->stale)
+        return;
+    if (!c->now.started)
+        initialize_states(c);
+    take_frame(c);
+    out(TIME(c), STATES(c), HELD(c), PARAMETERS(c), OUTPUTS(c));
+    c->stale = 0;
+    c->derived = 0;
+}
+
+static const double *derivatives(Instance *c)
+{
+    refresh(c);
+    if (!c->derived)
+        rhs(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->derivatives);
+    c->derived = 1;
+    return c->derivatives;
+}
+
+static void back_to_start(Instance *c)
+{
+    memset(&c->now, 0, sizeof c->now);
+    memcpy(c->now.memory, INITIAL, sizeof c->now.memory);
+    c->now.phase = INSTANTIATED;
+    c->stale = 1;
+}
+
+static Instance *make_instance(const char *name, int exchange)
+{
+    Instance *c = calloc(1, sizeof *c);
+    if (!c)
+        return NULL;
+    c->name = malloc(strlen(name) + 1);
+    if (!c->name) {
+        free(c);
+        return NULL;
+    }
+    strcpy(c->name, name);
+    c->exchange = exchange;
+    back_to_start(c);
+    return c;
+}
+
+static void free_instance(Instance *c)
+{
+    if (!c)
+        return;
+    while (c->kept) {
+        Kept *next = c->kept->next;
+        free(c->kept);
+        c->kept = next;
+    }
+    free(c->name);
+    free(c);
+}
+
+static Status begin(Instance *c, int has_tolerance, double tolerance, double start)
+{
+    if (!isfinite(start) || (has_tolerance && !isfinite(tolerance)))
+        return refuse(c, "the start time %g and the tolerance %g make no sense", start, tolerance);
+    set_time(c, start);
+    if (has_tolerance && tolerance != 0.0 && N > 0)
+        c->now.memory[AT_TOLERANCE] = tolerance;
+    return OK;
+}
+
+static Status end_initialization(Instance *c)
+{
+    const int failed = c->now.failure[0];
+    for (int r = 0; r < MEMORY; r++) {
+        const Variable *v = &VARIABLES[r];
+        const double value = c->now.memory[r];
+        if (v->what == PARAMETER && (value < v->low || value > v->high))
+            fail(c, "parameter %s = %g%s%s is out of its range [%g, %g]", v->name, value,
+                 strcmp(v->unit, "1") ? " " : "", strcmp(v->unit, "1") ? v->unit : "", v->low,
+                 v->high);
+    }
+    initialize_states(c);
+    look_before(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->now.before);
+    c->now.started = 1;
+    c->stale = 1;
+    c->now.phase = c->exchange ? EVENT : STEPPING;
+    if (failed)
+        say(c, ERROR, c->now.failure);
+    return c->now.failure[0] ? ERROR : OK;
+}
+
+/* -- variables ---------------------------------------------------------------------------- */
+
+static const Variable *variable(Instance *c, uint32_t reference)
+{
+    if (reference < REFERENCES && VARIABLES[reference].what != NOTHING)
+        return &VARIABLES[reference];
+    refuse(c, "no variable has the value reference %lu", (unsigned long)reference);
+    return NULL;
+}
+
+static Status get_numbers(Instance *c, const uint32_t *references, size_t n, double *values)
+{
+    if (n && (!references || !values))
+        return refuse(c, "a null pointer was given for %lu values", (unsigned long)n);
+    refresh(c);
+    for (size_t k = 0; k < n; k++) {
+        const Variable *v = variable(c, references[k]);
+        if (!v)
+            return ERROR;
+        if (v->what == MESSAGE)
+            return refuse(c, "%s is a String, not a number", v->name);
+        if (v->what == DERIVATIVE) {
+            values[k] = derivatives(c)[references[k] - FIRST_DERIVATIVE];
+        } else if (v->what == INDICATOR) {
+            indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+            values[k] = c->work.g[references[k] - FIRST_INDICATOR];
+        } else {
+            values[k] = c->now.memory[references[k]];
+        }
+    }
+    return OK;
+}
+
+static Status set_numbers(Instance *c, const uint32_t *references, size_t n, const double *values)
+{
+    if (n && (!references || !values))
+        return refuse(c, "a null pointer was given for %lu values", (unsigned long)n);
+    for (size_t k = 0; k < n; k++) {
+        const Variable *v = variable(c, references[k]);
+        if (!v)
+            return ERROR;
+        if (v->what != INPUT && v->what != PARAMETER)
+            return refuse(c, "%s cannot be set; it is no input and no parameter", v->name);
+        if (v->what == PARAMETER && c->now.started)
+            return refuse(c, "parameter %s cannot be set any more; set it before initialization ends",
+                          v->name);
+        if (!isfinite(values[k]))
+            return fail(c, "%s was set to %g, not a number", v->name, values[k]);
+    }
+    for (size_t k = 0; k < n; k++)
+        c->now.memory[references[k]] = values[k];
+    c->stale = 1;
+    return OK;
+}
+
+/* -- steps of co-simulation --------------------------------------------------------------- */
+
+static Status advance(Instance *c, double t0, double t1)
+{
+    const int status = integrate(t0, t1, STATES(c), HELD(c), PARAMETERS(c), c->atol,
+                                 c->now.memory[AT_TOLERANCE], &c->work, INFO(c));
+    const double reached = INFO(c)[REACHED];
+    const char *rest = "the solution leaves every bound";
+    switch (status) {
+    case DONE:
+        return OK;
+    case TOO_MANY_STEPS:
+        return fail(c, "%d internal steps were not enough at t = %.9g s; %s", MAX_STEPS, reached,
+                    rest);
+    case CHATTER:
+        return fail(c, "events follow each other without end at t = %.9g s", reached);
+    default:
+        return fail(c, "the internal step became too small at t = %.9g s; %s", reached, rest);
+    }
+}
+
+/* Update the discrete states, at a sample instant. */
+static void take_sample(Instance *c, double t)
+{
+    double update[AT_LEAST_1(DISCRETE)] = {0.0};
+    sample(t, STATES(c), HELD(c), PARAMETERS(c), update);
+    memcpy(HELD(c) + INPUTS, update, DISCRETE * sizeof *update);
+    c->now.memory[AT_SAMPLES] += 1.0;
+}
+
+/* Update the discrete states at every sample instant in [t0, t0 + step). */
+static Status advance_sampled(Instance *c, double t0, double step)
+{
+    const double period = c->now.memory[AT_SAMPLE_TIME < 0 ? 0 : AT_SAMPLE_TIME];
+    const double end = t0 + step;
+    double now = t0;
+    double *samples = &c->now.memory[AT_SAMPLES];
+    if (!(period > 0.0 && fabs(*samples) < 4.5e15 &&
+          (end - *samples * period) / period < MOST_SAMPLES))
+        return fail(c, "a step from t = %.9g s by %.9g s holds too many sample instants", t0, step);
+    while (*samples * period < end - ROUND_OFF * period) {
+        const double instant = larger(*samples * period, now);
+        if (instant > now + ROUND_OFF * period) {
+            if (advance(c, now, instant) != OK)
+                return ERROR;
+            now = instant;
+        }
+        take_sample(c, now);
+    }
+    return N > 0 ? advance(c, now, end) : OK;
+}
+
+/* Whether it failed before and cannot go on; it says why once more. */
+static int stopped(Instance *c)
+{
+    if (c->now.failure[0])
+        say(c, ERROR, c->now.failure);
+    return c->now.failure[0] != 0;
+}
+
+static Status take_step(Instance *c, double t, double step)
+{
+    Status status;
+    if (stopped(c))
+        return ERROR;
+    if (!(step > 0.0) || !isfinite(t + step))
+        return fail(c, "a step from t = %g s by %g s makes no sense", t, step);
+    take_frame(c);
+    if (STEP_START >= 0)
+        c->now.memory[STEP_START < 0 ? 0 : STEP_START] = t;
+    status = AT_SAMPLE_TIME < 0 ? advance(c, t, t + step) : advance_sampled(c, t, step);
+    TIME(c) = t + step;
+    c->stale = 1;
+    for (int i = 0; i < N && status == OK; i++) {
+        if (!isfinite(STATES(c)[i]))
+            status = fail(c, "the state is not finite at t = %.9g s", t + step);
+    }
+    return status;
+}
+
+/* -- model exchange ----------------------------------------------------------------------- */
+
+typedef struct {
+    int states_changed;
+    int next_time_defined;
+    double next_time;
+} Events;
+
+/* Let happen what is due: samples, and events of the present mode. */
+static Status update_discrete_states(Instance *c, Events *events)
+{
+    double *memory = c->now.memory;
+    memset(events, 0, sizeof *events);
+    if (stopped(c))
+        return ERROR;
+    if (AT_SAMPLE_TIME >= 0) {
+        const double period = memory[AT_SAMPLE_TIME < 0 ? 0 : AT_SAMPLE_TIME];
+        const double now = TIME(c) + ROUND_OFF * period;
+        if (!(period > 0.0 && fabs(memory[AT_SAMPLES]) < 4.5e15 &&
+              (now - memory[AT_SAMPLES] * period) / period < MOST_SAMPLES))
+            return fail(c, "too many sample instants are due at t = %.9g s", TIME(c));
+        while (memory[AT_SAMPLES] * period <= now)
+            take_sample(c, TIME(c));
+        events->next_time_defined = 1;
+        events->next_time = memory[AT_SAMPLES] * period;
+    }
+    if (EVENTS > 0) {
+        const double count = INFO(c)[EVENT_COUNT];
+        int watched = -1;
+        double side = 0.0;
+        indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+        for (int k = 0; k < EVENTS; k++) {
+            /* a host may stop where an indicator is zero, which is past it if it was not before */
+            const double g = c->work.g[k], before = c->now.before[k];
+            const int either = kind(HELD(c), k) == EITHER;
+            if (either ? g * before <= 0.0 && before != 0.0 : g == 0.0 && before < 0.0) {
+                const double mode = MODES > 0 ? HELD(c)[HELD_SIZE - 1] : 0.0;
+                react(TIME(c), STATES(c), HELD(c), PARAMETERS(c), k);
+                INFO(c)[EVENT_COUNT] += 1;
+                if (either && (MODES == 0 || HELD(c)[HELD_SIZE - 1] == mode)) {
+                    watched = k;
+                    side = -before;
+                }
+                break; /* what it leads to may have other events */
+            }
+        }
+        if (settle(TIME(c), STATES(c), HELD(c), PARAMETERS(c), &c->work, INFO(c)) != DONE)
+            return fail(c, "events follow each other without end at t = %.9g s", TIME(c));
+        look_before(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->now.before);
+        if (watched >= 0 && c->now.before[watched] == 0.0)
+            c->now.before[watched] = side;
+        events->states_changed = INFO(c)[EVENT_COUNT] != count;
+    }
+    c->stale = 1;
+    return OK;
+}
+
+/* An indicator that was zero when last looked at has a side now. */
+static void complete_step(Instance *c)
+{
+    if (EVENTS == 0)
+        return;
+    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    for (int k = 0; k < EVENTS; k++) {
+        if (c->now.before[k] == 0.0)
+            c->now.before[k] = c->work.g[k] > 0.0 ? 1.0 : (c->work.g[k] < 0.0 ? -1.0 : 0.0);
+    }
+}
+
+static Status get_array(Instance *c, const double *from, size_t there, double *values, size_t n,
+                        const char *what)
+{
+    if (n != there)
+        return refuse(c, "%lu %s were asked for, there are %lu", (unsigned long)n, what,
+                      (unsigned long)there);
+    if (n && !values)
+        return refuse(c, "a null pointer was given for %lu %s", (unsigned long)n, what);
+    if (n)
+        memcpy(values, from, n * sizeof *values);
+    return OK;
+}
+
+static Status get_derivatives(Instance *c, double *values, size_t n)
+{
+    return get_array(c, derivatives(c), N, values, n, "derivatives");
+}
+
+static Status get_states(Instance *c, double *values, size_t n)
+{
+    refresh(c);
+    return get_array(c, STATES(c), N, values, n, "states");
+}
+
+/* The indicators with the sign that is kept at zero where an event watches both ways. */
+static Status get_indicators(Instance *c, double *values, size_t n)
+{
+    refresh(c);
+    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    return get_array(c, c->work.g, EVENTS, values, n, "event indicators");
+}
+
+static Status set_states(Instance *c, const double *values, size_t n)
+{
+    if (n != N || (n && !values))
+        return refuse(c, "%lu states were given%s, expected %d", (unsigned long)n,
+                      values ? "" : " by a null pointer", N);
+    for (int i = 0; i < N; i++) {
+        if (!isfinite(values[i]))
+            return refuse(c, "state %d was set to %g, not a number", i, values[i]);
+    }
+    if (n)
+        memcpy(STATES(c), values, n * sizeof *values);
+    c->stale = 1;
+    return OK;
+}
+
+/* -- partial derivatives ------------------------------------------------------------------ */
+
+/* Row of the matrix of partial derivatives that belongs to an unknown; -1 if none does. */
+static int row_of(uint32_t reference)
+{
+    if (reference >= FIRST_DERIVATIVE && reference < FIRST_DERIVATIVE + N)
+        return (int)(reference - FIRST_DERIVATIVE);
+    if (reference >= AT_OUTPUTS && reference < AT_OUTPUTS + OUTPUT_COUNT)
+        return (int)(reference - AT_OUTPUTS) + N;
+    return -1;
+}
+
+/* Column that belongs to a known, which is a state or an input; -1 if none does. */
+static int column_of(uint32_t reference)
+{
+    if (reference < INPUTS && VARIABLES[reference].what == INPUT)
+        return (int)reference + N;
+    if (reference >= AT_STATES && reference < AT_STATES + N)
+        return (int)(reference - AT_STATES);
+    if (reference >= AT_OUTPUTS && reference < AT_OUTPUTS + OUTPUT_COUNT)
+        return STATE_OF_OUTPUT[reference - AT_OUTPUTS];
+    return -1;
+}
+
+/* Forward: sensitivities of the unknowns from seeds of the knowns; adjoint: the other way. */
+static Status derivative_product(Instance *c, int adjoint, const uint32_t *unknowns, size_t n,
+                                 const uint32_t *knowns, size_t m, const double *seed,
+                                 double *sensitivity)
+{
+    double by_row[N + OUTPUT_COUNT + 1] = {0.0};
+    double by_column[N + INPUTS + 1] = {0.0};
+    double values[AT_LEAST_1(PARTIALS)] = {0.0};
+    if ((n && !unknowns) || (m && !knowns) || ((adjoint ? n : m) && !seed) ||
+        ((adjoint ? m : n) && !sensitivity))
+        return refuse(c, "a null pointer was given for partial derivatives");
+    for (size_t k = 0; k < n; k++) {
+        const int row = row_of(unknowns[k]);
+        if (row < 0)
+            return refuse(c, "value reference %lu is no output and no derivative, so it has no "
+                             "partial derivatives", (unsigned long)unknowns[k]);
+        if (adjoint)
+            by_row[row] += seed[k];
+    }
+    for (size_t k = 0; k < m; k++) {
+        const int column = column_of(knowns[k]);
+        if (column < 0)
+            return refuse(c, "value reference %lu is no input and no state, so there are no partial "
+                             "derivatives by it", (unsigned long)knowns[k]);
+        if (!adjoint)
+            by_column[column] += seed[k];
+    }
+    refresh(c);
+    partial(TIME(c), STATES(c), HELD(c), PARAMETERS(c), values);
+    for (int k = 0; k < PARTIALS; k++) {
+        if (adjoint)
+            by_column[PARTIAL_AT[k][1]] += values[k] * by_row[PARTIAL_AT[k][0]];
+        else
+            by_row[PARTIAL_AT[k][0]] += values[k] * by_column[PARTIAL_AT[k][1]];
+    }
+    for (size_t k = 0; k < (adjoint ? m : n); k++)
+        sensitivity[k] = adjoint ? by_column[column_of(knowns[k])] : by_row[row_of(unknowns[k])];
+    return OK;
+}
+
+/* -- saved states ------------------------------------------------------------------------- */
+
+typedef struct {
+    char mark[8];
+    uint64_t model; /* which FMU it is a state of, and for which kind of simulation */
+    uint64_t check; /* hash of the bytes that follow */
+    uint64_t size;
+} Header;
+
+static const char MARK[8] = {'b', 's', 's', 't', 'a', 't', 'e', '1'};
+
+/* FNV-1a */
+static uint64_t hash(const void *data, size_t n)
+{
+    const unsigned char *bytes = data;
+    uint64_t value = 14695981039346656037u;
+    for (size_t k = 0; k < n; k++)
+        value = (value ^ bytes[k]) * 1099511628211u;
+    return value;
+}
+
+static uint64_t model_hash(const Instance *c)
+{
+    return hash(TOKEN, sizeof TOKEN) + (uint64_t)c->exchange;
+}
+
+static Kept *find_kept(Instance *c, const void *state)
+{
+    for (Kept *k = c->kept; k; k = k->next) {
+        if (k == state)
+            return k;
+    }
+    refuse(c, state ? "this is no saved state of this instance" : "a null pointer was given for a "
+                                                                   "saved state");
+    return NULL;
+}
+
+static Kept *keep(Instance *c)
+{
+    Kept *k = calloc(1, sizeof *k);
+    if (!k) {
+        refuse(c, "there is no memory for a saved state");
+        return NULL;
+    }
+    k->next = c->kept;
+    c->kept = k;
+    return k;
+}
+
+static Status save_state(Instance *c, void **state)
+{
+    Kept *k;
+    if (!state)
+        return refuse(c, "a null pointer was given for a saved state");
+    k = *state ? find_kept(c, *state) : keep(c);
+    if (!k)
+        return ERROR;
+    k->saved = c->now;
+    *state = k;
+    return OK;
+}
+
+static Status restore_state(Instance *c, const void *state)
+{
+    const Kept *k = find_kept(c, state);
+    if (!k)
+        return ERROR;
+    c->now = k->saved;
+    scale_tolerances(c);
+    c->stale = 1;
+    return OK;
+}
+
+static Status forget_state(Instance *c, void **state)
+{
+    Kept *found;
+    if (!state)
+        return refuse(c, "a null pointer was given for a saved state");
+    if (!*state)
+        return OK;
+    found = find_kept(c, *state);
+    if (!found)
+        return ERROR;
+    for (Kept **link = &c->kept; *link; link = &(*link)->next) {
+        if (*link == found) {
+            *link = found->next;
+            break;
+        }
+    }
+    free(found);
+    *state = NULL;
+    return OK;
+}
+
+static Status serialized_size(Instance *c, const void *state, size_t *size)
+{
+    if (!find_kept(c, state))
+        return ERROR;
+    if (!size)
+        return refuse(c, "a null pointer was given for a size");
+    *size = sizeof(Header) + sizeof(Saved);
+    return OK;
+}
+
+static Status serialize_state(Instance *c, const void *state, void *bytes, size_t size)
+{
+    const Kept *k = find_kept(c, state);
+    Header header;
+    if (!k)
+        return ERROR;
+    if (!bytes || size < sizeof header + sizeof k->saved)
+        return refuse(c, "%lu bytes were given for a state%s, expected %lu", (unsigned long)size,
+                      bytes ? "" : " by a null pointer",
+                      (unsigned long)(sizeof header + sizeof k->saved));
+    memcpy(header.mark, MARK, sizeof header.mark);
+    header.model = model_hash(c);
+    header.check = hash(&k->saved, sizeof k->saved);
+    header.size = sizeof k->saved;
+    memcpy(bytes, &header, sizeof header);
+    memcpy((char *)bytes + sizeof header, &k->saved, sizeof k->saved);
+    return OK;
+}
+
+static Status deserialize_state(Instance *c, const void *bytes, size_t size, void **state)
+{
+    Header header;
+    const char *body;
+    Kept *k;
+    if (!bytes || !state)
+        return refuse(c, "a null pointer was given for a serialized state");
+    body = (const char *)bytes + sizeof header;
+    if (size < sizeof header + sizeof k->saved)
+        return refuse(c, "%lu bytes are no serialized state of this FMU, which has %lu",
+                      (unsigned long)size, (unsigned long)(sizeof header + sizeof k->saved));
+    memcpy(&header, bytes, sizeof header);
+    if (memcmp(header.mark, MARK, sizeof header.mark) || header.model != model_hash(c) ||
+        header.size != sizeof k->saved || header.check != hash(body, sizeof k->saved))
+        return refuse(c, "these bytes are no serialized state of this FMU, or are damaged");
+    k = *state ? find_kept(c, *state) : keep(c);
+    if (!k)
+        return ERROR;
+    memcpy(&k->saved, body, sizeof k->saved);
+    *state = k;
+    return OK;
+}
+
+#endif

@@ -1,0 +1,81 @@
+"""The modelDescription.xml of a native FMU of FMI 2.0: that of pythonfmu's twin, and more."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as ET
+
+from ... import __version__
+from ..interface import START
+from ..model_description import model_description
+from .sources import MAIN, NativeModel
+
+TOOL = f"ballscrew {__version__}"
+
+
+def description_of(model: NativeModel, token: str) -> bytes:
+    """The XML text.
+
+    Parameters
+    ----------
+    model : NativeModel
+    token : str
+        The guid.
+    """
+    root = ET.fromstring(model_description(model.kernel, model.interface, __version__))
+    root.set("guid", token)
+    root.set("generationTool", TOOL)
+    simulation = root.find("CoSimulation")
+    assert simulation is not None
+    simulation.set("providesDirectionalDerivative", "true")
+    _list_sources(simulation)
+    if model.exchanges:
+        exchange = ET.Element(
+            "ModelExchange",
+            modelIdentifier=model.kernel.name,
+            needsExecutionTool="false",
+            completedIntegratorStepNotNeeded=str(model.events == 0).lower(),
+            canBeInstantiatedOnlyOncePerProcess="false",
+            canNotUseMemoryManagementFunctions="true",
+            canGetAndSetFMUstate="true",
+            canSerializeFMUstate="true",
+            providesDirectionalDerivative="true",
+        )
+        _list_sources(exchange)
+        root.insert(0, exchange)
+        root.set("numberOfEventIndicators", str(model.events))
+    _describe_derivatives(root, model)
+    ET.indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"
+
+
+def _list_sources(parent: ET.Element) -> None:
+    ET.SubElement(ET.SubElement(parent, "SourceFiles"), "File", name=MAIN[2])
+
+
+def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
+    listed = root.find("ModelVariables")
+    structure = root.find("ModelStructure")
+    assert listed is not None
+    assert structure is not None
+    nodes = {node.get("name"): node for node in listed}
+    index = {name: str(k + 1) for k, name in enumerate(nodes)}
+    for state, derivative in zip(model.state_variables, model.derivatives, strict=True):
+        real = nodes[derivative.name].find("Real")
+        assert real is not None
+        real.set("derivative", index[state.name])
+    if not model.derivatives:
+        return
+    place = ET.Element("Derivatives")
+    structure.insert(1, place)
+    for derivative in model.derivatives:
+        ET.SubElement(place, "Unknown", index=index[derivative.name])
+    initial = structure.find("InitialUnknowns")
+    assert initial is not None
+    own = {v.name for v in model.state_variables if v.causality == "local"}
+    for info, variable in zip(model.kernel.states, model.state_variables, strict=True):
+        if variable.name in own:
+            start = index[info.name + START]
+            ET.SubElement(initial, "Unknown", index=index[variable.name], dependencies=start)
+    for derivative in model.derivatives:
+        ET.SubElement(initial, "Unknown", index=index[derivative.name])
+    initial[:] = sorted(initial, key=lambda unknown: int(unknown.get("index", "0")))

@@ -1,0 +1,195 @@
+"""The modelDescription.xml and buildDescription.xml of a native FMU of FMI 3.0."""
+
+from __future__ import annotations
+
+import math
+from xml.etree import ElementTree as ET
+
+from ... import __version__
+from ...solver.kernel import DEFAULT_TOLERANCE
+from ..interface import MESSAGE, START, Variable
+from ..model_description import STEP_SIZE, STOP_TIME
+from ..units import base_exponents
+from .description import TOOL
+from .sources import MAIN, NativeModel
+
+_CAN = {
+    "needsExecutionTool": "false",
+    "canBeInstantiatedOnlyOncePerProcess": "false",
+    "canGetAndSetFMUState": "true",
+    "canSerializeFMUState": "true",
+    "providesDirectionalDerivatives": "true",
+    "providesAdjointDerivatives": "true",
+}
+
+
+def build_description(identifier: str) -> bytes:
+    """What a tool needs to know to compile the sources."""
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
+    files = ET.SubElement(configuration, "SourceFileSet", language="C99")
+    ET.SubElement(files, "SourceFile", name=MAIN[3])
+    ET.SubElement(configuration, "Library", name="m", external="true")
+    return _text(root)
+
+
+def description_of(model: NativeModel, token: str) -> bytes:
+    """The XML text.
+
+    Parameters
+    ----------
+    model : NativeModel
+    token : str
+        The instantiation token.
+    """
+    kernel, interface = model.kernel, model.interface
+    root = ET.Element(
+        "fmiModelDescription",
+        fmiVersion="3.0",
+        modelName=kernel.name,
+        instantiationToken=token,
+        description=kernel.description,
+        version=__version__,
+        license="MIT",
+        generationTool=TOOL,
+        variableNamingConvention="structured",
+    )
+    if model.exchanges:
+        ET.SubElement(
+            root,
+            "ModelExchange",
+            {
+                "modelIdentifier": kernel.name,
+                **_CAN,
+                "needsCompletedIntegratorStep": str(model.events > 0).lower(),
+            },
+        )
+    ET.SubElement(
+        root,
+        "CoSimulation",
+        {
+            "modelIdentifier": kernel.name,
+            **_CAN,
+            "canHandleVariableCommunicationStepSize": "true",
+            "hasEventMode": "false",
+        },
+    )
+    units = ET.SubElement(root, "UnitDefinitions")
+    for unit in sorted({v.unit for v in interface.variables} | {"s"}):
+        entry = ET.SubElement(units, "Unit", name=unit)
+        powers = {base: str(power) for base, power in base_exponents(unit).items()}
+        ET.SubElement(entry, "BaseUnit", powers)
+    categories = ET.SubElement(root, "LogCategories")
+    ET.SubElement(categories, "Category", name="logStatusError", description="Why a call failed")
+    ET.SubElement(
+        root,
+        "DefaultExperiment",
+        startTime="0.0",
+        stopTime=repr(STOP_TIME),
+        tolerance=repr(DEFAULT_TOLERANCE),
+        stepSize=repr(STEP_SIZE),
+    )
+    _write_variables(ET.SubElement(root, "ModelVariables"), model)
+    _write_structure(ET.SubElement(root, "ModelStructure"), model)
+    return _text(root)
+
+
+def _write_variables(parent: ET.Element, model: NativeModel) -> None:
+    interface = model.interface
+    derivatives = {d.name: s for d, s in zip(model.derivatives, model.state_variables, strict=True)}
+    ET.SubElement(
+        parent,
+        "Float64",
+        name="time",
+        valueReference=str(interface.layout.time),
+        description="time",
+        causality="independent",
+        variability="continuous",
+        unit="s",
+    )
+    for v in interface.variables:
+        node = _write_variable(parent, v)
+        if v.name in derivatives:
+            node.set("derivative", str(derivatives[v.name].reference))
+    message = ET.SubElement(
+        parent,
+        "String",
+        name=MESSAGE,
+        valueReference=str(interface.message_reference),
+        description="why the last step failed; empty while all is well",
+        causality="output",
+        variability="discrete",
+        initial="exact",
+    )
+    ET.SubElement(message, "Start", value="")
+    if model.exchanges:
+        for k in range(model.events):
+            ET.SubElement(
+                parent,
+                "Float64",
+                name=f"event_indicator_{k + 1}",
+                valueReference=str(model.first_indicator + k),
+                description="positive where an event of the present mode is due",
+                causality="local",
+                variability="continuous",
+                initial="calculated",
+            )
+
+
+def _write_variable(parent: ET.Element, v: Variable) -> ET.Element:
+    attributes = {
+        "name": v.name,
+        "valueReference": str(v.reference),
+        "description": v.description,
+        "causality": v.causality,
+        "variability": v.variability,
+    }
+    if v.causality != "input":
+        attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"
+    attributes["unit"] = v.unit
+    if math.isfinite(v.minimum):
+        attributes["min"] = repr(float(v.minimum))
+    if math.isfinite(v.maximum):
+        attributes["max"] = repr(float(v.maximum))
+    attributes["nominal"] = repr(float(v.nominal))
+    if v.start is not None:
+        attributes["start"] = repr(float(v.start))
+    return ET.SubElement(parent, "Float64", attributes)
+
+
+def _write_structure(parent: ET.Element, model: NativeModel) -> None:
+    interface = model.interface
+    reference = {v.name: v.reference for v in interface.variables}
+    outputs = [v for v in interface.variables if v.causality == "output"]
+
+    def references(names: tuple[str, ...]) -> str:
+        return " ".join(str(r) for r in sorted(reference[name] for name in names))
+
+    def unknown(kind: str, at: int, dependencies: str | None = None) -> None:
+        node = ET.SubElement(parent, kind, valueReference=str(at))
+        if dependencies is not None:
+            node.set("dependencies", dependencies)
+
+    states = [s.name for s in model.kernel.states]
+    for v, output in zip(outputs, model.kernel.outputs, strict=True):
+        used = [model.state_variables[states.index(n)].name for n in output.uses if n in states]
+        known = {*v.feedthrough, *used} - {v.name}
+        unknown("Output", v.reference, references(tuple(known)))
+    unknown("Output", interface.message_reference, "")
+    for v in model.derivatives:
+        unknown("ContinuousStateDerivative", v.reference)
+    for v in outputs:
+        unknown("InitialUnknown", v.reference, references(v.initially_from))
+    for state, v in zip(model.kernel.states, model.state_variables, strict=True):
+        if v.causality == "local":
+            unknown("InitialUnknown", v.reference, references((state.name + START,)))
+    for v in model.derivatives:
+        unknown("InitialUnknown", v.reference)
+    if model.exchanges:
+        for k in range(model.events):
+            unknown("EventIndicator", model.first_indicator + k)
+
+
+def _text(root: ET.Element) -> bytes:
+    ET.indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"

@@ -1,0 +1,115 @@
+"""Turn components into FMUs that hold compiled C, beside their sources."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ... import __version__
+from ...solver import kernel_cache
+from ...solver.component import Component
+from ..archive import packed
+from ..documentation import html_page
+from ..export import with_law_ports
+from . import description, description3
+from .compilers import PLATFORMS, compiled, compiler_for, own_platform
+from .sources import MAIN, NativeModel, native_model, sources
+
+
+@dataclass(frozen=True)
+class NativeFmu:
+    """What was written.
+
+    Attributes
+    ----------
+    path : Path
+    compiled : tuple of str
+        Platforms that it holds a binary for.
+    missing : tuple of str
+        Platforms that no compiler was there for; the sources are in the FMU all the same.
+    """
+
+    path: Path
+    compiled: tuple[str, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def note(self) -> str:
+        """One line about what is missing; empty if nothing is."""
+        if not self.missing:
+            return ""
+        held = f"binaries for {', '.join(self.compiled)}" if self.compiled else "sources only"
+        return (
+            f"{self.path}: no C compiler for {', '.join(self.missing)}, so it holds {held}; "
+            "install a compiler, or the package ziglang, which compiles for all platforms"
+        )
+
+
+def export_native(
+    component: Component,
+    path: Path | str,
+    *,
+    fmi: int = 2,
+    platforms: Sequence[str] | None = None,
+) -> NativeFmu:
+    """Export a component as an FMU of compiled C, for co-simulation and model exchange.
+
+    Parameters
+    ----------
+    component : Component
+        Without the feedback law's ports.
+    path : path-like
+        The FMU to write; replaced as a whole or not at all.
+    fmi : {2, 3}
+        Version of FMI.
+    platforms : sequence of str, optional
+        Some of ``linux64``, ``win64``, ``darwin64``; left out: this one.
+
+    Raises
+    ------
+    UnsupportedComponent
+        If this version cannot solve the component, or C has no function for its equations.
+    CompilerFailed
+        If a compiler is there but fails.
+    OSError
+        If the file cannot be written.
+    """
+    return write_native(native_model(with_law_ports(component)), path, fmi, platforms)
+
+
+def write_native(
+    model: NativeModel, path: Path | str, fmi: int, platforms: Sequence[str] | None = None
+) -> NativeFmu:
+    """As `export_native`, of a component that is compiled already."""
+    path = Path(path)
+    wanted = tuple(platforms if platforms is not None else filter(None, [own_platform()]))
+    able = tuple(name for name in wanted if compiler_for(name))
+    token = _token(model, fmi)
+    texts = sources(model, fmi, token)
+    stem = model.kernel.name
+    files: dict[str, bytes] = {}
+    if fmi == 2:
+        files["modelDescription.xml"] = description.description_of(model, token)
+    else:
+        files["modelDescription.xml"] = description3.description_of(model, token)
+        texts_and_build = description3.build_description(stem)
+        files["sources/buildDescription.xml"] = texts_and_build
+    for name in able:
+        kind = PLATFORMS[name]
+        library = compiled(name, texts, MAIN[fmi], stem)
+        files[f"binaries/{kind.folder[fmi]}/{stem}{kind.suffix}"] = library
+    page = html_page(model.kernel, model.interface)
+    files["documentation/index.html"] = page.encode()
+    files |= {f"sources/{name}": text.encode() for name, text in sorted(texts.items())}
+    kernel_cache.write_atomically(path, packed(files))
+    return NativeFmu(path, able, tuple(name for name in wanted if name not in able))
+
+
+def _token(model: NativeModel, fmi: int) -> str:
+    """The same for the same equations, variables, C sources and versions, in every process."""
+    text = "".join(sources(model, fmi, "").values()) + repr(model.interface) + __version__
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    parts = (digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])
+    return "{" + "-".join(parts) + "}"

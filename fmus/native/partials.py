@@ -1,0 +1,90 @@
+"""The partial derivatives of a component's derivatives and outputs by its states and inputs.
+
+They are what directional and adjoint derivatives are sums of. They go through the same code
+generator as everything else: as the outputs of a component that has nothing but them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from ...solver.component import Component, Mode, Output, symbol
+
+_NAME = "partial_{}_{}"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Which partial derivative an output is.
+
+    Attributes
+    ----------
+    row : int
+        Number of the derivative, or, counted on from those, of the output.
+    column : int
+        Number of the state, or, counted on from those, of the input.
+    """
+
+    row: int
+    column: int
+
+
+def entry_of(name: str) -> Entry:
+    """What the output of this name, of a component made by `partials`, is."""
+    _, row, column = name.rsplit("_", 2)
+    return Entry(int(row), int(column))
+
+
+def partials(component: Component) -> Component:
+    """A component whose outputs are the partial derivatives that are not zero everywhere.
+
+    Parameters
+    ----------
+    component : Component
+        With the feedback law's ports.
+    """
+    modes: Sequence[Mode | None] = component.modes or (None,)
+    columns = [symbol(s.name) for s in component.all_states]
+    columns += [symbol(i.name) for i in component.inputs]
+    by_mode = [_matrix(component, mode, columns) for mode in modes]
+    rows, width = by_mode[0].shape
+    outputs: list[Output] = []
+    moded: list[dict[str, sp.Expr]] = [{} for _ in modes]
+    for row in range(rows):
+        for column in range(width):
+            values = [matrix[row, column] for matrix in by_mode]
+            if all(v == 0 for v in values):
+                continue
+            name = _NAME.format(row, column)
+            outputs.append(Output(name, "1", name, values[0]))
+            for own, value in zip(moded, values, strict=True):
+                own[name] = value
+    return Component(
+        f"{component.name}_partials",
+        f"partial derivatives of {component.name}",
+        parameters=tuple(p for p in component.all_parameters if p != component.sample_time),
+        inputs=component.inputs,
+        states=tuple(replace(s, derivative=sp.Integer(0)) for s in component.all_states),
+        outputs=tuple(outputs),
+        discrete=tuple(replace(d, update=sp.Integer(0)) for d in component.discrete),
+        sample_time=component.sample_time,
+        modes=tuple(
+            Mode(m.name, outputs=own) for m, own in zip(component.modes, moded, strict=False)
+        ),
+    )
+
+
+def _matrix(component: Component, mode: Mode | None, columns: Sequence[sp.Symbol]) -> sp.Matrix:
+    rows = [
+        (mode.derivatives if mode else {}).get(s.name, e)
+        for s, e in zip(component.all_states, component.derivatives, strict=True)
+    ]
+    rows += [(mode.outputs if mode else {}).get(o.name, o.value) for o in component.all_outputs]
+    if not rows or not columns:
+        return sp.zeros(len(rows), len(columns))
+    slopes = sp.Matrix([sp.sympify(e) for e in rows]).jacobian(list(columns))
+    # of a jump, the slope on either side
+    return slopes.applyfunc(lambda e: e.replace(sp.DiracDelta, lambda *_: sp.Integer(0)))

@@ -1,0 +1,328 @@
+"""The C sources of a native FMU: tables and equations of the component, and the fixed parts."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from importlib import resources
+
+from sympy.printing.codeprinter import PrintMethodNotImplementedError
+
+from ...solver.codegen import UnsupportedComponent, generate, hashed_name
+from ...solver.component import Component
+from ...solver.kernel import Kernel
+from ...solver.stored import stored_kernel
+from ..catalogue import component, fmu_kernel
+from ..export import with_law_ports
+from ..interface import MESSAGE, Interface, Variable, interface_of
+from ..variational import variational
+from .partials import Entry, entry_of, partials
+from .translation import functions, in_c, most_events
+
+MAIN = {2: "fmi2.c", 3: "fmi3.c"}
+_PARTS = ("arithmetic.h", "stepper.h", "component.h", "exported.h")
+_EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "kind", "react")
+
+
+@dataclass(frozen=True)
+class NativeModel:
+    """A component as a native FMU needs it.
+
+    Attributes
+    ----------
+    kernel : Kernel
+    partials : Kernel
+        Of the component that `partials.partials` makes of it.
+    interface : Interface
+        The variables of pythonfmu's twin, then states that are no outputs, then derivatives.
+    state_variables : tuple of Variable
+        One per state: the output that is equal to it, or a variable of its own.
+    derivatives : tuple of Variable
+        One per state.
+    """
+
+    kernel: Kernel
+    partials: Kernel
+    interface: Interface
+    state_variables: tuple[Variable, ...]
+    derivatives: tuple[Variable, ...]
+
+    @property
+    def entries(self) -> list[Entry]:
+        return [entry_of(o.name) for o in self.partials.outputs]
+
+    @property
+    def events(self) -> int:
+        """Event indicators."""
+        return most_events(self.kernel)
+
+    @property
+    def first_indicator(self) -> int:
+        """Value reference of the first event indicator; the others follow."""
+        return self.interface.layout.size + 1 + len(self.kernel.states)
+
+    @property
+    def exchanges(self) -> bool:
+        """Whether it can be for model exchange: not where inputs set states."""
+        return not self.interface.layout.frame
+
+
+def native_model(component: Component) -> NativeModel:
+    """The component for native FMUs; it must have the feedback law's ports.
+
+    Raises
+    ------
+    UnsupportedComponent
+        If this version cannot solve it.
+    """
+    kernel = generate(component)
+    try:
+        return _model(kernel, generate(partials(component)))
+    except PrintMethodNotImplementedError as error:
+        raise UnsupportedComponent(
+            f"{component.name}: its partial derivatives cannot be computed by functions of C "
+            f"({str(error).splitlines()[0]}); export it without --native"
+        ) from error
+
+
+def stored_model(name: str, kernel: Kernel, make: Callable[[], Component]) -> NativeModel:
+    """As `native_model`, from disk where it is there already.
+
+    Parameters
+    ----------
+    name : str
+        As in `stored_kernel`.
+    kernel : Kernel
+        Of the component.
+    make : function without arguments
+        Makes the component; called only where something is not on disk yet.
+    """
+    maker = resources.files(__package__).joinpath("partials.py").read_text(encoding="utf-8")
+    stored = hashed_name(f"partials_{name}", maker)
+    return _model(kernel, stored_kernel(stored, lambda: partials(make())))
+
+
+def catalogued_model(name: str) -> NativeModel:
+    """The component of this name in the catalogue, with the feedback law's ports."""
+
+    def make() -> Component:
+        return with_law_ports(component(name))
+
+    return stored_model(name, fmu_kernel(name), make)
+
+
+def variational_model(name: str, tangents: int) -> NativeModel:
+    """As `catalogued_model`, with tangents; the name of its FMU ends in ``_variational``.
+
+    Raises
+    ------
+    UnsupportedComponent
+        If it has modes, delays or discrete states.
+    """
+
+    def make() -> Component:
+        return variational(component(name), tangents)
+
+    stem = f"{name}_variational_{tangents}"
+    return stored_model(stem, stored_kernel(f"fmu_{stem}", make), make)
+
+
+def _model(kernel: Kernel, derived: Kernel) -> NativeModel:
+    interface = interface_of(kernel, kernel.name)
+    outputs = [v for v in interface.variables if v.causality == "output"]
+    shown = _states_of_outputs(kernel)
+    taken = {v.name for v in interface.variables} | {MESSAGE}
+    layout = interface.layout
+    states, own, derivatives = [], [], []
+    for k, s in enumerate(kernel.states):
+        if k in shown:
+            state = outputs[shown.index(k)]
+        else:
+            state = Variable(
+                s.name if s.name not in taken else f"{s.name}_state",
+                layout.states + k,
+                "local",
+                "continuous",
+                s.unit,
+                s.meaning,
+                nominal=s.nominal,
+            )
+            own.append(state)
+        states.append(state)
+        derivatives.append(
+            Variable(
+                f"der({state.name})",
+                layout.size + 1 + k,
+                "local",
+                "continuous",
+                f"{s.unit}/s",
+                f"time derivative of {s.meaning}",
+                nominal=s.nominal,
+            )
+        )
+    return NativeModel(
+        kernel,
+        derived,
+        replace(interface, variables=(*interface.variables, *own, *derivatives)),
+        tuple(states),
+        tuple(derivatives),
+    )
+
+
+def _states_of_outputs(kernel: Kernel) -> list[int]:
+    """Number of the state that each output is equal to, in every mode; -1 where it is none."""
+    found: list[set[int]] = [set() for _ in kernel.outputs]
+
+    def read(body: Sequence[ast.stmt]) -> None:
+        places: dict[str, int] = {}
+        for s in body:
+            if isinstance(s, ast.If):
+                read(s.body)
+                read(s.orelse)
+            elif isinstance(s, ast.Assign):
+                (target,) = s.targets
+                if isinstance(target, ast.Name) and ast.unparse(s.value).startswith("x["):
+                    places[target.id] = int(ast.unparse(s.value)[2:-1])
+                elif isinstance(target, ast.Subscript):
+                    output = int(ast.literal_eval(target.slice))
+                    found[output].add(places.get(ast.unparse(s.value), -1))
+
+    read(functions(kernel)["out"].body)
+    return [next(iter(states)) if len(states) == 1 else -1 for states in found]
+
+
+def sources(model: NativeModel, fmi: int, token: str) -> dict[str, str]:
+    """Text by file name of everything that the compiler needs; `MAIN` names the file to compile.
+
+    Parameters
+    ----------
+    model : NativeModel
+    fmi : {2, 3}
+    token : str
+        What a host must give at instantiation.
+    """
+    folder = resources.files(__package__) / "c"
+    names = (*_PARTS, MAIN[fmi], f"fmi{fmi}_declarations.h")
+    fixed = {name: (folder / name).read_text(encoding="utf-8") for name in names}
+    return {**fixed, "model.h": _tables(model, token), "equations.h": _equations(model)}
+
+
+def _equations(model: NativeModel) -> str:
+    states = len(model.kernel.states)
+    written = functions(model.kernel)
+    parts = [in_c(written[name], states) for name in _EQUATIONS]
+    parts.append(in_c(functions(model.partials)["out"], states, "partial"))
+    head = (
+        f"/* The equations of {model.kernel.name}, generated: derivatives dx, their partial\n"
+        " * derivatives J by the states and ft by time, outputs y, next discrete states d, event\n"
+        " * indicators g, and all partial derivatives of derivatives and outputs. */\n"
+        "#include <math.h>\n"
+    )
+    return "\n".join([head, *parts])
+
+
+def _tables(model: NativeModel, token: str) -> str:
+    kernel, layout = model.kernel, model.interface.layout
+    n = len(kernel.states)
+    constants: dict[str, int] = {
+        "N": n,
+        "INPUTS": layout.inputs,
+        "DISCRETE": layout.discrete,
+        "MODES": layout.modes,
+        "EVENTS": model.events,
+        "HELD_SIZE": layout.held,
+        "OUTPUT_COUNT": len(kernel.outputs),
+        "PARTIALS": len(model.entries),
+        "AT_PARAMETERS": layout.parameters,
+        "AT_STATES": layout.states,
+        "AT_OUTPUTS": layout.outputs,
+        "AT_STARTS": layout.starts,
+        "AT_TOLERANCE": layout.tolerance,
+        "AT_INFO": layout.info,
+        "AT_TIME": layout.time,
+        "AT_SAMPLES": layout.samples,
+        "STEP_START": layout.step_start,
+        "AT_SAMPLE_TIME": layout.sample_time,
+        "MEMORY": layout.size,
+        "MESSAGE_REFERENCE": model.interface.message_reference,
+        "FIRST_DERIVATIVE": layout.size + 1,
+        "FIRST_INDICATOR": model.first_indicator,
+        "REFERENCES": model.first_indicator + model.events,
+        "CAN_EXCHANGE": int(model.exchanges),
+    }
+    constants |= {f"FRAME_{key.upper()}": value for key, value in layout.frame.items()}
+    shown = _states_of_outputs(kernel)
+    pairs = ", ".join(f"{{{e.row}, {e.column}}}" for e in model.entries)
+    return "\n".join(
+        [
+            f"/* What {kernel.name} consists of, generated; offsets are into the array of all its",
+            " * numbers, where a variable's value reference is its place. */",
+            "#ifndef MODEL_H",
+            "#define MODEL_H",
+            "",
+            "#include <math.h>",
+            "",
+            f"#define MODEL {_quoted(kernel.name)}",
+            f"#define TOKEN {_quoted(token)}",
+            *(f"#define {name} ({value})" for name, value in constants.items()),
+            "",
+            _array("double", "INITIAL", [_number(v) for v in layout.initial]),
+            _array("double", "NOMINAL", [_number(v) for v in layout.nominal]),
+            "/* the state that an output is equal to */",
+            _array("int", "STATE_OF_OUTPUT", map(str, shown)),
+            "/* row and column of each partial derivative: derivatives and outputs by states and "
+            "inputs */",
+            f"static const short PARTIAL_AT[][2] = {{{pairs or '{0, 0}'}}};",
+            "",
+            "typedef struct {",
+            "    enum {",
+            "        NOTHING, INPUT, PARAMETER, OUTPUT, STATE,",
+            "        DERIVATIVE, MESSAGE, CLOCK, INDICATOR",
+            "    } what;",
+            "    const char *name, *unit;",
+            "    double low, high;",
+            "} Variable;",
+            "",
+            "static const Variable VARIABLES[REFERENCES] = {",
+            *(f"    [{line}," for line in _variables(model)),
+            "};",
+            "",
+            "#endif",
+            "",
+        ]
+    )
+
+
+def _variables(model: NativeModel) -> Iterable[str]:
+    layout = model.interface.layout
+    kinds = {"input": "INPUT", "parameter": "PARAMETER", "output": "OUTPUT"}
+    own = {v.reference for v in model.state_variables}
+    for v in model.interface.variables:
+        kind = kinds.get(v.causality) or ("STATE" if v.reference in own else "DERIVATIVE")
+        yield (
+            f"{v.reference}] = {{{kind}, {_quoted(v.name)}, {_quoted(v.unit)}, "
+            f"{_number(v.minimum)}, {_number(v.maximum)}}}"
+        )
+    for reference, kind, name in (
+        (model.interface.message_reference, "MESSAGE", MESSAGE),
+        (layout.time, "CLOCK", "time"),
+        *((model.first_indicator + k, "INDICATOR", "indicator") for k in range(model.events)),
+    ):
+        yield f'{reference}] = {{{kind}, "{name}", "1", -HUGE_VAL, HUGE_VAL}}'
+
+
+def _array(kind: str, name: str, values: Iterable[str]) -> str:
+    return f"static const {kind} {name}[] = {{{', '.join(values) or '0'}}};"
+
+
+def _number(value: float) -> str:
+    if math.isinf(value):
+        return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
+    return repr(float(value))
+
+
+def _quoted(text: str) -> str:
+    plain = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
+    return f'"{plain}"'

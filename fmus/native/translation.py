@@ -1,0 +1,181 @@
+"""The generated equations, which are plain Python over ``math``, as C.
+
+The equations are printed once, by the code generator, and go into pythonfmu's twins as they are.
+Writing them in C term by term keeps the order of every operation, so that the twins' numbers agree
+to the last digits, and needs no derivation anew.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+
+from ...solver.codegen import UnsupportedComponent
+from ...solver.kernel import Kernel
+
+_HEADS = {
+    "rhs": "void rhs(double t, const double *x, const double *u, const double *p, double *dx)",
+    "jac": "void jac(double t, const double *x, const double *u, const double *p, double *J, "
+    "double *ft)",
+    "out": "void out(double t, const double *x, const double *u, const double *p, double *y)",
+    "sample": "void sample(double t, const double *x, const double *u, const double *p, double *d)",
+    "indicate": "void indicate(double t, const double *x, const double *u, const double *p, "
+    "double *g)",
+    "kind": "int kind(const double *u, int k)",
+    "react": "void react(double t, double *x, double *u, const double *p, int k)",
+}
+_SAME_NAMES = (
+    "acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh erf erfc exp expm1 fabs floor "
+    "fmod hypot lgamma log log10 log1p log2 pow sin sinh sqrt tan tanh"
+)
+_OTHER_NAME = {"gamma": "tgamma"}
+_CONSTANTS = {"pi": repr(math.pi), "e": repr(math.e), "inf": "HUGE_VAL"}
+_OPERATORS: dict[type[ast.AST], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+    ast.And: "&&",
+    ast.Or: "||",
+    ast.USub: "-",
+    ast.UAdd: "+",
+    ast.Not: "!",
+}
+
+
+def functions(kernel: Kernel) -> dict[str, ast.FunctionDef]:
+    """The generated functions by name."""
+    tree = ast.parse(kernel.source)
+    return {n.name: n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name in _HEADS}
+
+
+def most_events(kernel: Kernel) -> int:
+    """Events of the mode that has most."""
+    for node in ast.parse(kernel.source).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "MOST_EVENTS":
+            return int(ast.literal_eval(node.value))
+    return 0
+
+
+def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
+    """One generated function in C.
+
+    Parameters
+    ----------
+    function : ast.FunctionDef
+    width : int
+        Columns of matrices.
+    name : str, optional
+        Name in C, if it is to be another.
+
+    Raises
+    ------
+    UnsupportedComponent
+        If there is something in it that C has no function for.
+    """
+    head = _HEADS[function.name]
+    if name:
+        head = head.replace(f" {function.name}(", f" {name}(")
+    lines = [f"static {head}", "{"]
+    lines += [f"    (void)({a.arg});" for a in function.args.args]
+    lines += _block(function.body, width, "    ")
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+def _block(statements: list[ast.stmt], width: int, indent: str) -> list[str]:
+    lines: list[str] = []
+    for s in statements:
+        if isinstance(s, ast.Assign):
+            (target,) = s.targets
+            left = _expression(target, width)
+            declared = f"const {_type(s.value)} " if isinstance(target, ast.Name) else ""
+            lines.append(f"{indent}{declared}{left} = {_expression(s.value, width)};")
+        elif isinstance(s, ast.If):
+            lines.append(f"{indent}if ({_expression(s.test, width)}) {{")
+            lines += _block(s.body, width, indent + "    ")
+            if s.orelse:
+                lines.append(f"{indent}}} else {{")
+                lines += _block(s.orelse, width, indent + "    ")
+            lines.append(f"{indent}}}")
+        elif isinstance(s, ast.Return):
+            value = f" {_expression(s.value, width)}" if s.value else ""
+            # kinds of events are whole numbers
+            lines.append(f"{indent}return{value.removesuffix('.0')};")
+        elif not isinstance(s, ast.Pass):
+            raise _untranslated(s)
+    return lines
+
+
+def _type(value: ast.expr) -> str:
+    logical = isinstance(value, ast.Compare | ast.BoolOp) or (
+        isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.Not)
+    )
+    return "int" if logical else "double"
+
+
+def _expression(e: ast.expr, width: int) -> str:
+    def inner(part: ast.expr) -> str:
+        return _expression(part, width)
+
+    if isinstance(e, ast.Constant) and isinstance(e.value, bool):
+        return str(int(e.value))
+    if isinstance(e, ast.Constant) and isinstance(e.value, int | float):
+        return repr(e.value) if math.isfinite(e.value) else "HUGE_VAL"
+    if isinstance(e, ast.Name):
+        return e.id
+    if isinstance(e, ast.Subscript):
+        at = e.slice
+        if isinstance(at, ast.Tuple):
+            row, column = (int(ast.literal_eval(part)) for part in at.elts)
+            return f"{inner(e.value)}[{row * width + column}]"
+        return f"{inner(e.value)}[{inner(at)}]"
+    if isinstance(e, ast.BinOp) and isinstance(e.op, ast.Pow):
+        return f"pow({inner(e.left)}, {inner(e.right)})"
+    if isinstance(e, ast.BinOp) and type(e.op) in _OPERATORS:
+        return f"({inner(e.left)} {_OPERATORS[type(e.op)]} {inner(e.right)})"
+    if isinstance(e, ast.UnaryOp) and type(e.op) in _OPERATORS:
+        return f"({_OPERATORS[type(e.op)]}{inner(e.operand)})"
+    if isinstance(e, ast.BoolOp):
+        return "(" + f" {_OPERATORS[type(e.op)]} ".join(map(inner, e.values)) + ")"
+    if isinstance(e, ast.Compare) and all(type(o) in _OPERATORS for o in e.ops):
+        parts = [e.left, *e.comparators]
+        pairs = [
+            f"({inner(a)} {_OPERATORS[type(o)]} {inner(b)})"
+            for a, o, b in zip(parts, e.ops, parts[1:], strict=False)
+        ]
+        return pairs[0] if len(pairs) == 1 else f"({' && '.join(pairs)})"
+    if isinstance(e, ast.IfExp):
+        return f"({inner(e.test)} ? {inner(e.body)} : {inner(e.orelse)})"
+    if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in _CONSTANTS:
+        return _CONSTANTS[e.attr]
+    if isinstance(e, ast.Call) and not e.keywords:
+        return _call(e, list(map(inner, e.args)))
+    raise _untranslated(e)
+
+
+def _call(e: ast.Call, arguments: list[str]) -> str:
+    called = ast.unparse(e.func)
+    if called == "abs":
+        return f"fabs({arguments[0]})"
+    if called in ("min", "max") and arguments:
+        text = arguments[0]
+        for other in arguments[1:]:
+            text = f"{'larger' if called == 'max' else 'smaller'}({text}, {other})"
+        return text
+    name = called.removeprefix("math.") if called.startswith("math.") else ""
+    if name in _SAME_NAMES.split() or name in _OTHER_NAME:
+        return f"{_OTHER_NAME.get(name, name)}({', '.join(arguments)})"
+    raise _untranslated(e)
+
+
+def _untranslated(node: ast.AST) -> UnsupportedComponent:
+    return UnsupportedComponent(
+        f"{ast.unparse(node)!r} in its equations has no counterpart in C; export it without "
+        "--native"
+    )

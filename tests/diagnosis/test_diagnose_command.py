@@ -1,0 +1,203 @@
+"""The command: records in; verdict, page and plant out; faults in one line, nothing by halves."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from diagnosed import run
+from hidden_cases import draw_case, write_case
+
+pytestmark = pytest.mark.xdist_group("diagnosis")  # one diagnosis is made once
+
+FILES = {
+    "diagnosis.json",
+    "report.html",
+    "diagnosis.png",
+    "diagnosis.svg",
+    "curves.parquet",
+    "extended_plant.fmu",
+    "parameters.toml",
+}
+
+
+def test_a_hidden_load_is_named_and_everything_is_written(diagnosed):
+    assert diagnosed.code == 0
+    assert {p.name for p in diagnosed.folder.iterdir()} == FILES
+    assert diagnosed.result["verdict"] == "explained"
+    assert [c["name"] for c in diagnosed.result["causes"]] == ["load_bias"]
+
+
+def test_what_is_printed_says_all_that_matters(diagnosed):
+    printed = diagnosed.printed
+    result = diagnosed.result
+    assert printed.startswith("explained: load_bias explains")
+    assert result["where"] in printed
+    for name in ("baseline_residual", "adjusted_residual", "final_residual", "floor"):
+        assert f"{result[name]['force_N']:.4g}" in printed
+        assert f"{1e6 * result[name]['position_m']:.4g}" in printed
+    low, high = result["causes"][0]["intervals"]["load"]
+    assert f"{low:.4g} .. {high:.4g}" in printed
+    assert "closed loop: under nctf" in printed
+    assert "\033" not in diagnosed.said
+
+
+def test_curves_are_as_long_as_the_record_and_add_up(diagnosed):
+    table = {n: c.to_numpy() for n, c in zip(*_columns(diagnosed.folder), strict=True)}
+    rows = len(diagnosed.record.read_text().splitlines()) - 1
+    assert len(table["time"]) == rows
+    assert np.allclose(table["force"], table["predicted"] + table["before"])
+
+
+def _columns(folder):
+    table = pq.read_table(folder / "curves.parquet")
+    return table.column_names, table.columns
+
+
+def test_the_extended_plant_runs_in_the_closed_loop(diagnosed, tmp_path):
+    plant = diagnosed.folder / "extended_plant.fmu"
+    given = ("--controller", "nctf", "--plant", plant, "--stop", "0.05", "--out", tmp_path)
+    code, printed, _ = run("run", *given)
+    assert code == 0
+    assert "trusted" in printed
+
+
+def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_path):
+    files = write_case(draw_case(("none",), 3), tmp_path / "data")
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("diagnosis.json", "extended_plant.fmu", "parameters.toml"):
+        (out / name).write_text("of another record")
+    given = ("diagnose", files.record, "--params", files.parameters, "--out", out, "--json")
+    code, printed, _ = run(*given)
+    assert code == 0
+    told = json.loads(printed)
+    assert told == json.loads((out / "diagnosis.json").read_text())
+    assert told["verdict"] == "none"
+    assert told["causes"] == []
+    assert not (out / "extended_plant.fmu").exists()
+    assert not (out / "parameters.toml").exists()
+    assert "No cause was named" in (out / "report.html").read_text()
+
+
+def test_structure_that_no_cause_has_gives_exit_code_one(tmp_path):
+    files = write_case(draw_case(("detent",), 0), tmp_path / "data")
+    out = tmp_path / "out"
+    code, printed, _ = run("diagnose", files.record, "--params", files.parameters, "--out", out)
+    assert code == 1
+    assert printed.startswith("unexplained: ")
+    assert "without a name: structure that lives with position" in printed
+    assert "next experiment: " in printed
+    assert "  ballscrew rig " in printed
+    assert {p.name for p in out.iterdir()} == FILES - {"extended_plant.fmu", "parameters.toml"}
+    assert 'class="shape"' in (out / "report.html").read_text()
+
+
+def bad(*arguments):
+    """What the command says of a request that makes no sense."""
+    code, printed, said = run("diagnose", *arguments)
+    assert code == 2
+    assert printed == ""
+    assert said.startswith("ballscrew: ")
+    assert said.count("\n") == 1
+    return said
+
+
+def test_requests_that_make_no_sense_are_one_line(diagnosed, tmp_path):
+    record, params, out = diagnosed.record, diagnosed.parameters, tmp_path / "out"
+    believed = ("--params", params, "--out", out)
+    table = tmp_path / "table.csv"
+    table.write_text("way,sigma\n+,1\n-,2\n+,1\n-,2\n")
+    for arguments, words in (
+        (("--out", out), "neither DATA nor --trials"),
+        ((record, "--value", "x", "--out", out), "--value is for --trials"),
+        ((record, "--trials", table, "--value", "sigma", "--out", out), "DATA and --trials"),
+        (("--trials", table, "--out", out), "needs --value"),
+        (("--trials", table, "--value", "sgma", "--out", out), "sigma"),
+        (("--trials", tmp_path / "no.csv", "--value", "sigma", "--out", out), "cannot be read"),
+        ((tmp_path / "no.csv", *believed), "no such file"),
+        ((record, "--map", "u", *believed), "THEIRS=OURS"),
+        ((record, "--map", "volts=u", *believed), "there is no column 'volts'"),
+        ((record, "--law", "modified_lugr", *believed), "did you mean modified_lugre?"),
+        ((record, "--params", tmp_path / "no.toml", "--out", out), "cannot be read"),
+        ((record, "--params", record, "--out", out), "is no TOML file"),
+        ((record, "--params", params, "--out", record), "is a file, expected a folder"),
+    ):
+        assert words in bad(*arguments), arguments
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_results_do_not_take_the_place_of_what_they_are_made_from(diagnosed, tmp_path):
+    mine = tmp_path / "parameters.toml"
+    mine.write_bytes(diagnosed.parameters.read_bytes())
+    said = bad(diagnosed.record, "--params", mine, "--out", tmp_path)
+    assert "would be overwritten" in said
+    assert mine.read_bytes() == diagnosed.parameters.read_bytes()
+    table = tmp_path / "trials.json"
+    assert "overwritten" in bad("--trials", table, "--value", "x", "--out", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda t: {**t, "x": 0 * t["x"]}, "the position never changes"),
+        (lambda t: {**t, "u": 0 * t["u"]}, "the command u is zero all the time"),
+        (lambda t: {n: v[:100] for n, v in t.items()}, "is too short"),
+        (lambda t: {n: v for n, v in t.items() if n != "u"}, "has no column 'u'"),
+        (lambda t: {**t, "x": 1e3 * t["x"]}, "too much for m"),
+    ],
+    ids=["no motion", "no command", "too short", "no column", "millimetres"],
+)
+def test_records_that_carry_no_diagnosis_leave_nothing_behind(diagnosed, tmp_path, spoil, words):
+    names, rows = diagnosed.record.read_text().split("\n", 1)
+    columns = np.loadtxt(rows.splitlines(), delimiter=",", ndmin=2).T
+    table = spoil(dict(zip(names.split(","), columns, strict=True)))
+    path, out = tmp_path / "spoilt.csv", tmp_path / "out"
+    data = np.column_stack(list(table.values()))
+    np.savetxt(path, data, delimiter=",", header=",".join(table), comments="", fmt="%.9g")
+    assert words in bad(path, "--params", diagnosed.parameters, "--out", out)
+    assert not list(out.iterdir())
+
+
+# -- tables of trials ------------------------------------------------------------------------
+
+
+def trials(tmp_path, rows, *more):
+    table = tmp_path / "table.csv"
+    table.write_text("way,pace,sigma\n" + "\n".join(",".join(map(str, r)) for r in rows) + "\n")
+    given = ("--trials", table, "--value", "sigma", "--out", tmp_path / "out")
+    return run("diagnose", *given, *more)
+
+
+def test_a_condition_that_explains_the_scatter_is_said_with_its_size(tmp_path):
+    random = np.random.default_rng(0)
+    rows = [
+        (way, pace, f"{(3.0 if way == '+' else 1.0) + 0.1 * random.standard_normal():.4f}")
+        for way in "+-"
+        for pace in (1, 2)
+        for _ in range(4)
+    ]
+    code, printed, _ = trials(tmp_path, rows)
+    assert code == 0
+    assert "is not all scatter: way explains" in printed
+    told = json.loads((tmp_path / "out" / "trials.json").read_text())
+    assert told["answer"] in printed
+    way = next(c for c in told["conditions"] if c["name"] == "way")
+    assert way["difference"] == pytest.approx(2.0, abs=0.2)
+    assert f"{way['difference']:.4g}" in printed
+    assert f"{way['p_value']:.2g}" in printed
+
+
+def test_json_of_trials_is_what_is_written(tmp_path):
+    rows = [(w, p, v) for v, (w, p) in enumerate([("+", 1), ("-", 2), ("+", 2), ("-", 1)] * 3)]
+    _, printed, _ = trials(tmp_path, rows, "--json")
+    assert json.loads(printed) == json.loads((tmp_path / "out" / "trials.json").read_text())
+
+
+def test_trials_that_are_too_few_to_tell_give_exit_code_one(tmp_path):
+    code, printed, _ = trials(tmp_path, [("+", 1, 1), ("-", 1, 2), ("+", 1, 1.5), ("-", 1, 3)])
+    assert code == 1
+    assert "cannot tell about way" in printed
+    assert "pace: no condition, the same in every trial" in printed

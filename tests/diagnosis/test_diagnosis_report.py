@@ -1,0 +1,397 @@
+"""The page: opened in a real browser, read by an engineer, made of what strangers' files say."""
+
+from __future__ import annotations
+
+import re
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from browser import PROGRAM, opened
+
+from ballscrew.diagnosis.closed_loop_effect import (
+    NoClosedLoop,
+    closed_loop_effect,
+)
+from ballscrew.diagnosis.diagnose import TRIALS_FOR
+from ballscrew.diagnosis.diagnosis import Curves, Diagnosis, FoundCause, Level, NextExperiment
+from ballscrew.diagnosis.diagnosis_pictures import (
+    MOST,
+    binned,
+    drawn,
+    end_to_end,
+    pictures_of,
+    smoothed,
+    thinned,
+)
+from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report, rig_command
+from ballscrew.diagnosis.drive_model import DriveModel
+
+pytestmark = pytest.mark.xdist_group("diagnosis")
+browser = pytest.mark.skipif(PROGRAM is None, reason="no chromium here: apt-get install chromium")
+
+PICTURES = [
+    "force",
+    "residual_time",
+    "residual_position",
+    "residual_velocity",
+    "position_residual",
+    "causes",
+    "loop",
+    "loop_difference",
+]
+
+
+# -- in a browser ----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def page(diagnosed):
+    with opened(diagnosed.folder / "report.html") as made:
+        yield made
+
+
+def box(page, name):
+    """Middle and size of a picture's drawing, brought into the window."""
+    page.evaluate(f"document.getElementById('{name}').scrollIntoView({{block: 'center'}})")
+    return page.evaluate(
+        f"(() => {{const r = document.querySelector('#{name} .plot').getBoundingClientRect();"
+        "return [r.x + r.width / 2, r.y + r.height / 2, r.width, r.height];})()"
+    )
+
+
+def view(page, name):
+    text = page.evaluate(f"document.querySelector('#{name} .plot').getAttribute('viewBox')")
+    return [float(number) for number in text.split()]
+
+
+def numbers(page, name):
+    found = page.evaluate(
+        f"[...document.querySelectorAll('#{name} .ticks text.x')].map(t => t.textContent)"
+    )
+    return [float(text) for text in found]
+
+
+def wait_until(true):
+    """Events come when the browser has drawn."""
+    end = time.monotonic() + 10.0
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@browser
+def test_the_script_runs_and_every_picture_is_there(page):
+    assert page.evaluate("document.documentElement.dataset.pictures") == str(len(PICTURES))
+    ids = page.evaluate("[...document.querySelectorAll('figure')].map(f => f.id)")
+    assert ids == PICTURES
+    for name in PICTURES:
+        _, _, width, height = box(page, name)
+        assert width > 500
+        assert height > 150
+        lengths = page.evaluate(
+            f"[...document.querySelectorAll('#{name} .plot path')].map(p => p.getTotalLength())"
+        )
+        assert lengths
+        if name != "residual_velocity":  # dots
+            assert min(lengths) > 100
+        assert len(numbers(page, name)) >= 3
+
+
+@browser
+@pytest.mark.parametrize("name", ["force", "residual_time", "loop"])
+def test_wheel_drag_and_double_click_zoom_move_and_reset(page, name):
+    home = view(page, name)
+    ticks = numbers(page, name)
+    x, y, *_ = box(page, name)
+    page.mouse("mouseWheel", x, y, deltaX=0, deltaY=-400)
+    wait_until(lambda: view(page, name) != home)
+    zoomed = view(page, name)
+    assert zoomed[2] < 0.9 * home[2]
+    assert zoomed[3] < 0.9 * home[3]
+    closer = numbers(page, name)
+    assert closer != ticks
+    assert max(closer) - min(closer) < max(ticks) - min(ticks)
+    held = {"button": "left", "clickCount": 1}
+    page.mouse("mousePressed", x, y, **held)
+    page.mouse("mouseMoved", x - 80, y, button="left", buttons=1)
+    page.mouse("mouseReleased", x - 80, y, **held)
+    wait_until(lambda: view(page, name)[0] > zoomed[0])
+    assert view(page, name)[2:] == pytest.approx(zoomed[2:])
+    for count in (1, 2):
+        page.mouse("mousePressed", x, y, button="left", clickCount=count)
+        page.mouse("mouseReleased", x, y, button="left", clickCount=count)
+    wait_until(lambda: view(page, name) == home)
+    assert numbers(page, name) == ticks
+
+
+@browser
+def test_a_wheel_that_cannot_zoom_out_further_scrolls_the_page(page):
+    x, y, *_ = box(page, "force")
+    before = page.evaluate("scrollY")
+    page.mouse("mouseWheel", x, y, deltaX=0, deltaY=200)
+    wait_until(lambda: page.evaluate("scrollY") > before)
+    assert view(page, "force") == [0, 0, 1000, 1000]
+
+
+@browser
+def test_nothing_is_asked_of_a_network_and_nothing_is_complained_of(page, diagnosed):
+    assert page.requests == [(diagnosed.folder / "report.html").resolve().as_uri()]
+    assert page.errors == []
+
+
+@browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_what_is_written_can_be_read_in_light_and_in_dark(page, scheme):
+    """WCAG's contrast of 4.5 for text, 3 for lines, against the page's own background."""
+    page.call(
+        "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}]
+    )
+    paper = rgb(page, "body", "backgroundColor")
+    for selector in ("h1", "figcaption", "td", "dd", "footer"):
+        assert contrast(rgb(page, selector, "color"), paper) >= 4.5, selector
+    assert contrast(rgb(page, ".ticks text", "fill"), paper) >= 4.5
+    for colour in ("before", "after", "cause", "measured"):
+        assert contrast(rgb(page, f".plot path.{colour}", "stroke"), paper) >= 3.0, colour
+    page.call("Emulation.setEmulatedMedia", features=[])
+    assert (sum(paper) > 1.5) == (scheme == "light")
+
+
+@browser
+@pytest.mark.parametrize("width", [400, 1100])
+def test_the_page_is_no_wider_than_its_window(diagnosed, width):
+    with opened(diagnosed.folder / "report.html", width=width) as narrow:
+        assert narrow.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def rgb(page, selector, name):
+    text = page.evaluate(f"getComputedStyle(document.querySelector('{selector}')).{name}")
+    return [int(part) / 255 for part in re.findall(r"\d+", text)[:3]]
+
+
+def contrast(first, second):
+    def light(colour):
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+        return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+    low, high = sorted((light(first), light(second)))
+    return (high + 0.05) / (low + 0.05)
+
+
+# -- what it says ----------------------------------------------------------------------------
+
+
+def found(**changes) -> Diagnosis:
+    """A diagnosis made by hand, of two short records."""
+    n = 3000
+    random = np.random.default_rng(0)
+    zero, noise = np.zeros(n), random.standard_normal(n)
+    record = np.repeat([0, 1], n // 2)
+    x = np.tile(np.sin(np.linspace(0, 12, n // 2)), 2) * 1e-2
+    curves = Curves(
+        time=np.tile(np.arange(n // 2) * 1e-3, 2),
+        record=record,
+        x=x,
+        v=np.gradient(x, 1e-3),
+        force=noise,
+        predicted=zero,
+        before=noise,
+        after=0.1 * noise,
+        position_before=1e-6 * noise,
+        position_after=1e-7 * noise,
+        cause=zero,
+        shape=changes.pop("shape", zero),
+        telling=np.ones(n, dtype=bool),
+    )
+    cause = FoundCause(
+        name="backlash",
+        says="a gap between screw and block",
+        parameters={"gap": 1.234e-5},
+        intervals={"gap": (1.1e-5, 1.4e-5)},
+        units={"gap": "m"},
+        gain_heldout=0.4321,
+        gain_interval=(0.4, 0.46),
+        before=Level(1.0, 2e-6),
+        after=Level(0.75, 1e-6),
+        evidence=50.0,
+        p_value=1e-9,
+        chosen_again=0.8,
+        confused_with=("compliance",),
+        confirm="slow reversals",
+    )
+    model = DriveModel("ball_screw", "modified_lugre", {"Fc": 1.25, "Jm": 4e-7}, {"Fc": 0.03})
+    given = {
+        "verdict": "explained",
+        "where": "It lives at reversals.",
+        "floor": Level(0.1, 1e-7),
+        "baseline_residual": Level(1.0, 2e-6),
+        "adjusted_residual": Level(1.0, 2e-6),
+        "final_residual": Level(0.75, 1e-6),
+        "gain_interval": (0.4, 0.46),
+        "causes": (cause,),
+        "unnamed": (),
+        "out_of_reach": (),
+        "next_experiment": NextExperiment("2.4/1", "slow reversals tell it from compliance"),
+        "believed": model,
+        "mended": model.changed({"Fc": 1.275}),
+        "adjustments": {"Fc": 0.02},
+        "noise": {"position_m": 1e-7},
+        "alone": {},
+        "records": ("run.csv",),
+        "curves": curves,
+        "seconds": 1.0,
+        "notes": (),
+        **changes,
+    }
+    return Diagnosis(**given)
+
+
+def text_of(page):
+    """What a reader sees, as one line."""
+    return " ".join(re.sub(r"<(style|script).*?</\1>|<[^>]+>", " ", page, flags=re.S).split())
+
+
+NO_LOOP = ClosedLoopSection(None, "The solver gets no further.")
+
+
+def test_a_cause_is_told_with_size_gain_doubt_and_what_would_confirm_it():
+    said = text_of(report(found(), NO_LOOP))
+    for words in (
+        "backlash explains what the model gets wrong",
+        "a gap between screw and block",
+        "1.234e-05 1.1e-05 to 1.4e-05 m",
+        "43.2 % of the mean square in force (40 % to 46 %)",
+        "75 % in position",
+        "confused with, in these records compliance",
+        "named again in 80 % of the parts",
+        "would confirm it slow reversals",
+        "ballscrew rig 2.4/1 --out",
+        "Fc 1.25 1.275 +2 % 3 % N",
+        "The solver gets no further.",
+    ):
+        assert words in said, words
+
+
+def test_before_and_after_stand_against_the_floor():
+    said = text_of(report(found(), NO_LOOP))
+    assert "model as believed 1 N 10 2 µm 20" in said
+    assert "with everything that was found * 0.75 N 7.5 1 µm 10" in said
+    assert "noise alone (floor) 0.1 N 1 0.1 µm 1" in said
+
+
+def test_what_does_worse_on_data_held_out_is_said_not_to_be_relied_on():
+    said = text_of(report(found(final_residual=Level(300.0, 1e-2)), NO_LOOP))
+    assert "must not be relied on" in said
+    assert "must not be relied on" not in text_of(report(found(), NO_LOOP))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "changes", "words"),
+    [
+        ("none", {"causes": ()}, "Nothing is wrong with the model that these records could show"),
+        ("partly", {"unnamed": ("with time",)}, "backlash explains part of what"),
+        ("unexplained", {"causes": (), "unnamed": ("with time",)}, "no cause of the catalogue"),
+    ],
+)
+def test_each_verdict_is_a_sentence(verdict, changes, words):
+    said = text_of(report(found(verdict=verdict, **changes), NO_LOOP))
+    assert words in said
+    assert ("it lives with time" in said or "lives with time" in said) == ("unnamed" in changes)
+
+
+def test_structure_without_a_name_has_its_shape_shown():
+    page = report(found(verdict="partly", unnamed=("at reversals",), shape=np.ones(3000)), NO_LOOP)
+    assert "without a name" in page
+    assert 'class="shape"' in page
+    assert 'class="shape"' not in report(found(), NO_LOOP)
+
+
+def test_what_a_stranger_s_file_says_does_not_become_part_of_the_page():
+    name = "<script>alert(1)</script>&amp;.csv"
+    page = report(found(records=(name,), notes=(f"{name}: clipped?",)), NO_LOOP)
+    assert "<script>alert" not in page
+    assert page.count("&lt;script&gt;alert(1)&lt;/script&gt;&amp;amp;.csv") == 2
+
+
+@pytest.mark.parametrize("trial", sorted({trial for trial, _ in TRIALS_FOR.values()}))
+def test_the_rig_knows_every_trial_that_is_asked_for(trial):
+    from ballscrew.cli import _parser
+
+    options = _parser().parse_args(rig_command(trial).split()[1:])
+    from ballscrew.rig.trials import trials_named
+
+    assert trials_named(options.trials[0])
+
+
+# -- pictures --------------------------------------------------------------------------------
+
+
+def test_thinning_keeps_every_peak():
+    values = np.zeros(100_000)
+    values[[17, 50_003, 99_998]] = (5.0, -7.0, 3.0)
+    x, y = thinned(np.arange(100_000.0), values)
+    assert len(x) <= MOST
+    assert {17.0: 5.0, 50_003.0: -7.0, 99_998.0: 3.0}.items() <= dict(
+        zip(x.tolist(), y.tolist(), strict=True)
+    ).items()
+    assert np.all(np.diff(x) >= 0)
+
+
+def test_thinning_does_not_join_what_is_interrupted():
+    x = np.arange(100_000.0)
+    x[33_333] = np.nan
+    assert np.count_nonzero(np.isnan(thinned(x, np.ones(len(x)))[0])) == 1
+
+
+def test_records_follow_each_other_and_are_not_joined():
+    curves = found().curves
+    time = end_to_end(curves)
+    assert np.isnan(time[1499])
+    assert time[1500] == pytest.approx(1.5)
+    assert np.all(np.diff(time[np.isfinite(time)]) > 0)
+    *_, path = re.findall(r'class="before" d="([^"]*)"', drawn(pictures_of(found())[0]))
+    assert path.count("M") == 2
+
+
+def test_smoothing_does_not_mix_records():
+    record = np.repeat([0, 1], 500)
+    assert np.array_equal(smoothed(record.astype(float), record, 1e-3), record)
+
+
+def test_means_by_position_leave_out_what_hardly_was_there():
+    x = np.concatenate([np.linspace(0, 1, 6000), [2.0]])
+    place, mean = binned(x, 3.0 * np.ones(6001), np.ones(6001, dtype=bool))
+    assert np.all(mean[place < 0.9] == 3.0)
+    assert np.all(np.isnan(mean[place > 1.1]))
+
+
+def test_pictures_of_signals_without_any_size_are_drawn():
+    zero = np.zeros(3000)
+    curves = replace(found().curves, force=zero, before=zero, after=zero, x=zero, v=zero)
+    for picture in pictures_of(found(curves=curves)):
+        assert "nan" not in drawn(picture)
+        assert "inf" not in drawn(picture)
+
+
+# -- the closed loop -------------------------------------------------------------------------
+
+
+def test_a_closed_loop_with_the_believed_plant_on_both_sides_differs_in_nothing(diagnosed):
+    from ballscrew.diagnosis.believed import read_believed
+    from ballscrew.diagnosis.extended_plant import extended_plant
+
+    plant = extended_plant(read_believed(diagnosed.parameters), [])
+    effect = closed_loop_effect(plant, plant)
+    assert effect.farthest == 0.0
+    assert effect.believed.becomes == "stuck on a line of equilibria"
+    assert effect.believed.slowest is not None
+    assert effect.believed.slowest < 0
+    assert effect.believed.settling is not None
+
+
+def test_a_plant_that_the_controller_does_not_fit_is_said():
+    from ballscrew.fmus.catalogue import component
+
+    with pytest.raises(NoClosedLoop, match="does not run under nctf"):
+        closed_loop_effect(component("nctf"), component("nctf"))

@@ -1,0 +1,68 @@
+"""Evidence of linear models, against the normal density of the whole signal."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from ballscrew.diagnosis.evidence import (
+    Prior,
+    Products,
+    conditioned,
+    evidence_of,
+    gain,
+    weigh,
+)
+
+
+def density(y, columns, priors):
+    """Logarithm of the density of y, less what white noise alone would give."""
+    mean = np.zeros(len(y))
+    covariance = np.eye(len(y))
+    for p in priors:
+        x = columns[:, p.columns]
+        mean += x @ p.mean
+        covariance += (x * p.spread**2) @ x.T
+    return multivariate_normal(mean, covariance).logpdf(y) + 0.5 * len(y) * np.log(2 * np.pi)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_evidence_is_the_density_of_the_signal(seed):
+    random = np.random.default_rng(seed)
+    columns = random.standard_normal((40, 6))
+    y = columns[:, 0]
+    products = Products.of(columns, [0, 15, 40]).over()
+    first = Prior(np.array([1, 2]), random.standard_normal(2), random.uniform(0.1, 3, 2))
+    second = Prior(np.array([3, 4, 5]), random.standard_normal(3), random.uniform(0.1, 3, 3))
+    one, both = density(y, columns, [first]), density(y, columns, [first, second])
+    left = conditioned(products, [first])
+    assert left.evidence == pytest.approx(one, abs=1e-8)
+    assert gain(left.products, second.columns, second.mean, second.spread) == pytest.approx(
+        both - one, abs=1e-8
+    )
+    assert evidence_of(products, [first, second]) == pytest.approx(both, abs=1e-8)
+
+
+def test_columns_that_foretell_nothing_lose_and_true_ones_win():
+    random = np.random.default_rng(1)
+    noise = random.standard_normal(2000)
+    column = random.standard_normal((2000, 3))
+    for amplitude, wins in ((0.0, False), (0.3, True)):
+        y = noise + amplitude * column[:, 0]
+        products = Products.of(np.column_stack([y, column]), [0, 2000]).over()
+        assert (weigh(products, np.array([1])).gain > 3) == wins
+
+
+def test_a_stretch_left_out_is_not_looked_at():
+    random = np.random.default_rng(2)
+    columns = random.standard_normal((30, 3))
+    made = Products.of(columns, [0, 10, 20, 30])
+    used = np.array([True, False, True])
+    changed = columns.copy()
+    changed[10:20] = 1e6
+    again = Products.of(changed, [0, 10, 20, 30])
+    assert np.allclose(made.over(used), again.over(used))

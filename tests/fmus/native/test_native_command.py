@@ -1,0 +1,233 @@
+"""``ballscrew export --native`` as a person uses it."""
+
+import ast
+import importlib.util
+import os
+import stat
+import subprocess
+import sys
+import tempfile
+import zipfile
+
+import pytest
+import sympy as sp
+from fmpy.validation import validate_fmu
+from fmu_host import opened
+
+from ballscrew.cli import main
+from ballscrew.fmus.native import compilers
+from ballscrew.fmus.native.export import export_native
+from ballscrew.fmus.native.translation import in_c
+from ballscrew.solver.codegen import UnsupportedComponent, generate
+from ballscrew.solver.component import Component, Input, Output, symbol
+from ballscrew.solver.kernel import Model
+
+
+def export(*arguments):
+    return main(["export", "--native", *map(str, arguments)])
+
+
+@pytest.fixture
+def no_compiler(monkeypatch):
+    monkeypatch.setattr(compilers.shutil, "which", lambda _: None)
+    monkeypatch.setattr(compilers.importlib.util, "find_spec", lambda _: None)
+
+
+def test_what_is_named_is_written_with_sources_binary_and_documentation(native, tmp_path, capsys):
+    assert export("--only", "plant", "nctf", "--out", tmp_path) == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["nctf.fmu", "plant.fmu"]
+    assert capsys.readouterr().out.split() == [
+        str(tmp_path / "plant.fmu"),
+        str(tmp_path / "nctf.fmu"),
+    ]
+    with zipfile.ZipFile(tmp_path / "plant.fmu") as archive:
+        names = set(archive.namelist())
+    assert {"modelDescription.xml", "sources/fmi2.c", "documentation/index.html"} <= names
+    assert len([n for n in names if n.startswith("binaries/")]) == 1
+    assert not [n for n in names if n.endswith(".py")]
+
+
+def test_fmi_3_and_tangents_can_be_asked_for(native, tmp_path):
+    assert (
+        export("--variational", "--tangents", 1, "--fmi", 3, "--only", "pid", "--out", tmp_path)
+        == 0
+    )
+    path = tmp_path / "pid_variational.fmu"
+    assert validate_fmu(str(path)) == []
+    with zipfile.ZipFile(path) as archive:
+        assert 'fmiVersion="3.0"' in archive.read("modelDescription.xml").decode()
+        assert "sources/buildDescription.xml" in archive.namelist()
+
+
+def test_without_a_compiler_there_are_sources_only_and_a_line_says_so(
+    no_compiler, tmp_path, capsys
+):
+    platforms = "linux64,win64"
+    assert export("--only", "pid", "--platforms", platforms, "--out", tmp_path) == 0
+    heard = capsys.readouterr().err.strip()
+    assert heard.count("\n") == 0
+    assert "no C compiler for linux64, win64, so it holds sources only" in heard
+    assert "ziglang" in heard
+    with zipfile.ZipFile(tmp_path / "pid.fmu") as archive:
+        assert "sources/fmi2.c" in archive.namelist()
+        assert not [n for n in archive.namelist() if n.startswith("binaries/")]
+    assert validate_fmu(str(tmp_path / "pid.fmu")) == []
+
+
+def test_a_compiler_that_fails_is_quoted_in_one_block_and_nothing_is_written(
+    tmp_path, capsys, monkeypatch
+):
+    if not compilers.own_platform():
+        pytest.skip("needs x86-64")
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    command = folder / "cc"
+    command.write_text("#!/bin/sh\necho 'first word' >&2\necho 'second word' >&2\nexit 4\n")
+    command.chmod(command.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("PATH", f"{folder}:/bin:/usr/bin")
+    assert export("--only", "pid", "--out", tmp_path / "out") == 2
+    heard = capsys.readouterr().err
+    assert heard.startswith("ballscrew: cc does not compile pid for ")
+    assert heard.endswith("says:\nfirst word\nsecond word\n")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--only", "plnt"], "no component 'plnt'; there are plant"),
+        (["--fmi", "1"], "--fmi is '1', expected one of 2, 3"),
+        (["--platforms", "linux64,amiga"], "--platforms: no platform 'amiga'; there are linux64"),
+        (["--platforms", ""], "--platforms: no platform ''"),
+        (["--ssp"], "--native and --ssp: expected one of them"),
+        (["--only", "plant_classical", "--variational"], "plant_classical has modes"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_line(tmp_path, capsys, arguments, said):
+    assert export(*arguments, "--out", tmp_path) == 2
+    heard = capsys.readouterr().err
+    assert heard.startswith(f"ballscrew: {said}")
+    assert heard.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", [["--fmi", "3"], ["--platforms", "linux64"]])
+def test_options_of_native_fmus_are_refused_for_others(tmp_path, capsys, option):
+    assert main(["export", *option, "--out", str(tmp_path)]) == 2
+    assert "makes no sense without --native" in capsys.readouterr().err
+
+
+def test_an_output_that_cannot_be_written_is_one_line(native, tmp_path, capsys):
+    (tmp_path / "pid.fmu").mkdir()
+    assert export("--only", "pid", "--out", tmp_path) == 2
+    heard = capsys.readouterr().err
+    assert heard.startswith("ballscrew: cannot write")
+    assert heard.count("\n") == 1
+
+
+def test_without_only_what_cannot_be_exported_is_left_out_and_said(
+    no_compiler, tmp_path, capsys, monkeypatch
+):
+    from ballscrew.fmus.native import sources
+
+    original = sources.catalogued_model
+
+    def refusing(name):
+        if name == "plant_dahl":
+            raise UnsupportedComponent("plant_dahl has delays")
+        return original(name)
+
+    monkeypatch.setattr(sources, "catalogued_model", refusing)
+    assert export("--out", tmp_path) == 0
+    heard = capsys.readouterr().err
+    assert "left out: plant_dahl has delays" in heard
+    names = {p.stem for p in tmp_path.iterdir()}
+    assert "plant_dahl" not in names
+    assert {"plant", "pid_sampled", "plant_classical"} <= names
+
+
+def test_an_equation_that_c_has_no_function_for_is_named():
+    text = "def out(t, x, u, p, y):\n    y[0] = u[0] % 2.0"
+    function = ast.parse(text).body[0]
+    with pytest.raises(UnsupportedComponent, match=r"'u\[0\] % 2.0' in its equations has no"):
+        in_c(function, 1)
+
+
+def test_every_function_that_equations_may_use_is_the_same_in_c(native, tmp_path):
+    """Far from special values the two agree to the last digits; logic and limits exactly."""
+    a, b = symbol("a"), symbol("b")
+    positive = 1 + a**2
+    values = {
+        "elementary": sp.exp(a)
+        + sp.log(positive)
+        + sp.sqrt(positive)
+        + positive ** sp.Rational(1, 3),
+        "circular": sp.sin(a) + sp.cos(b) + sp.tan(a / 9) + sp.asin(a / 9) + sp.atan2(a, b),
+        "hyperbolic": sp.sinh(a) + sp.cosh(b) + sp.tanh(a) + sp.asinh(b) + sp.erf(a),
+        "limits": sp.Max(a, b, 0) + 10 * sp.Min(a, b) + 100 * sp.sign(a) + sp.Heaviside(b),
+        "rounded": sp.Abs(a) + a**3 - b**-2,
+        "cases": sp.Piecewise((a, (a > b) & (b > 0)), (b, sp.Or(a < 0, sp.Not(b > 1))), (7, True)),
+    }
+    part = Component(
+        "functions",
+        "all kinds of functions",
+        inputs=(Input("a", "1", "a"), Input("b", "1", "b")),
+        outputs=tuple(Output(name, "1", name, value) for name, value in values.items()),
+    )
+    path = export_native(part, tmp_path / "functions.fmu").path
+    slave, at = opened(path)
+    model = Model(generate(part))
+    for point in ((0.3, 0.7), (-1.5, 2.0), (2.0, -0.5), (0.9, 0.2), (-0.1, -3.0), (0.0, 1.0)):
+        slave.setReal([at["a"], at["b"]], list(point))
+        model.u[:] = point
+        expected = model.outputs(0.0, model.x)
+        got = dict(zip(expected, slave.getReal([at[n] for n in expected]), strict=True))
+        assert got == pytest.approx(expected, rel=1e-14)
+        assert got["cases"] == expected["cases"]
+        assert got["limits"] == expected["limits"]
+    slave.freeInstance()
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_export_is_reproducible_byte_for_byte(native, tmp_path, fmi):
+    code = "import sys; from ballscrew.cli import main; sys.exit(main(sys.argv[1:]))"
+    for k in range(2):
+        command = ["export", "--native", "--only", "nctf", "--fmi", str(fmi)]
+        command += ["--out", str(tmp_path / str(k))]
+        done = subprocess.run(
+            [sys.executable, "-c", code, *command],
+            capture_output=True,
+            text=True,
+            cwd=tempfile.gettempdir(),
+            env=os.environ,
+        )
+        assert done.returncode == 0, done.stderr
+    first, second = ((tmp_path / str(k) / "nctf.fmu").read_bytes() for k in range(2))
+    assert first == second
+    assert first == native("nctf", fmi).read_bytes()
+
+
+def test_ziglang_makes_binaries_for_windows_and_macos_here(tmp_path):
+    if importlib.util.find_spec("ziglang") is None:
+        pytest.skip("needs the package ziglang, which compiles for other platforms")
+    assert export("--only", "pid", "--platforms", "linux64,win64,darwin64", "--out", tmp_path) == 0
+    with zipfile.ZipFile(tmp_path / "pid.fmu") as archive:
+        library = archive.read("binaries/win64/pid.dll")
+        assert library[:2] == b"MZ"
+        assert b"fmi2DoStep" in library
+        assert archive.read("binaries/darwin64/pid.dylib")[:4] == b"\xcf\xfa\xed\xfe"
+        assert archive.read("binaries/linux64/pid.so")[:4] == b"\x7fELF"
+    assert (tmp_path / "pid.fmu").stat().st_size < 3 * 100_000
+
+
+def test_a_slope_that_has_no_function_in_c_is_refused_in_one_line(tmp_path):
+    a = symbol("a")
+    part = Component(
+        "odd",
+        "a part with a factorial",
+        inputs=(Input("a", "1", "a"),),
+        outputs=(Output("b", "1", "b", sp.factorial(a)),),
+    )
+    with pytest.raises(UnsupportedComponent, match="odd: its partial derivatives") as refused:
+        export_native(part, tmp_path / "odd.fmu")
+    assert "\n" not in str(refused.value)
+    assert list(tmp_path.iterdir()) == []

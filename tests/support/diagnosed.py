@@ -1,0 +1,37 @@
+"""The command ``diagnose``, called in this process, and what it left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """What ``ballscrew diagnose`` was given, wrote and printed."""
+
+    record: Path
+    parameters: Path
+    folder: Path
+    code: int
+    printed: str
+    said: str
+
+    @property
+    def result(self) -> dict[str, Any]:
+        told: dict[str, Any] = json.loads((self.folder / "diagnosis.json").read_text())
+        return told
+
+
+def run(*arguments: object) -> tuple[int, str, str]:
+    """The command's exit code, standard output and standard error."""
+    from ballscrew.cli import main
+
+    printed, said = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
+        code = main([str(a) for a in arguments])
+    return code, printed.getvalue(), said.getvalue()
