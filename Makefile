@@ -34,11 +34,13 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/identification.py
 	$(BIN)/python proofs/criteria.py
 	$(BIN)/python proofs/variational.py
+	$(BIN)/python proofs/diagnosis.py
 	$(BIN)/python proofs/reproduction.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/master.py
 	$(BIN)/python benchmarks/lyapunov.py
+	$(BIN)/python benchmarks/native.py
 
 clean:
 	rm -rf $(VENV) build out *.egg-info

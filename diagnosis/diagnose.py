@@ -335,7 +335,7 @@ class HeldOut:
     Attributes
     ----------
     residuals : list of Residual
-        With none, the first, the first two ... of the causes, then with everything that was chosen.
+        With none, the first, the first two ... of the causes: what a plant can have in it.
     chosen : list of tuple of str
         Names, one tuple for each fold.
     """
@@ -351,7 +351,7 @@ def _judged(situation: Situation, problem: Problem, names: Sequence[str], member
     limits = np.array(problem.limits) // channels
     whole = [
         Residual(np.zeros(limits[-1]), np.zeros(limits[-1]), np.zeros(limits[-1], dtype=bool))
-        for _ in range(len(names) + 2)
+        for _ in range(len(names) + 1)
     ]
     chosen = []
     size = min(members + 1, LARGEST)
@@ -363,8 +363,7 @@ def _judged(situation: Situation, problem: Problem, names: Sequence[str], member
         for stretch in np.flatnonzero(~used):
             test[limits[stretch] : limits[stretch + 1]] = True
         for k, target in enumerate(whole):
-            kept = set(names[:k]) if k <= len(names) else set(choice.names)
-            part = restricted_to(problem, choice, kept)
+            part = restricted_to(problem, choice, set(names[:k]))
             fitted = amplitudes(problem, part, used)
             added = Added.nothing(courses)
             for m in part.members:
@@ -443,8 +442,7 @@ def _concluded(
             unnamed = unnamed.more(m.shape, fitted[m.columns])
         elif not m.shape.freed:
             named = named.more(m.shape, fitted[m.columns])
-    gain, interval = _gain(held.residuals[0], held.residuals[-1], limits)
-    del gain
+    _, interval = _gain(held.residuals[0], held.residuals[-1], limits)
     law = [believed.friction(c.x, c.v, c.step) for c in courses]
     viscous = [believed.linear_friction * c.middle_v for c in courses]
     predicted = np.concatenate([f + v for f, v in zip(law, viscous, strict=True)])

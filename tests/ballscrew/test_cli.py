@@ -285,6 +285,8 @@ def test_the_wheel_holds_every_module(tmp_path):
         held = {n for n in archive.namelist() if n.startswith("ballscrew/")}
     expected = {"ballscrew/py.typed"}
     for part in ("solver", "plant", "controllers", "fmus", "orchestration", "rig", "diagnosis"):
-        expected |= {f"ballscrew/{part}/{p.name}" for p in (root / part).glob("*.py")}
+        expected |= {f"ballscrew/{p.relative_to(root)}" for p in (root / part).rglob("*.py")}
+    native = root / "fmus" / "native" / "c"
+    expected |= {f"ballscrew/{p.relative_to(root)}" for p in native.iterdir()}
     expected |= {f"ballscrew/{p.name}" for p in (root / "ballscrew").glob("*.py")}
     assert held == expected
