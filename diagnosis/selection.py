@@ -36,6 +36,7 @@ NEARLY = 0.8  # share of what anything explains that causes have to explain to b
 _LEFT_OVER = 0.15  # share of a rival's evidence that a name beside it has to bring
 _KEPT = 4  # sets of each size that are grown
 LARGEST = 4  # members of a set
+MOST_CAUSES = 6  # of a set of causes alone: a real machine has more than one fault
 NEAR = 3.0  # sets whose odds differ by less, in natural logarithms, cannot be told apart
 
 
@@ -187,12 +188,12 @@ def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -
     empty = Explanation((), (problem.prior,), base.evidence, ())
     causes = [c for c in problem.candidates if not c.is_rival]
     rivals_too = [c for c in problem.candidates if c.is_rival]
-    named = _search(problem, products, empty, causes, largest)
+    most = largest if largest < LARGEST else MOST_CAUSES
+    named = _search(problem, products, empty, causes, most)
     free = _search(problem, products, empty, problem.candidates, largest)
     best = free[0]
     if named[0].score - empty.score >= NEARLY * (best.score - empty.score):
-        room = max(0, min(2, LARGEST + 1 - len(named[0].members)))
-        best = _search(problem, products, named[0], rivals_too, room)[0]
+        best = _search(problem, products, named[0], rivals_too, 2)[0]
     alone = {}
     for only in (named, free):
         for e in only:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from .cause import Courses, Values, Vector
 
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
 
 _FEWEST_PERIODS = 2.0  # in the travel
 _MOST_PERIODS = 250.0
-_PEAKS = 8
+_PEAKS = 10
+_AROUND = 75  # fifths of a period of the travel
 
 
 def middle_and_half(courses: Courses) -> tuple[float, float]:
@@ -43,13 +45,15 @@ def periods(
     turns = model.values.get("p")
     if turns:
         return [{name: k * turns} for k in harmonics if k * turns * way > _FEWEST_PERIODS]
-    found = np.arange(_FEWEST_PERIODS, _MOST_PERIODS, 0.5) / way
+    found = np.arange(_FEWEST_PERIODS, _MOST_PERIODS, 0.2) / way
     power = np.zeros(len(found))
     for c in courses:
         force = c.unknown * (np.sign(c.v) if flips else 1.0)
         power += _power(c.x, force - force.mean(), found)
-    inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] > power[2:])) + 1
-    best = inner[np.argsort(-power[inner])][:_PEAKS]
+    # peaks over what lies around them: slow structure has more power at few periods
+    rises = power / median_filter(power, _AROUND, mode="nearest")
+    inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
+    best = inner[np.argsort(-rises[inner])][:_PEAKS]
     return [{name: float(found[k])} for k in np.sort(best)]
 
 
