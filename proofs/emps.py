@@ -2,9 +2,10 @@
 
 An extra friction D(x, v, t) on the machine would show as ``u + D/gain`` for the same motion: that
 is added to the recorded voltage of the EMPS drive, nothing else is made up. Writes
-``docs/proof/emps.json``. The data are not ours to pass on: ``BALLSCREW_EMPS`` or the first argument
-says where ``DATA_EMPS.mat`` is (A. Janot, M. Gautier, M. Brunot, "Data set and reference models of
-EMPS", 2019 Workshop on Nonlinear System Identification Benchmarks; nonlinearbenchmark.org).
+``docs/proof/emps.json``. The data are not ours to pass on: the first argument is the file, or
+``BALLSCREW_EMPS`` the folder of ``DATA_EMPS.mat`` (A. Janot, M. Gautier, M. Brunot, "Data set and
+reference models of EMPS", 2019 Workshop on Nonlinear System Identification Benchmarks;
+nonlinearbenchmark.org).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import savgol_filter
 
+from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.drive_record import read_drive_records
@@ -31,30 +33,14 @@ from ballscrew.solver.kernel_cache import write_atomically
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "emps.json"
 COLUMNS = {"qm": "x", "vir": "u", "t": "time", "qg": "x_ref"}
-# The published model: relative force error of about 4 % with its authors' filter and decimation.
-PUBLISHED = {
-    "m": 95.1089,
-    "gain": 35.1506518790,
-    "sigma2": 203.5034,
-    "Fc": 20.3935,
-    "Fs": 20.3935,
-    "Vs": 0.01,
-    "offset": -3.1648,
-}
-TOLERANCE = 0.03
+DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
 
 
-def believed() -> DriveModel:
-    """The published four-parameter model."""
-    tolerance = dict.fromkeys(("m", "gain", "sigma2", "Fc", "Fs", "Vs"), TOLERANCE)
-    return DriveModel("drive", "classical", PUBLISHED, tolerance)
-
-
-def effects(x: Any, v: Any, t: Any) -> dict[str, tuple[str, Any]]:
+def effects(model: DriveModel, x: Any, v: Any, t: Any) -> dict[str, tuple[str, Any]]:
     """Hidden forces by a label: the name that is to be found, and the force [N]."""
     sign = np.tanh(v / 2e-3)
     middle, half = 0.5 * (x.min() + x.max()), 0.5 * np.ptp(x)
-    friction = PUBLISHED["Fc"] + PUBLISHED["sigma2"] * np.abs(v)
+    friction = model.values["Fc"] + model.values["sigma2"] * np.abs(v)
     turn = 2 * np.pi * x
     return {
         "load of 4 N": ("load_bias", 4.0 + 0 * x),
@@ -97,15 +83,15 @@ def summary(found: Any) -> dict[str, Any]:
 
 
 def main() -> int:
-    path = Path(
-        sys.argv[1] if len(sys.argv) > 1 else os.environ.get("BALLSCREW_EMPS", "DATA_EMPS.mat")
-    )
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else DATA / "DATA_EMPS.mat"
+    believed = read_believed(ROOT / "docs" / "emps.toml")
     (record,) = read_drive_records([path], COLUMNS)
     record = replace(record, name="DATA_EMPS.mat")
     x, t = record.x, record.time - record.time[0]
     v = savgol_filter(x, 31, 3, deriv=1, delta=record.step)
-    force = PUBLISHED["gain"] * record.u
-    alone = diagnose_records([record], believed())
+    gain = believed.values["gain"]
+    force = gain * record.u
+    alone = diagnose_records([record], believed)
     commit = subprocess.run(
         ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
     ).stdout.strip()
@@ -116,12 +102,12 @@ def main() -> int:
         "hidden": [],
     }
     had = {c.name for c in alone.causes}
-    for label, (name, extra) in effects(x, v, t).items():
+    for label, (name, extra) in effects(believed, x, v, t).items():
         hidden = replace(
             record,
-            signals={**record.signals, "u": record.u + extra / PUBLISHED["gain"]},
+            signals={**record.signals, "u": record.u + extra / gain},
         )
-        found = diagnose_records([hidden], believed())
+        found = diagnose_records([hidden], believed)
         named = [c.name for c in found.causes]
         report["hidden"].append(
             {
