@@ -105,7 +105,8 @@ def _parser() -> argparse.ArgumentParser:
         help="write the components as FMUs",
         epilog="examples:\n  ballscrew export --out fmus --only plant iol\n"
         "  ballscrew export --ssp --out loops\n"
-        "  ballscrew export --native --platforms linux64,win64 --out native\n",
+        "  ballscrew export --native --platforms linux64,win64 --out native\n"
+        "  ballscrew export --loop iol --native --out loops\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     export.add_argument("--out", required=True, type=Path, metavar="DIR")
@@ -116,6 +117,12 @@ def _parser() -> argparse.ArgumentParser:
         "--ssp",
         action="store_true",
         help="instead, write one .ssp per closed loop: both FMUs, wired, with a parameter set",
+    )
+    export.add_argument(
+        "--loop",
+        metavar="NAME",
+        help="instead, write one FMU of the whole closed loop with this controller, set-point in "
+        f"and signals out: one of {', '.join(CONTROLLERS)}",
     )
     export.add_argument(
         "--variational",
@@ -220,11 +227,17 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    known = [*CONTROLLERS] if options.ssp else [*PLANTS, *CONTROLLERS]
+    whole = options.ssp or options.loop is not None
+    known = [*CONTROLLERS] if whole else [*PLANTS, *CONTROLLERS]
     names = options.only or known
+    if options.loop is not None:
+        names = [options.loop]
+        for other in ("only", "ssp", "variational"):
+            if getattr(options, other):
+                raise BadRequest(f"--loop and --{other}: expected one of them")
     for name in names:
         if name not in known:
-            what = "closed loop" if options.ssp else "component"
+            what = "closed loop" if whole else "component"
             raise BadRequest(f"no {what} {name!r}; there are {', '.join(known)}")
     if options.variational and options.ssp:
         raise BadRequest("--variational and --ssp: expected one of them")
@@ -233,9 +246,10 @@ def _export(options: argparse.Namespace) -> int:
     _prepare(options.out)
     if options.native:
         return native_command.export(options, names, tangents)
-    from .fmus.catalogue import fmu, variational_fmu
+    from .fmus.catalogue import fmu, loop_fmu, variational_fmu
     from .fmus.system_export import export_system
     from .solver.codegen import UnsupportedComponent
+    from .solver.component import ContractError
     from .solver.kernel_cache import write_atomically
 
     for name in names:
@@ -254,6 +268,12 @@ def _export(options: argparse.Namespace) -> int:
                     raise BadRequest(str(error)) from error
                 print(f"left out: {error}", file=sys.stderr)
                 continue
+        elif options.loop:
+            target = options.out / f"{name}_loop.fmu"
+            try:
+                data = loop_fmu(name).read_bytes()
+            except (ContractError, UnsupportedComponent) as error:
+                raise BadRequest(str(error)) from error
         else:
             target = options.out / f"{name}.fmu"
             data = fmu(name).read_bytes()

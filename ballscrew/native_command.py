@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,18 +50,23 @@ def check(options: argparse.Namespace) -> None:
 def export(options: argparse.Namespace, names: Sequence[str], tangents: int) -> int:
     """Write the FMUs and print their paths; the exit code."""
     from .cli import BAD_REQUEST, TRUSTED, BadRequest, _write
+    from .fmus.catalogue import loop, loop_fmu_kernel
     from .fmus.native.compilers import CompilerFailed
     from .fmus.native.export import NativeFmu, write_native
-    from .fmus.native.sources import catalogued_model, variational_model
+    from .fmus.native.sources import catalogued_model, stored_model, variational_model
     from .solver.codegen import UnsupportedComponent
+    from .solver.component import ContractError
 
     written: list[NativeFmu] = []
     for name in names:
-        stem = f"{name}_variational" if options.variational else name
-        target: Path = options.out / f"{stem}.fmu"
+        kind = "_variational" if options.variational else "_loop" if options.loop else ""
+        target: Path = options.out / f"{name}{kind}.fmu"
         try:
             if options.variational:
                 model = variational_model(name, tangents)
+            elif options.loop:
+                kernel = loop_fmu_kernel(name)
+                model = stored_model(f"loop_{name}", kernel, partial(loop, name))
             else:
                 model = catalogued_model(name)
 
@@ -69,8 +75,8 @@ def export(options: argparse.Namespace, names: Sequence[str], tangents: int) -> 
                 written.append(write_native(model, target, version, _platforms(options)))
 
             _write(make)
-        except UnsupportedComponent as error:
-            if options.only:
+        except (ContractError, UnsupportedComponent) as error:
+            if options.only or options.loop:
                 raise BadRequest(str(error)) from error
             print(f"left out: {error}", file=sys.stderr)
             continue

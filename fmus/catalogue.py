@@ -76,6 +76,35 @@ def variational_fmu(name: str, tangents: int) -> Path:
     return path
 
 
+def loop(controller: str) -> Component:
+    """The whole closed loop of the plant and the controller of this name, as one component.
+
+    Raises
+    ------
+    UnknownComponent
+    ContractError
+        If the two cannot be connected.
+    """
+    from ..solver.connect import connect
+
+    return connect(component("plant"), component(controller))
+
+
+def loop_fmu_kernel(controller: str) -> Kernel:
+    """The compiled closed loop with this controller, from disk if there; raises as `loop` does."""
+    return stored_kernel(f"fmu_loop_{controller}", lambda: loop(controller))
+
+
+def loop_fmu(controller: str) -> Path:
+    """Path of the FMU of the closed loop with this controller, as `fmu`; raises as `loop` does."""
+    path = kernel_cache.folder() / "fmus" / f"{controller}_loop-{fingerprint()}.fmu"
+    if not path.is_file():
+        from .export import export_kernel
+
+        export_kernel(loop_fmu_kernel(controller), path)
+    return path
+
+
 def is_ours(path: Path) -> bool:
     """Whether a file is, byte for byte, an FMU of this catalogue, wherever it lies."""
     ready = kernel_cache.folder() / "fmus"
