@@ -10,6 +10,9 @@ import pytest
 
 # Tests compile into a folder of their own that outlives a run: warm runs are fast, and nothing of
 # the user's is touched. Set before anything of the package is imported.
+# A run compiles a hundred kernels and runs each for a moment: the compiler's last third of effort
+# is not worth it here, and what it makes gives the same bits.
+os.environ.setdefault("NUMBA_OPT", "1")
 os.environ.setdefault(
     "BALLSCREW_CACHE", str(Path(tempfile.gettempdir()) / f"ballscrew-tests-{os.getuid()}")
 )
