@@ -40,8 +40,9 @@ def test_a_sampling_period_that_makes_no_sense_ends_in_an_error_and_not_in_a_loo
         model.freeInstance()
 
 
-@pytest.mark.parametrize("fmi", [2, 3])
-@pytest.mark.parametrize("name", ["plant", "plant_classical", "pid_sampled"])
+@pytest.mark.parametrize(
+    ("name", "fmi"), [("plant", 2), ("plant_classical", 3), ("pid_sampled", 3)]
+)
 def test_a_hundred_thousand_calls_in_random_order_end_in_errors_with_a_message(
     native, tmp_path, name, fmi
 ):
