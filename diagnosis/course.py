@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from .compiled import compiled
 from .drive_model import DriveModel, midway
 from .drive_record import DriveRecord
-from .friction_estimation import count_size, fast_noise
+from .friction_estimation import fast_noise
 from .innovations import smooth
 
 Vector = npt.NDArray[np.float64]
@@ -52,8 +53,8 @@ class Course:
     record : DriveRecord
     channels : tuple of {"x", "i"}
     signals : ndarray, shape (n, channels)
-    x, v, a, i : ndarray, shape (n,)
-        Smoothed motion and the current [m, m/s, m/s^2, A]; `i` is zero without a motor.
+    x, v, i : ndarray, shape (n,)
+        Smoothed motion and the current [m, m/s, A]; `i` is zero without a motor.
     blur : ndarray, shape (n,)
         Standard deviation of `x` [m].
     unknown : ndarray, shape (n,)
@@ -73,18 +74,12 @@ class Course:
     signals: Matrix
     x: Vector
     v: Vector
-    a: Vector
     i: Vector
     blur: Vector
     unknown: Vector
     bristle: Vector
     extra: Vector
     coarse: Matrix
-
-    @property
-    def count(self) -> float:
-        """Of a counted position [m]; 0 if it is not counted."""
-        return count_size(self.record.x)
 
     @property
     def step(self) -> float:
@@ -95,24 +90,24 @@ class Course:
         """From the record's start [s]."""
         return np.asarray(self.record.time - self.record.time[0])
 
-    def stays(self) -> Vector:
-        """Samples in a row, around each, that are within two counts of it, shape (n,)."""
-        out = np.ones(len(self.x))
-        if self.count:
-            _dwell(self.x, _NEAR * self.count, out)
-        return out
-
-    def telling(self) -> Vector:
-        """Whether a sample counts: one, or zero where the drive rests in an encoder's count.
-
-        There rounding is no noise but one unknown constant, and the law, which is stiff at rest,
-        makes a force of it.
-        """
-        return (~self.rests()).astype(float)
-
+    @cached_property
     def rests(self) -> npt.NDArray[np.bool_]:
-        """Whether the drive stays near one place for long."""
-        return np.asarray(self.stays() * self.step > _LONGEST_REST)
+        """Where the drive stays within two of the encoder's counts for long, shape (n,).
+
+        Such samples do not count: there rounding is no noise but one unknown constant, and the law,
+        which is stiff at rest, makes a force of it.
+        """
+        stays = np.ones(len(self.x))
+        if self.record.count:
+            _dwell(self.x, _NEAR * self.record.count, stays)
+        return np.asarray(stays * self.step > _LONGEST_REST)
+
+    def shown(self, current: Matrix) -> npt.NDArray[np.float64]:
+        """A current, shape (n, m), as the channels show it, shape (n, channels, m)."""
+        out = np.zeros((len(self.x), len(self.channels), current.shape[1]))
+        if "i" in self.channels:
+            out[:, self.channels.index("i")] = current
+        return out
 
     @property
     def middle_x(self) -> Vector:
@@ -139,18 +134,11 @@ class Course:
     def u(self) -> Vector:
         return self.record.u
 
-    @property
-    def start(self) -> Vector:
-        """States before the first sample, as known."""
-        return np.array(
-            [self.x[0], self.v[0], *([self.i[0]] if "i" in self.record.signals else [])]
-        )
-
 
 def instrument_noise(record: DriveRecord) -> tuple[tuple[str, ...], Matrix, Vector]:
     """Channels, signals (n, channels) and variances of the instruments."""
     x = record.signals["x"]
-    count = count_size(x)
+    count = record.count
     # a drive that trembles is no noise of its encoder
     spread = max(count / math.sqrt(12) if count else fast_noise(x), 1e-12)
     channels, columns, variances = ["x"], [x], [spread**2]
@@ -172,7 +160,6 @@ def lay_along(record: DriveRecord, model: DriveModel) -> Course:
         signals,
         x=nothing,
         v=nothing,
-        a=nothing,
         i=nothing,
         blur=nothing,
         unknown=nothing,
@@ -226,26 +213,22 @@ def _smoothed(
     friction: Vector,
     extra: Vector,
     volts: Vector | float = 0.0,
-    amperes: Vector | float = 0.0,
+    amperes: Vector | None = None,
 ) -> Course:
     drive = model.linear(course.step, course.channels, noise.channels, noise.rms, noise.memory)
     start = np.zeros(len(drive.move))
     start[0] = course.signals[0, 0]
-    signals = course.signals.copy()
-    if "i" in course.channels:
-        signals[:, course.channels.index("i")] -= amperes
+    signals = course.signals
+    if amperes is not None:
+        signals = signals - course.shown(amperes[:, None])[:, :, 0]
     given = (signals, course.coarse, course.u + volts, friction, extra, start)
     out = smooth(drive, *given)
     state = out.state
     current = state[:, 2] if model.has_motor else np.zeros(len(state))
-    drive_force = model.per_ampere * current if model.has_motor else model.values["gain"] * course.u
-    v = np.ascontiguousarray(state[:, 1])
-    a = (drive_force - model.linear_friction * v - friction - state[:, -1]) / model.inertia
     return replace(
         course,
         x=np.ascontiguousarray(state[:, 0]),
-        v=v,
-        a=a,
+        v=np.ascontiguousarray(state[:, 1]),
         i=np.ascontiguousarray(current),
         blur=out.spread[:, 0],
         unknown=np.ascontiguousarray(state[:, -1]),
@@ -260,7 +243,7 @@ def _sharpened(course: Course) -> Course:
     counts for rounded positions would tie their error to the command of a controller that acts on
     them.
     """
-    count = course.count
+    count = course.record.count
     if not count:
         return course
     x = course.record.x
@@ -305,13 +288,13 @@ def _blurred(course: Course, model: DriveModel, friction: Vector) -> Vector:
     n = len(friction)
     memory = max(_SHAKE_MEMORY / course.step, 1.0)
     kernel = np.exp(-0.5 * (np.arange(-4 * memory, 4 * memory + 1) / memory) ** 2)
-    rests = course.rests()
+    rests = course.rests
     turns = np.cumsum(np.diff(rests.astype(int), prepend=0) == 1)
     total = np.zeros(n)
     for _ in range(_SHAKES):
         white = random.standard_normal(n + len(kernel) - 1)
         shake = np.convolve(white, kernel / math.sqrt(float(np.sum(kernel**2))), "valid")
-        place = random.uniform(-0.5, 0.5, int(turns[-1]) + 1)[turns] * course.count
+        place = random.uniform(-0.5, 0.5, int(turns[-1]) + 1)[turns] * course.record.count
         place = np.convolve(np.where(rests, place, 0.0), kernel / kernel.sum(), "same")[:n]
         shake = shake * course.blur + place
         v = course.v + np.gradient(shake, course.step)

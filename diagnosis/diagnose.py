@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from ..plant import ball_screw, direct_drive
 from .along_record import LAWS
 from .believed import read_believed
 from .causes import CAUSES
@@ -34,7 +35,6 @@ from .drive_record import DriveRecord, read_drive_records
 from .evidence import Prior, conditioned, fit
 from .records import BadRecord
 from .regression import (
-    STRETCH,
     Added,
     filters,
     fitted_noise,
@@ -42,6 +42,7 @@ from .regression import (
     likelihood,
     response,
     sensitivities,
+    stretches,
     surprises,
 )
 from .residuals import Residual, floor, residual
@@ -74,15 +75,7 @@ _DRAWS = 1000  # of stretches, for an interval
 _SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
 _SEEN = 5.0  # standard deviations
 _FREED_SHOWN = 0.1  # of a value that may be wrong
-UNITS = {
-    "Jm": "kg*m^2",
-    "kt": "N*m/A",
-    "ke": "V*s/rad",
-    "R": "ohm",
-    "L": "H",
-    "m": "kg",
-    "gain": "N/V",
-} | {
+UNITS = {p.name: p.unit for p in (*ball_screw.PARAMETERS, *direct_drive.PARAMETERS)} | {
     name: unit
     for law in LAWS.values()
     for name, unit in zip(law.parameters, law.units, strict=True)
@@ -152,7 +145,7 @@ def adjusted(
             resmoothed(c, model, noise, f, u, i)
             for c, f, u, i in zip(courses, added.force, added.command, added.current, strict=True)
         ]
-        if turn + 1 < rounds or rounds == 1:
+        if turn + 1 < rounds:
             noise = fitted_noise(courses, model, noise, added)
     return Situation(courses, model, noise, added)
 
@@ -218,10 +211,11 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
             [f for f in freed if f],
             rounds=2,
         )
-        if _cost(after) > cost:  # the step was too long to be a step: what came before it stands
+        now = _cost(after)
+        if now > cost:  # the step was too long to be a step: what came before it stands
             situation = replace(situation, added=added)
             break
-        situation, cost = after, _cost(after)
+        situation, cost = after, now
     return Found(situation, problem, choice, first)
 
 
@@ -262,14 +256,14 @@ def diagnose_records(
 ) -> Diagnosis:
     """As `diagnose`, of records in memory."""
     began = time.perf_counter()
-    notes = check_tellable(records, believed)
+    notes = check_tellable(records)
     progress("looking for causes")
     found = search(records, believed)
     progress("judging on data held out")
     return _concluded(records, believed, found, notes, began)
 
 
-def check_tellable(records: Sequence[DriveRecord], believed: DriveModel) -> list[str]:
+def check_tellable(records: Sequence[DriveRecord]) -> list[str]:
     """Doubts of what records can tell.
 
     Raises
@@ -290,10 +284,10 @@ def check_tellable(records: Sequence[DriveRecord], believed: DriveModel) -> list
             )
         if np.ptp(u) == 0 and u[0] == 0:
             raise BadRecord(f"{record.name}: the command u is zero all the time")
-        for column in ("u", "i", "x"):
+        for column in ("u", "i"):
             if column in record.signals:
                 share = _clipped(record.signals[column])
-                if column != "x" and share > _CLIPPED:
+                if share > _CLIPPED:
                     notes.append(
                         f"{record.name}: {column} is at its largest value in {100 * share:.0f} % "
                         "of the samples: clipped? What was cut off tells nothing"
@@ -307,7 +301,6 @@ def check_tellable(records: Sequence[DriveRecord], believed: DriveModel) -> list
                 f"{record.name}: moves one way only: whatever shows at reversals, or differs by "
                 "direction, cannot be told from a constant force"
             )
-    del believed
     return notes
 
 
@@ -322,7 +315,7 @@ def _clipped(values: Vector) -> float:
 
 def _folds(courses: Sequence[Course], problem: Problem) -> npt.NDArray[np.int64]:
     """To which fold each stretch belongs: whole records, or contiguous parts of few."""
-    counts = [max(2, round(len(c.x) * c.step / STRETCH)) for c in courses]
+    counts = [stretches(c) for c in courses]
     if len(courses) >= _FOLDS:
         return np.repeat(np.arange(len(courses)) % _FOLDS, counts)
     return np.concatenate([np.arange(n) * _FOLDS // n for n in counts])

@@ -313,7 +313,6 @@ def _out_of_reach(diagnosis: Diagnosis) -> str:
 
 def _adjusted(diagnosis: Diagnosis) -> str:
     believed, mended = diagnosis.believed, diagnosis.mended
-    units = {"Jm": "kg*m^2", **UNITS}
     rows = [
         [
             n,
@@ -321,7 +320,7 @@ def _adjusted(diagnosis: Diagnosis) -> str:
             f"{mended.values[n]:.5g}",
             f"{100 * change:+.2g} %" if abs(change) > _NOT_SHOWN else "0",
             f"{100 * believed.tolerance.get(n, 0.0):.3g} %",
-            units.get(n, units.get(n.partition("_")[0], "")),
+            UNITS.get(n, UNITS.get(n.partition("_")[0], "")),
         ]
         for n, change in diagnosis.adjustments.items()
     ]

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from .records import BadRecord, near, read_columns
+from .friction_estimation import count_size
+from .records import BadRecord, check_forwards, near, read_columns
 
 Vector = npt.NDArray[np.float64]
 
@@ -61,6 +63,11 @@ class DriveRecord:
     @property
     def x(self) -> Vector:
         return self.signals["x"]
+
+    @cached_property
+    def count(self) -> float:
+        """Step of a counted position [m]; 0 if it is not counted."""
+        return count_size(self.x)
 
 
 def read_drive_records(
@@ -144,13 +151,7 @@ def checked(name: str, signals: Mapping[str, Vector]) -> DriveRecord:
     signals = kept
     if len(time) < _FEWEST:
         raise BadRecord(f"{name}: is too short: {len(time)} samples, expected at least {_FEWEST}")
-    steps = np.diff(time)
-    if np.any(steps <= 0):
-        k = int(np.flatnonzero(steps <= 0)[0])
-        what = "stands still" if steps[k] == 0 else "goes backwards"
-        raise BadRecord(
-            f"{name}: time {what} in row {k + 3}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
-        )
+    steps = check_forwards(name, time)
     step = float(np.median(steps))
     uneven = np.flatnonzero(np.abs(steps - step) > _JITTER * step)
     if len(uneven):

@@ -167,7 +167,7 @@ class Weighed:
     spread: Vector
 
 
-def weigh(left: Matrix, columns: npt.NDArray[np.int64], usual: Vector | None = None) -> Weighed:
+def weigh(left: Matrix, columns: npt.NDArray[np.int64]) -> Weighed:
     """Evidence of a group whose size is unknown: the best of many sizes, less what choosing costs.
 
     Parameters
@@ -175,12 +175,10 @@ def weigh(left: Matrix, columns: npt.NDArray[np.int64], usual: Vector | None = N
     left : ndarray
         Conditioned products.
     columns : ndarray of int
-    usual : ndarray, optional
-        Relative spreads of the amplitudes; by default all columns count alike in the signal.
     """
     norms = np.sqrt(np.maximum(np.diag(left)[columns], 1e-300))
     # a column that hardly shows has no reason to be larger for it
-    relative = 1.0 / np.maximum(norms, _LEAST * norms.max()) if usual is None else usual
+    relative = 1.0 / np.maximum(norms, _LEAST * norms.max())
     relative = relative / math.sqrt(float(np.sum((relative * norms) ** 2)))
     # in the directions of the scaled products every size is a matter of one number
     inner = relative[:, None] * left[np.ix_(columns, columns)] * relative

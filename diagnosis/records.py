@@ -419,19 +419,31 @@ def _check_numbers(path: Path, signals: Mapping[str, Vector]) -> None:
         )
 
 
-def _check_time(path: Path, time: Vector, said: bool) -> float:
-    if len(time) < LEAST_SAMPLES:
-        raise BadRecord(
-            f"{path}: is too short: {len(time)} samples, expected at least {LEAST_SAMPLES}"
-        )
+def check_forwards(name: Path | str, time: Vector) -> Vector:
+    """The steps of a time that only grows [s], shape (n - 1,).
+
+    Raises
+    ------
+    BadRecord
+        If it does not.
+    """
     steps = np.diff(time)
     back = np.flatnonzero(steps <= 0)
     if len(back):
         k = int(back[0])
         what = "stands still" if steps[k] == 0 else "goes backwards"
         raise BadRecord(
-            f"{path}: time {what} in row {k + 3}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
+            f"{name}: time {what} in row {k + 3}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
         )
+    return steps
+
+
+def _check_time(path: Path, time: Vector, said: bool) -> float:
+    if len(time) < LEAST_SAMPLES:
+        raise BadRecord(
+            f"{path}: is too short: {len(time)} samples, expected at least {LEAST_SAMPLES}"
+        )
+    steps = check_forwards(path, time)
     step = float(np.median(steps))
     if step > _LONGEST_STEP and not said:
         raise BadRecord(

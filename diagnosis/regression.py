@@ -34,7 +34,7 @@ class Filter:
     Attributes
     ----------
     telling : ndarray, shape (n,)
-        Weight of each sample, see `Course.telling`.
+        Weight of each sample: one, or zero where the drive rests, see `Course.rests`.
     """
 
     drive: LinearDrive
@@ -47,9 +47,8 @@ def filters(courses: Sequence[Course], model: DriveModel, noise: Noise) -> list[
     found = []
     for c in courses:
         drive = model.linear(c.step, c.channels, noise.channels, noise.rms, noise.memory)
-        found.append(
-            Filter(drive, gains(drive, np.isfinite(c.signals), c.coarse, c.extra), c.telling())
-        )
+        weights = gains(drive, np.isfinite(c.signals), c.coarse, c.extra)
+        found.append(Filter(drive, weights, (~c.rests).astype(float)))
     return found
 
 
@@ -78,14 +77,6 @@ class Added:
             sums(self.command, shape.command),
             sums(self.current, shape.current),
         )
-
-
-def seen(course: Course, current: Matrix) -> npt.NDArray[np.float64]:
-    """A current, shape (n, m), as the channels would show it, shape (n, channels, m)."""
-    out = np.zeros((len(course.x), len(course.channels), current.shape[1]))
-    if "i" in course.channels:
-        out[:, course.channels.index("i")] = current
-    return out
 
 
 def law_forces(courses: Sequence[Course], model: DriveModel) -> list[Vector]:
@@ -119,7 +110,7 @@ def surprises(
         found = innovations(
             replace(drive, move=move),
             f.weights,
-            np.nan_to_num(c.signals)[:, :, None] - seen(c, current[:, None]),
+            np.nan_to_num(c.signals)[:, :, None] - c.shown(current[:, None]),
             (c.u + command)[:, None],
             (friction + force)[:, None],
             start,
@@ -136,7 +127,7 @@ def response(courses: Sequence[Course], made: Sequence[Filter], shape: Shape) ->
         nothing = np.zeros((len(c.x), m))
         force = nothing if shape.force is None else shape.force[r]
         command = nothing if shape.command is None else shape.command[r]
-        signals = -seen(c, nothing if shape.current is None else shape.current[r])
+        signals = -c.shown(nothing if shape.current is None else shape.current[r])
         answer = innovations(f.drive, f.weights, signals, command, np.asarray(force))
         out.append(-(answer * f.telling[:, None, None]).reshape(-1, m))
     return np.vstack(out)
@@ -160,12 +151,17 @@ def sensitivities(
     return np.column_stack(columns)
 
 
+def stretches(course: Course) -> int:
+    """Into how many stretches a record is cut."""
+    return max(2, round(len(course.x) * course.step / STRETCH))
+
+
 def edges(courses: Sequence[Course]) -> list[int]:
     """Ends of the stretches among the surprises."""
     found = [0]
     for c in courses:
         n, per = len(c.x), len(c.channels)
-        count = max(2, round(n * c.step / STRETCH))
+        count = stretches(c)
         begin = found[-1]
         found += [begin + per * round(n * (k + 1) / count) for k in range(count)]
     return found

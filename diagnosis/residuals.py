@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from .compiled import compiled
 from .course import Course, Noise
 from .drive_model import DriveModel
 from .innovations import LinearDrive, smooth
-from .regression import Added, seen
+from .regression import Added
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -71,12 +71,12 @@ def residual(courses: Sequence[Course], model: DriveModel, noise: Noise, added: 
         drive = _wide(c, model, noise)
         start = np.zeros(len(drive.move))
         start[0] = c.signals[0, 0]
-        signals = c.signals - seen(c, amperes[:, None])[:, :, 0]
+        signals = c.signals - c.shown(amperes[:, None])[:, :, 0]
         given = (signals, c.coarse, c.u + volts, law, np.zeros(len(law)), start)
         force = smooth(drive, *given).state[:, -1]
         forces.append(force)
         positions.append(_ahead(drive, force, c.step))
-        telling.append(~c.rests())
+        telling.append(~c.rests)
     return Residual(np.concatenate(forces), np.concatenate(positions), np.concatenate(telling))
 
 
@@ -99,7 +99,7 @@ def floor(courses: Sequence[Course], model: DriveModel, noise: Noise) -> Residua
         force = smooth(wide, *given).state[:, -1]
         forces.append(force)
         positions.append(_ahead(wide, force, c.step))
-        telling.append(~c.rests())
+        telling.append(~c.rests)
     return Residual(np.concatenate(forces), np.concatenate(positions), np.concatenate(telling))
 
 
@@ -141,13 +141,3 @@ def _drive(move: Matrix, white: Vector, states: Matrix) -> None:
         states[k] = state
         state = move @ state
         state[-1] += white[k]
-
-
-def restricted(residual: Residual, keep: npt.NDArray[np.bool_]) -> Residual:
-    """The residual of some samples."""
-    return replace(
-        residual,
-        force=residual.force[keep],
-        position=residual.position[keep],
-        telling=residual.telling[keep],
-    )
