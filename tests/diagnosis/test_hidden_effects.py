@@ -139,6 +139,21 @@ def test_the_signal_of_an_effect_is_what_the_believed_model_leaves_of_the_truth(
     assert np.linalg.norm(left) < 1.1 * floor + 0.03 * np.linalg.norm(found)
 
 
+def test_a_late_command_shows_in_samples_of_the_current_by_whole_samples_only():
+    plan = plan_of("input_delay", 1, with_current=True)
+    for delay in (3e-4, 2.3e-3):
+        scene = hidden_cases._run(plan, {"input_delay": delay})
+        m = scene.motion
+        command = m.command[:-1]
+        back = BASE["ke"] * m.motor_speed[1:]
+        seen = command - BASE["R"] * m.current[1:] - back
+        believed = scene.late(delay)[1]
+        keep = scene.weight > 0.9
+        assert np.std(command[keep]) > 0.1
+        assert np.abs(seen - believed)[keep].max() < 0.02 * np.abs(command).max()
+        assert np.any(believed) == (delay > SAMPLE)
+
+
 @pytest.mark.parametrize("effect", ["load_bias", "position_trend_friction", "unmodelled_inertia"])
 def test_the_ratio_grows_linearly_with_the_size(effect):
     plan = plan_of(effect, 2, with_current=False)

@@ -87,6 +87,20 @@ class Scene:
             return np.stack([np.zeros_like(voltage), voltage])
         return np.asarray(voltage[None] * BASE["kt"] / BASE["R"])
 
+    def late(self, delay: float) -> Array:
+        """The signal of a command that comes late [s].
+
+        A sample of the current, which settles in 45 us, shows the voltage of its instant and not
+        the mean of the millisecond before: a fraction of a millisecond is seen in the force alone.
+        """
+        command = self.motion.command
+        mean = _delayed(command, delay)
+        if not self.with_current:
+            return self.as_voltage(command[:-1] - mean)
+        at_sample = _delayed(command, int(delay / SAMPLE) * SAMPLE)
+        force = BASE["kt"] / BASE["R"] * (at_sample - mean)
+        return np.stack([force, command[:-1] - at_sample])
+
     def sprung(self, softness: float) -> Array:
         """The signal of a soft spring [m/N] between screw and block, to first order."""
         m = self.motion
@@ -255,7 +269,9 @@ def signal(scene: Scene, effect: str, sizes: Mapping[str, object]) -> Array:
     if effect == "resistance_drift":
         drift = values["R_drift"] * times() / DURATION
         return scene.as_voltage(BASE["R"] * drift * scene.current())
-    if effect in ("input_delay", "voltage_saturation"):
+    if effect == "input_delay":
+        return scene.late(values["delay"])
+    if effect == "voltage_saturation":
         return scene.as_voltage(motion.command[:-1] - motion.applied)
     if effect == "presliding_hysteresis":
         return scene.as_force(scene.forces() - scene.forces(rigid=True))
@@ -312,7 +328,7 @@ def explanations(scene: Scene) -> dict[str, list[Callable[[], Array]]]:
     peak = float(np.abs(command).max())
 
     def delayed(tau: float) -> Callable[[], Array]:
-        return voltage(lambda: command[:-1] - _delayed(command, tau))
+        return lambda: scene.late(tau)[None]
 
     def limited(share: float) -> Callable[[], Array]:
         top = peak * (1 - share)
