@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,7 @@ from ..plant import ball_screw, direct_drive
 from .along_record import LAWS
 from .believed import read_believed
 from .causes import CAUSES
-from .course import Course, Noise, instrument_noise, lay_along, resmoothed
+from .course import Course
 from .diagnosis import (
     EXPLAINED,
     NONE,
@@ -32,23 +30,13 @@ from .diagnosis import (
 )
 from .drive_model import DriveModel
 from .drive_record import DriveRecord, read_drive_records
-from .evidence import Prior, conditioned, fit
-from .records import BadRecord
-from .regression import (
-    Added,
-    filters,
-    fitted_noise,
-    law_forces,
-    likelihood,
-    response,
-    sensitivities,
-    stretches,
-    surprises,
-)
+from .evidence import conditioned, fit
+from .held_out import HeldOut, gained, judged
+from .regression import Added, filters, response
 from .residuals import Residual, floor, residual
 from .rivals import rivals
+from .search import Found, Situation, search
 from .selection import (
-    LARGEST,
     NEAR,
     PRICE,
     Candidate,
@@ -56,22 +44,13 @@ from .selection import (
     Explanation,
     Problem,
     amplitudes,
-    choose,
-    free_spreads,
     p_value,
-    refine,
-    restricted_to,
     scores,
-    state_problem,
 )
+from .tellable import check_tellable
 
 Vector = npt.NDArray[np.float64]
 
-_FIRST_RMS = 0.05  # of the friction: unmodelled force, before it is fitted
-_FIRST_MEMORY = 0.01  # [s]
-_ADJUSTMENTS = 3
-_FOLDS = 5
-_DRAWS = 1000  # of stretches, for an interval
 _SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
 _SEEN = 5.0  # standard deviations
 _FREED_SHOWN = 0.1  # of a value that may be wrong
@@ -100,123 +79,6 @@ TRIALS_FOR = {
     "parameter_error": ("2.3.1", "constant speeds both ways"),
     "unexplained": ("2.3.1", "constant speeds both ways over the whole travel"),
 }
-_TURNS = 4  # of naming causes and adjusting values
-
-
-@dataclass(frozen=True)
-class Situation:
-    """Records, the model's adjusted values and the noise, under one explanation."""
-
-    courses: list[Course]
-    model: DriveModel
-    noise: Noise
-    added: Added
-
-
-def adjusted(
-    courses: list[Course],
-    model: DriveModel,
-    believed: DriveModel,
-    noise: Noise,
-    added: Added,
-    freed: Sequence[str] = (),
-    rounds: int = _ADJUSTMENTS,
-) -> Situation:
-    """The believed values, each within its tolerance (or free), and the noise, fitted."""
-    names = model.adjustable
-    spread = np.array([believed.tolerance[n] for n in names]) / math.sqrt(3.0)
-    free = free_spreads(believed)
-    for name in freed:
-        spread[names.index(name)] = free[names.index(name)]
-    for turn in range(rounds):  # Gauss-Newton
-        made = filters(courses, model, noise)
-        signal = surprises(courses, model, made, added)
-        columns = np.column_stack([signal, sensitivities(courses, model, made, added)])
-        mean = np.array([believed.values[n] / model.values[n] - 1.0 for n in names])
-        prior = Prior(np.arange(1, len(names) + 1), mean, spread)
-        change = fit(columns.T @ columns, [prior]).amplitude
-        model = model.changed(
-            {
-                n: model.values[n] * max(1.0 + float(c), 0.3)
-                for n, c in zip(names, change, strict=True)
-            }
-        )
-        courses = [
-            resmoothed(c, model, noise, f, u, i)
-            for c, f, u, i in zip(courses, added.force, added.command, added.current, strict=True)
-        ]
-        if turn + 1 < rounds:
-            noise = fitted_noise(courses, model, noise, added)
-    return Situation(courses, model, noise, added)
-
-
-def explained(situation: Situation, problem: Problem, best: Explanation) -> Added:
-    """What an explanation adds to the records' forces and commands."""
-    amplitude = amplitudes(problem, best)
-    added = Added.nothing(situation.courses)
-    for member in best.members:
-        if not member.shape.freed:
-            added = added.more(member.shape, amplitude[member.columns])
-    return added
-
-
-def _cost(situation: Situation) -> float:
-    """Minus the logarithm of the records' likelihood."""
-    courses, model = situation.courses, situation.model
-    law = law_forces(courses, model)
-    return likelihood(courses, model, situation.noise, situation.added, law)
-
-
-@dataclass(frozen=True)
-class Found:
-    """The end of a search: the situation under the best explanation."""
-
-    situation: Situation
-    problem: Problem
-    choice: Choice
-    first_alone: Mapping[str, float]
-
-
-def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
-    """Look for causes; values, noise and causes are found in turn until they agree."""
-    courses = [lay_along(r, believed) for r in records]
-    channels = [instrument_noise(r)[2] for r in records]
-    noise = Noise(np.mean(channels, axis=0), _FIRST_RMS * believed.friction_scale, _FIRST_MEMORY)
-    situation = adjusted(courses, believed, believed, noise, Added.nothing(courses))
-    names: tuple[str, ...] = ()
-    first: Mapping[str, float] = {}
-    cost = _cost(situation)
-    for turn in range(_TURNS):
-        problem = state_problem(situation.courses, situation.model, believed, situation.noise)
-        # before anything is known, noise is overrated and the first name alone can be relied on
-        choice = choose(problem, largest=1 if turn == 0 else LARGEST)
-        first = first or choice.alone
-        freed = [m.shape.freed for m in choice.best.members if m.shape.freed]
-        if not choice.best.members and not names:
-            break
-        done = turn > 0 and choice.best.names == names
-        names = choice.best.names
-        if done:
-            break
-        made = filters(situation.courses, situation.model, situation.noise)
-        problem, best = refine(problem, choice.best, situation.courses, situation.model, made)
-        choice = replace(choice, best=best)
-        added = explained(situation, problem, best)
-        after = adjusted(
-            situation.courses,
-            situation.model,
-            believed,
-            situation.noise,
-            added,
-            [f for f in freed if f],
-            rounds=2,
-        )
-        now = _cost(after)
-        if now > cost:  # the step was too long to be a step: what came before it stands
-            situation = replace(situation, added=added)
-            break
-        situation, cost = after, now
-    return Found(situation, problem, choice, first)
 
 
 def diagnose(
@@ -263,141 +125,6 @@ def diagnose_records(
     return _concluded(records, believed, found, notes, began)
 
 
-def check_tellable(records: Sequence[DriveRecord]) -> list[str]:
-    """Doubts of what records can tell.
-
-    Raises
-    ------
-    BadRecord
-        If they cannot carry a diagnosis at all.
-    """
-    notes = []
-    channels = {tuple(sorted(set(r.signals) & {"i"})) for r in records}
-    if len(channels) > 1:
-        raise BadRecord("some records have the current `i` and some not; diagnose them apart")
-    for record in records:
-        x, u = record.x, record.u
-        if np.ptp(x) == 0:
-            raise BadRecord(
-                f"{record.name}: the position never changes ({x[0]:.6g} m): a drive that does not "
-                "move says nothing of its friction; record a motion both ways"
-            )
-        if np.ptp(u) == 0 and u[0] == 0:
-            raise BadRecord(f"{record.name}: the command u is zero all the time")
-        for column in ("u", "i"):
-            if column in record.signals:
-                share = _clipped(record.signals[column])
-                if share > _CLIPPED:
-                    notes.append(
-                        f"{record.name}: {column} is at its largest value in {100 * share:.0f} % "
-                        "of the samples: clipped? What was cut off tells nothing"
-                    )
-        smooth_x = np.convolve(x, np.ones(21) / 21, "valid")
-        pace = np.diff(smooth_x)
-        if not (
-            np.any(pace > 0.05 * np.abs(pace).max()) and np.any(pace < -0.05 * np.abs(pace).max())
-        ):
-            notes.append(
-                f"{record.name}: moves one way only: whatever shows at reversals, or differs by "
-                "direction, cannot be told from a constant force"
-            )
-    return notes
-
-
-_CLIPPED = 0.02
-
-
-def _clipped(values: Vector) -> float:
-    """Share of the samples at the extremes, beyond what a smooth top would have."""
-    largest = np.nanmax(np.abs(values))
-    return float(np.mean(np.abs(values) >= largest * (1 - 1e-9))) if largest > 0 else 0.0
-
-
-def _folds(courses: Sequence[Course], problem: Problem) -> npt.NDArray[np.int64]:
-    """To which fold each stretch belongs: whole records, or contiguous parts of few."""
-    counts = [stretches(c) for c in courses]
-    if len(courses) >= _FOLDS:
-        return np.repeat(np.arange(len(courses)) % _FOLDS, counts)
-    return np.concatenate([np.arange(n) * _FOLDS // n for n in counts])
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """What explanations made without some data do on those data.
-
-    Attributes
-    ----------
-    residuals : list of Residual
-        With none, the first, the first two ... of the causes: what a plant can have in it.
-    chosen : list of tuple of str
-        Names, one tuple for each fold.
-    """
-
-    residuals: list[Residual]
-    chosen: list[tuple[str, ...]]
-
-
-def _judged(situation: Situation, problem: Problem, names: Sequence[str], members: int) -> HeldOut:
-    courses = situation.courses
-    fold_of = _folds(courses, problem)
-    channels = len(courses[0].channels)
-    limits = np.array(problem.limits) // channels
-    whole = [
-        Residual(np.zeros(limits[-1]), np.zeros(limits[-1]), np.zeros(limits[-1], dtype=bool))
-        for _ in range(len(names) + 1)
-    ]
-    chosen = []
-    size = min(members + 1, LARGEST)
-    for fold in range(_FOLDS):
-        used = fold_of != fold
-        choice = choose(problem, used, largest=size).best
-        chosen.append(choice.causes)
-        test = np.zeros(limits[-1], dtype=bool)
-        for stretch in np.flatnonzero(~used):
-            test[limits[stretch] : limits[stretch + 1]] = True
-        for k, target in enumerate(whole):
-            part = restricted_to(problem, choice, set(names[:k]))
-            fitted = amplitudes(problem, part, used)
-            added = Added.nothing(courses)
-            for m in part.members:
-                if not m.shape.freed:
-                    added = added.more(m.shape, fitted[m.columns])
-            values = {
-                n: situation.model.values[n] * max(1.0 + float(fitted[1 + j]), 0.1)
-                for j, n in enumerate(problem.names)
-            }
-            found = residual(courses, situation.model.changed(values), situation.noise, added)
-            for a, b in (
-                (target.force, found.force),
-                (target.position, found.position),
-                (target.telling, found.telling),
-            ):
-                a[test] = b[test]
-    return HeldOut(whole, chosen)
-
-
-def _gain(
-    before: Residual, after: Residual, limits: npt.NDArray[np.int64]
-) -> tuple[float, tuple[float, float]]:
-    """Share of the force residual's mean square that goes, and its 95 % interval."""
-    pairs = []
-    for a, b in pairwise(limits):
-        keep = before.telling[a:b]
-        pairs.append(
-            (
-                float(np.sum(before.force[a:b][keep] ** 2)),
-                float(np.sum(after.force[a:b][keep] ** 2)),
-            )
-        )
-    squares = np.array(pairs)
-    random = np.random.default_rng(0)
-    drawn = squares[random.integers(0, len(squares), (_DRAWS, len(squares)))].sum(axis=1)
-    shares = 1.0 - drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300)
-    total = squares.sum(axis=0)
-    low, high = np.quantile(shares, [0.025, 0.975])
-    return 1.0 - float(total[1] / max(total[0], 1e-300)), (float(low), float(high))
-
-
 def _level(found: Residual) -> Level:
     return Level(found.force_rms, found.position_rms)
 
@@ -412,7 +139,7 @@ def _concluded(
     situation, problem, best = found.situation, found.problem, found.choice.best
     courses, noise = situation.courses, situation.noise
     names = best.causes
-    held = _judged(situation, problem, names, len(best.members))
+    held = judged(situation, problem, names, len(best.members))
     limits = np.array(problem.limits) // len(courses[0].channels)
     nothing = Added.nothing(courses)
     baseline = residual(courses, believed, noise, nothing)
@@ -435,7 +162,7 @@ def _concluded(
             unnamed = unnamed.more(m.shape, fitted[m.columns])
         elif not m.shape.freed:
             named = named.more(m.shape, fitted[m.columns])
-    _, interval = _gain(held.residuals[0], held.residuals[-1], limits)
+    whole = gained(held.residuals[0], held.residuals[-1], limits)
     law = [believed.friction(c.x, c.v, c.step) for c in courses]
     viscous = [believed.linear_friction * c.middle_v for c in courses]
     predicted = np.concatenate([f + v for f, v in zip(law, viscous, strict=True)])
@@ -462,7 +189,7 @@ def _concluded(
         baseline_residual=_level(baseline),
         adjusted_residual=_level(held.residuals[0]),
         final_residual=_level(held.residuals[-1]),
-        gain_interval=interval,
+        gain_interval=whole.interval,
         causes=causes,
         unnamed=tuple(lives[n] for n in best.rivals),
         out_of_reach=_out_of_reach(courses, situation.model, problem, best),
@@ -501,7 +228,7 @@ def _found_cause(
     cause = CAUSES[member.name]
     place = best.causes.index(member.name)
     before, after = held.residuals[place], held.residuals[place + 1]
-    gain, interval = _gain(before, after, limits)
+    gain = gained(before, after, limits)
     values, intervals = _values_of(situation, problem, best, k)
     units = {p.name: p.unit for p in cause.parameters}
     if member.shape.freed:
@@ -519,8 +246,8 @@ def _found_cause(
         parameters=values,
         intervals=intervals,
         units={n: units.get(n.partition(".")[0], "") for n in values},
-        gain_heldout=gain,
-        gain_interval=interval,
+        gain_heldout=gain.share,
+        gain_interval=gain.interval,
         before=_level(before),
         after=_level(after),
         evidence=best.gains[k],

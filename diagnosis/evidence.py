@@ -38,7 +38,19 @@ class Products:
     @classmethod
     def of(cls, columns: Matrix, edges: Sequence[int]) -> Products:
         """Of columns, shape (n, c), between the `edges`."""
-        return cls(np.stack([columns[a:b].T @ columns[a:b] for a, b in pairwise(edges)]))
+        out = np.empty((len(edges) - 1, columns.shape[1], columns.shape[1]))
+        for product, (a, b) in zip(out, pairwise(edges), strict=True):
+            np.matmul(columns[a:b].T, columns[a:b], out=product)
+        return cls(out)
+
+    def exchange(
+        self, columns: Matrix, changed: npt.NDArray[np.int64], edges: Sequence[int]
+    ) -> None:
+        """Write what holds after some of the columns became others."""
+        for product, (a, b) in zip(self.by_stretch, pairwise(edges), strict=True):
+            cross = columns[a:b].T @ columns[a:b][:, changed]
+            product[:, changed] = cross
+            product[changed, :] = cross.T
 
     def over(self, stretches: npt.NDArray[np.bool_] | None = None) -> Matrix:
         return np.asarray(

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
 
-from .compiled import compiled
+from .compiled import compiled, compiled_in_place
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -368,58 +368,108 @@ def _smooth(
     state: Matrix,
     spread: Matrix,
 ) -> None:
-    # Bryson-Frazier: adjoints run back through the gains, and no covariance is inverted
+    # Bryson-Frazier: adjoints run back through the gains, and no covariance is inverted. Products
+    # are written out: BLAS costs more than it does on matrices of four rows.
     n, channels = signals.shape
     s = len(start)
-    x = start.copy()
-    p = np.diag(doubt**2)
-    before_x = np.empty((n, s))
-    before_p = np.empty((n, s, s))
+    x, p = start.copy(), np.diag(doubt**2)
+    pushed = np.outer(by_force, by_force)
+    before_x, before_p = np.empty((n, s)), np.empty((n, s, s))
+    seen, moved, half = np.empty(s), np.empty(s), np.empty((s, s))
     for k in range(n):
         before_x[k] = x
         before_p[k] = p
         for c in range(channels):
-            y = signals[k, c]
-            if np.isnan(y):
-                continue
-            seen = p @ sees[c]
-            variance = noise[c] * coarse[k, c] + sees[c] @ seen
-            x = x + seen * ((y - sees[c] @ x) / variance)
-            p = p - np.outer(seen, seen) / variance
-        x = move @ x + by_command * command[k] + by_force * force[k]
-        p = move @ p @ move.T + restless + extra[k] * np.outer(by_force, by_force)
-        p = 0.5 * (p + p.T)
-    lam = np.zeros(s)
-    big = np.zeros((s, s))
-    eye = np.eye(s)
-    for k in range(n - 1, -1, -1):
-        lam = move.T @ lam
-        big = move.T @ big @ move
-        # the channels were taken one after the other: undo them in reverse
-        xs = np.empty((channels + 1, s))
-        ps = np.empty((channels + 1, s, s))
-        xs[0] = before_x[k]
-        ps[0] = before_p[k]
-        for c in range(channels):
-            xs[c + 1] = xs[c]
-            ps[c + 1] = ps[c]
-            y = signals[k, c]
-            if not np.isnan(y):
-                seen = ps[c] @ sees[c]
-                variance = noise[c] * coarse[k, c] + sees[c] @ seen
-                xs[c + 1] = xs[c] + seen * ((y - sees[c] @ xs[c]) / variance)
-                ps[c + 1] = ps[c] - np.outer(seen, seen) / variance
-        for c in range(channels - 1, -1, -1):
-            y = signals[k, c]
-            if np.isnan(y):
-                continue
-            seen = ps[c] @ sees[c]
-            variance = noise[c] * coarse[k, c] + sees[c] @ seen
-            left = eye - np.outer(seen, sees[c]) / variance
-            lam = left.T @ lam - sees[c] * ((y - sees[c] @ xs[c]) / variance)
-            big = left.T @ big @ left + np.outer(sees[c], sees[c]) / variance
-        p = before_p[k]
-        state[k] = before_x[k] - p @ lam
-        covariance = p - p @ big @ p
+            if not np.isnan(signals[k, c]):
+                _learn(x, p, sees[c], noise[c] * coarse[k, c], signals[k, c], seen)
         for a in range(s):
-            spread[k, a] = np.sqrt(max(covariance[a, a], 0.0))
+            moved[a] = by_command[a] * command[k] + by_force[a] * force[k]
+            for b in range(s):
+                moved[a] += move[a, b] * x[b]
+        x[:] = moved
+        for a in range(s):
+            for b in range(s):
+                half[a, b] = 0.0
+                for j in range(s):
+                    half[a, b] += move[a, j] * p[j, b]
+        for a in range(s):
+            for b in range(a + 1):
+                total = restless[a, b] + extra[k] * pushed[a, b]
+                for j in range(s):
+                    total += half[a, j] * move[b, j]
+                p[a, b] = p[b, a] = total
+    lam, big = np.zeros(s), np.zeros((s, s))
+    xs, ps = np.empty((channels, s)), np.empty((channels, s, s))
+    turned = np.empty(s)
+    for k in range(n - 1, -1, -1):
+        for a in range(s):
+            moved[a] = 0.0
+            for b in range(s):
+                moved[a] += move[b, a] * lam[b]
+        lam[:] = moved
+        for a in range(s):
+            for b in range(s):
+                half[a, b] = 0.0
+                for j in range(s):
+                    half[a, b] += move[j, a] * big[j, b]
+        for a in range(s):
+            for b in range(a + 1):
+                total = 0.0
+                for j in range(s):
+                    total += half[a, j] * move[j, b]
+                big[a, b] = big[b, a] = total
+        # the channels were taken one after the other: undo them in reverse
+        x[:] = before_x[k]
+        p[:] = before_p[k]
+        for c in range(channels):
+            xs[c] = x
+            ps[c] = p
+            if not np.isnan(signals[k, c]):
+                _learn(x, p, sees[c], noise[c] * coarse[k, c], signals[k, c], seen)
+        for c in range(channels - 1, -1, -1):
+            if np.isnan(signals[k, c]):
+                continue
+            h = sees[c]
+            variance, surprise, along, twice = noise[c] * coarse[k, c], signals[k, c], 0.0, 0.0
+            for a in range(s):
+                seen[a] = 0.0
+                for b in range(s):
+                    seen[a] += ps[c, a, b] * h[b]
+                variance += h[a] * seen[a]
+                surprise -= h[a] * xs[c, a]
+            for a in range(s):
+                turned[a] = 0.0
+                for b in range(s):
+                    turned[a] += big[a, b] * seen[b] / variance
+            for a in range(s):
+                along += seen[a] / variance * lam[a]
+                twice += seen[a] / variance * turned[a]
+            for a in range(s):
+                lam[a] -= h[a] * (along + surprise / variance)
+                for b in range(s):
+                    big[a, b] += h[a] * h[b] * (twice + 1.0 / variance)
+                    big[a, b] -= h[a] * turned[b] + turned[a] * h[b]
+        for a in range(s):
+            total, state[k, a] = before_p[k, a, a], before_x[k, a]
+            for b in range(s):
+                state[k, a] -= before_p[k, a, b] * lam[b]
+                for j in range(s):
+                    total -= before_p[k, a, b] * big[b, j] * before_p[k, j, a]
+            spread[k, a] = np.sqrt(max(total, 0.0))
+
+
+@compiled_in_place
+def _learn(x: Vector, p: Matrix, h: Vector, noise: float, measured: float, seen: Vector) -> None:
+    """Take a measurement of variance `noise` into a state and its covariance, in place."""
+    s = len(x)
+    variance, surprise = noise, measured
+    for a in range(s):
+        seen[a] = 0.0
+        for b in range(s):
+            seen[a] += p[a, b] * h[b]
+        variance += h[a] * seen[a]
+        surprise -= h[a] * x[a]
+    for a in range(s):
+        x[a] += seen[a] * surprise / variance
+        for b in range(s):
+            p[a, b] -= seen[a] * seen[b] / variance

@@ -137,18 +137,19 @@ def sensitivities(
     courses: Sequence[Course], model: DriveModel, made: Sequence[Filter], added: Added
 ) -> Matrix:
     """What a relative change of each adjustable value takes from the surprises."""
-    columns = []
     usual = law_forces(courses, model)
-    for name in model.adjustable:
+
+    def column(name: str) -> Vector:
         law = None if name in model.law_parameters else usual
-        sides = [
+        low, high = (
             surprises(
                 courses, model.changed({name: model.values[name] * (1 + s)}), made, added, law
             )
-            for s in (_STEP, -_STEP)
-        ]
-        columns.append((sides[1] - sides[0]) / (2 * _STEP))
-    return np.column_stack(columns)
+            for s in (-_STEP, _STEP)
+        )
+        return (low - high) / (2 * _STEP)
+
+    return np.column_stack([column(n) for n in model.adjustable])
 
 
 def stretches(course: Course) -> int:

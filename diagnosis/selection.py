@@ -35,8 +35,10 @@ _MORE_MASS = 0.2  # spread of an unknown mass, relative to all that moves
 NEARLY = 0.8  # share of what anything explains that causes have to explain to be believed
 _LEFT_OVER = 0.15  # share of a rival's evidence that a name beside it has to bring
 _KEPT = 4  # sets of each size that are grown
+_LOOKED_AT = 40  # sets of each size that are looked at closely
 LARGEST = 4  # members of a set
 MOST_CAUSES = 6  # of a set of causes alone: a real machine has more than one fault
+MOST_CANCELLED = 4.0  # squares of what members bring, over that of what they bring together
 NEAR = 3.0  # sets whose odds differ by less, in natural logarithms, cannot be told apart
 
 
@@ -84,9 +86,16 @@ class Problem:
 
 
 def state_problem(
-    courses: Sequence[Course], model: DriveModel, believed: DriveModel, noise: Noise
+    courses: Sequence[Course],
+    model: DriveModel,
+    believed: DriveModel,
+    noise: Noise,
+    found: Sequence[Candidate] = (),
 ) -> Problem:
-    """The problem around a model's values, whose priors are those believed."""
+    """The problem around a model's values, whose priors are those believed.
+
+    What was `found` before is tried again with the values it had, beside the points of the grids.
+    """
     made = filters(courses, model, noise)
     nothing = Added.nothing(courses)
     signal = surprises(courses, model, made, nothing)
@@ -94,11 +103,16 @@ def state_problem(
     blocks = [signal[:, None], sensitivities(courses, model, made, nothing)]
     at = 1 + len(names)
     candidates = []
-    shapes: list[tuple[str, Shape, bool]] = [
-        (cause.name, shape, False)
+    asked = [
+        (cause, values)
         for cause in CAUSES.values()
-        for shape in cause.shapes(courses, model)
+        if not cause.beyond(courses, model)
+        for values in cause.grid(courses, model)
     ]
+    asked += [
+        (CAUSES[c.name], c.shape.values) for c in found if not c.is_rival and CAUSES[c.name].refined
+    ]
+    shapes = [(cause.name, cause.at(courses, model, v), False) for cause, v in asked]
     shapes += [(r.name, shape, True) for r in rivals(courses, model) for shape in r.shapes]
     for name, shape, is_rival in shapes:
         if shape.freed:
@@ -193,14 +207,17 @@ def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -
     free = _search(problem, products, empty, problem.candidates, largest)
     best = free[0]
     if named[0].score - empty.score >= NEARLY * (best.score - empty.score):
-        best = _search(problem, products, named[0], rivals_too, 2)[0]
+        more = _search(problem, products, named[0], rivals_too, 2)[0]
+        # where rivals are needed all the same, the causes have to be worth their names
+        if not more.rivals or more.score > best.score:
+            best = more
     alone = {}
     for only in (named, free):
         for e in only:
             if len(e.members) == 1:
                 alone[e.names[0]] = e.gains[0]
     others = sorted([*named, *free], key=lambda e: -e.score)
-    return Choice(_ordered(problem, products, best), others, alone)
+    return Choice(_pruned(problem, products, best), others, alone)
 
 
 def _search(
@@ -220,11 +237,59 @@ def _search(
                 if key not in grown or grown[key].score < more.score:
                     grown[key] = more
         ranked = sorted(grown.values(), key=lambda e: -e.score)
+        ranked = [e for e in ranked[:_LOOKED_AT] if _stands(problem, products, e)]
         beam = ranked[:_KEPT]
         seen += ranked if size == 0 else ranked[: 4 * _KEPT]
         if not beam or beam[0].score < max(e.score for e in seen) - NEXT_PRICE:
             break
     return sorted(seen, key=lambda e: -e.score)
+
+
+def _stands(problem: Problem, products: Matrix, explanation: Explanation) -> bool:
+    """Whether values that may be anything are still such as a drive can have.
+
+    A mass or a resistance below zero is none. And a large change that others cancel can fit
+    anything, far beyond where a value acts linearly.
+    """
+    freed = [int(m.columns[0]) for m in explanation.members if m.shape.freed]
+    if not freed:
+        return True
+    fitted = fit(products, list(explanation.priors))
+    if np.any(fitted.amplitude[np.isin(fitted.columns, freed)] <= -1.0):
+        return False
+    return _cancelled(problem, products, explanation) < MOST_CANCELLED
+
+
+def _cancelled(problem: Problem, products: Matrix, explanation: Explanation) -> float:
+    """Squares of what the members bring, over the square of what they bring together."""
+    freed = [int(m.columns[0]) - 1 for m in explanation.members if m.shape.freed]
+    spread = problem.prior.spread.copy()
+    spread[freed] = 1e-9 * spread[freed]  # what is a member's is not the values'
+    values = Prior(problem.prior.columns, problem.prior.mean, spread)
+    left = conditioned(products, [values]).products
+    fitted = fit(products, list(explanation.priors))
+    amplitude = dict(zip(fitted.columns.tolist(), fitted.amplitude, strict=True))
+    parts = []
+    for m in explanation.members:
+        part = np.zeros(len(products))
+        mean = problem.prior.mean[int(m.columns[0]) - 1] if m.shape.freed else 0.0
+        part[m.columns] = [amplitude[int(c)] - mean for c in m.columns]
+        parts.append(part)
+    whole = np.sum(parts, axis=0)
+    alone = sum(float(p @ left @ p) for p in parts)
+    return alone / max(float(whole @ left @ whole), 1e-300)
+
+
+def _pruned(problem: Problem, products: Matrix, best: Explanation) -> Explanation:
+    """An explanation, in order, without the members that later ones made needless."""
+    best = _ordered(problem, products, best)
+    while len(best.members) > 1:
+        weakest = best.members[-1]
+        price = NEXT_PRICE + (RIVALS_PRICE if weakest.is_rival else 0.0)
+        if best.gains[-1] >= price:
+            break
+        best = _ordered(problem, products, _without(problem, best, len(best.members) - 1))
+    return best
 
 
 def _ordered(problem: Problem, products: Matrix, best: Explanation) -> Explanation:
@@ -300,9 +365,15 @@ def refine(
     made: Sequence[Filter],
 ) -> tuple[Problem, Explanation]:
     """The explanation with its causes' nonlinear values found between the points of their grids."""
-    for k, member in enumerate(explanation.members):
-        if member.is_rival or member.shape.freed or not CAUSES[member.name].refined:
-            continue
+    between = [
+        k
+        for k, m in enumerate(explanation.members)
+        if not (m.is_rival or m.shape.freed) and CAUSES[m.name].refined
+    ]
+    if between:  # what follows writes into it
+        products = Products(problem.products.by_stretch.copy())
+        problem = replace(problem, products=products, columns=problem.columns.copy())
+    for k in between:
         problem, explanation = _refined_member(problem, explanation, k, courses, model, made)
     return problem, explanation
 
@@ -323,18 +394,26 @@ def _refined_member(
     low = points[max(here - 1, 0)] * (0.7 if here == 0 else 1.0)
     high = points[min(here + 1, len(points) - 1)] * (1.4 if here + 1 == len(points) else 1.0)
     others = _without(problem, explanation, k)
-    used = np.concatenate([p.columns for p in others.priors]).astype(np.int64)
-    base = problem.columns[:, np.concatenate([[0], used])]
+    used = np.concatenate([[0], *(p.columns for p in others.priors)]).astype(np.int64)
+    base = problem.columns[:, used]
+    inner = problem.products.over()[np.ix_(used, used)]
+    moved, at = [], 1
+    for p in others.priors:
+        moved.append(Prior(np.arange(at, at + len(p.columns)), p.mean, p.spread))
+        at += len(p.columns)
+
+    fixed = dict(member.shape.values)
+    if member.shape.sure is None:
+        # how it is linear depends on how large it is
+        fitted = fit(problem.products.over(), list(explanation.priors))
+        size = fitted.amplitude[np.isin(fitted.columns, member.columns)]
+        fixed |= dict(zip(member.shape.amplitudes, size.tolist(), strict=True))
 
     def bring(value: float) -> tuple[float, Shape, Matrix, Vector]:
-        shape = cause.at(courses, model, {**member.shape.values, key: value})
+        shape = cause.at(courses, model, {**fixed, key: value})
         columns = response(courses, made, shape)
-        whole = np.hstack([base, columns])
-        products = whole.T @ whole
-        moved, at = [], 1
-        for p in others.priors:
-            moved.append(Prior(np.arange(at, at + len(p.columns)), p.mean, p.spread))
-            at += len(p.columns)
+        cross = base.T @ columns
+        products = np.block([[inner, cross], [cross.T, columns.T @ columns]])
         rest = conditioned(products, moved).products
         mine = np.arange(at, at + columns.shape[1])
         if shape.sure is not None:
@@ -347,17 +426,15 @@ def _refined_member(
         lambda q: -bring(math.exp(q))[0],
         bounds=(math.log(low), math.log(high)),
         method="bounded",
-        options={"xatol": 0.01, "maxiter": 10},
+        options={"xatol": 0.02 * math.log(high / low), "maxiter": 10},
     )
     _, shape, columns, spread = bring(math.exp(float(found.x)))
-    at = problem.columns.shape[1]
-    candidate = Candidate(member.name, shape, np.arange(at, at + columns.shape[1]))
-    whole = np.hstack([problem.columns, columns])
+    candidate = replace(member, shape=shape)
+    problem.columns[:, candidate.columns] = columns
+    problem.products.exchange(problem.columns, candidate.columns, problem.limits)
     problem = replace(
         problem,
-        products=Products.of(whole, problem.limits),
-        columns=whole,
-        candidates=[*problem.candidates, candidate],
+        candidates=[candidate if c is member else c for c in problem.candidates],
     )
     mean = np.full(len(spread), 1.0 if shape.sure is not None else 0.0)
     priors = (*others.priors, Prior(candidate.columns, mean, spread))

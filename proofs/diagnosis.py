@@ -2,8 +2,8 @@
 
 Writes ``docs/proof/diagnosis.json`` (commit, the generator's commit, seeds, shares with Wilson's
 bounds against what is required, every trial) and the confusion matrix beside it. The trials go one
-by one into ``out/diagnosis.jsonl``; ``--resume`` takes those that are there. Trials of another
-commit are not taken.
+by one into ``out/diagnosis.jsonl``; ``--resume`` takes those that are there. Trials of other code,
+of the diagnosis or of the generator, are not taken.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers are the threads
 
 import argparse
+import hashlib
 import json
 import math
 import subprocess
@@ -136,13 +137,31 @@ def commit_of(*paths: str) -> str:
     return told.stdout.strip() or "not committed"
 
 
-def report_of(rows: list[Row], commit: str) -> dict[str, object]:
+def code_digest() -> str:
+    """One number for this project's code that an answer depends on: all that is loaded for it."""
+    ask = (
+        "import sys, hidden_trials, ballscrew.diagnosis.diagnose\n"
+        "ours = ('ballscrew.', 'hidden_')\n"
+        "print(*(m.__file__ for n, m in sys.modules.items() if n.startswith(ours) and m.__file__))"
+    )
+    support = ROOT / "tests" / "support"
+    told = subprocess.run(
+        [sys.executable, "-c", ask], capture_output=True, text=True, check=True, cwd=support
+    )
+    digest = hashlib.sha256()
+    for path in sorted(map(Path, told.stdout.split()), key=lambda p: p.parts[-2:]):
+        digest.update("/".join(path.parts[-2:]).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def report_of(rows: list[Row]) -> dict[str, object]:
     """All that is written."""
     rows = sorted(rows, key=lambda r: ((CAUSE, NONE, OUT, PAIR).index(r.group), r.effects, r.seed))
     judged = [r.judge(rows) for r in requirements()]
     seconds = np.array([r.seconds for r in rows])
     return {
-        "commit": commit,
+        "commit": commit_of(),
+        "code": code_digest(),
         "generator_commit": commit_of(*GENERATOR),
         "trials": len(rows),
         "all_met": all(j["met"] for j in judged),
@@ -218,15 +237,15 @@ def _words(name: str) -> str:
     return {NOTHING: "nothing"}.get(name, name.replace("_", " "))
 
 
-def read_rows(path: Path, commit: str) -> list[Row]:
-    """The trials that an earlier call at this commit has written."""
+def read_rows(path: Path, code: str) -> list[Row]:
+    """The trials that an earlier call of the same code has written."""
     if not path.exists():
         return []
     read = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
-    return [Row(**r["row"]) for r in read if r["commit"] == commit]
+    return [Row(**r["row"]) for r in read if r["code"] == code]
 
 
-def run_all(trials: list[Trial], workers: int, path: Path, commit: str) -> Iterator[Row]:
+def run_all(trials: list[Trial], workers: int, path: Path, code: str) -> Iterator[Row]:
     """The trials' rows as they come, kept in a file."""
     draw_case(("none",), 0)  # compiled once, before there are several processes
     with (
@@ -235,7 +254,7 @@ def run_all(trials: list[Trial], workers: int, path: Path, commit: str) -> Itera
     ):
         for future in as_completed([pool.submit(run_trial, t) for t in trials]):
             row = future.result()
-            file.write(json.dumps({"commit": commit, "row": asdict(row)}) + "\n")
+            file.write(json.dumps({"code": code, "row": asdict(row)}) + "\n")
             file.flush()
             yield row
 
@@ -255,22 +274,22 @@ def main() -> int:
             f"--only is {options.only!r}, expected one of {', '.join(CATALOGUE)}, "
             f"{', '.join(OUTSIDE)}, {CAUSE}, {NONE}, {OUT} or {PAIR}"
         )
-    commit = commit_of()
+    code = code_digest()
     options.rows.parent.mkdir(parents=True, exist_ok=True)
     keys = {t.key for t in trials}
-    rows = [r for r in read_rows(options.rows, commit) if r.key in keys] if options.resume else []
+    rows = [r for r in read_rows(options.rows, code) if r.key in keys] if options.resume else []
     if not options.resume:
         options.rows.unlink(missing_ok=True)
     done = {r.key for r in rows}
     left = [t for t in trials if t.key not in done]
-    for count, row in enumerate(run_all(left, options.workers, options.rows, commit), start=1):
+    for count, row in enumerate(run_all(left, options.workers, options.rows, code), start=1):
         rows.append(row)
         answer = ", ".join(row.named) or row.failure or row.verdict
         mark = "right" if row.right else "WRONG"
         print(f"{len(rows)} of {len(trials)}: {row.key} {mark}: {answer}", file=sys.stderr)
         if count % OFTEN == 0:
-            write_json(options.out, report_of(rows, commit))
-    report = report_of(rows, commit)
+            write_json(options.out, report_of(rows))
+    report = report_of(rows)
     write_json(options.out, report)
     save_confusion(rows, options.out.parent)
     return 0 if tell(rows) else 1

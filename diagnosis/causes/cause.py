@@ -99,12 +99,6 @@ class Cause:
     refined: str | None = None
     beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
 
-    def shapes(self, courses: Courses, model: DriveModel) -> list[Shape]:
-        """All shapes to try; none where these records cannot show the cause."""
-        if self.beyond(courses, model):
-            return []
-        return [self.at(courses, model, values) for values in self.grid(courses, model)]
-
 
 def parameter(name: str, unit: str, meaning: str, default: float = 0.0) -> Parameter:
     """A parameter that a diagnosis finds."""

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _SPEEDS = 14
 _SMALL = 0.05  # of the friction: a bend so small that its effect is proportional to it
+_DEEPEST = 0.9  # of the friction, that a bend may take from it
 _BEND = sp.exp(-((symbol("v") / symbol("V_mismatch")) ** 2))
 
 
@@ -33,8 +34,11 @@ def _grid(courses: Courses, model: DriveModel) -> list[Values]:
 def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     if not model.can_bend:
         return _ADDED.at(courses, model, values)
-    size = _SMALL * model.friction_scale
-    bent = model.changed({"dF_low": size, **values})
+    scale = model.friction_scale
+    size = max(values.get("dF_low", 0.0), -_DEEPEST * scale)
+    if abs(size) < _SMALL * scale:
+        size = _SMALL * scale
+    bent = model.changed({**values, "dF_low": size})
     force = [
         ((bent.friction(c.x, c.v, c.step) - model.friction(c.x, c.v, c.step)) / size)[:, None]
         for c in courses

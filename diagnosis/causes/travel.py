@@ -13,8 +13,10 @@ from .cause import Courses, Values, Vector
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
 
-_FEWEST_PERIODS = 2.0  # in the travel
-_MOST_PERIODS = 250.0
+_FEWEST_PERIODS = 2  # in the travel
+_MOST_PERIODS = 250
+_FINER = 5  # periods that are tried, to each whole one in the travel
+_CELLS = 4096  # of the travel: 16 in the shortest period
 _PEAKS = 10
 _AROUND = 75  # fifths of a period of the travel
 
@@ -40,16 +42,17 @@ def periods(
     flips : bool
         Whether the force changes sign with the velocity.
     """
-    _, half = middle_and_half(courses)
-    way = 2 * half
+    middle, half = middle_and_half(courses)
+    low, way = middle - half, 2 * half
     turns = model.values.get("p")
     if turns:
         return [{name: k * turns} for k in harmonics if k * turns * way > _FEWEST_PERIODS]
-    found = np.arange(_FEWEST_PERIODS, _MOST_PERIODS, 0.2) / way
+    tried = np.arange(_FEWEST_PERIODS * _FINER, _MOST_PERIODS * _FINER)
+    found = tried / (_FINER * way)
     power = np.zeros(len(found))
     for c in courses:
         force = c.unknown * (np.sign(c.v) if flips else 1.0)
-        power += _power(c.x, force - force.mean(), found)
+        power += _power((c.x - low) / way, force - force.mean())[tried]
     # peaks over what lies around them: slow structure has more power at few periods
     rises = power / median_filter(power, _AROUND, mode="nearest")
     inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
@@ -57,8 +60,8 @@ def periods(
     return [{name: float(found[k])} for k in np.sort(best)]
 
 
-def _power(x: Vector, force: Vector, found: Vector) -> Vector:
-    """How much of a force swings with the position so often per metre."""
-    thin = max(1, len(x) // 8000)
-    turn = np.exp(2j * np.pi * np.outer(found, x[::thin]))
-    return np.asarray(np.abs(turn @ force[::thin]) ** 2)
+def _power(place: Vector, force: Vector) -> Vector:
+    """How much of a force swings with the place, 0 to 1 over the travel, by fifths of a period."""
+    cell = np.minimum((place * _CELLS).astype(int), _CELLS - 1)
+    summed = np.bincount(cell, force, _CELLS)
+    return np.asarray(np.abs(np.fft.rfft(summed, _FINER * _CELLS)) ** 2)

@@ -13,7 +13,7 @@ from .cause import Cause, Courses, Shape, Values, parameter
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
 
-_LEVELS = np.linspace(0.4, 0.99, 24)  # of the largest command
+_LEVELS = 1.0 - np.geomspace(0.002, 0.6, 22)  # of the largest command
 
 
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:

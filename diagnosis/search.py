@@ -1,0 +1,238 @@
+"""The search for causes: values, noise and causes found in turn until they agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .course import Course, Noise, instrument_noise, lay_along, resmoothed
+from .drive_model import DriveModel
+from .drive_record import DriveRecord
+from .evidence import Prior, fit
+from .regression import (
+    Added,
+    filters,
+    fitted_noise,
+    law_forces,
+    likelihood,
+    sensitivities,
+    surprises,
+)
+from .selection import (
+    LARGEST,
+    NEAR,
+    Choice,
+    Explanation,
+    Problem,
+    amplitudes,
+    choose,
+    free_spreads,
+    refine,
+    state_problem,
+)
+
+_FIRST_RMS = 0.05  # of the friction: unmodelled force, before it is fitted
+_FIRST_MEMORY = 0.01  # [s]
+_ADJUSTMENTS = 3
+_TURNS = 4  # of naming causes and adjusting values
+_FIRST_CONTENDS = 0.6  # of the best cause's evidence, from which another is tried in earnest
+_CONTENDS = 10.0  # odds, in natural logarithms, from which another set of causes is
+_MOST_CONTENDERS = 2
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Records, the model's adjusted values and the noise, under one explanation."""
+
+    courses: list[Course]
+    model: DriveModel
+    noise: Noise
+    added: Added
+
+
+def adjusted(
+    courses: list[Course],
+    model: DriveModel,
+    believed: DriveModel,
+    noise: Noise,
+    added: Added,
+    freed: Sequence[str] = (),
+    rounds: int = _ADJUSTMENTS,
+) -> Situation:
+    """The believed values, each within its tolerance (or free), and the noise, fitted."""
+    names = model.adjustable
+    spread = np.array([believed.tolerance[n] for n in names]) / math.sqrt(3.0)
+    free = free_spreads(believed)
+    for name in freed:
+        spread[names.index(name)] = free[names.index(name)]
+    for turn in range(rounds):  # Gauss-Newton
+        made = filters(courses, model, noise)
+        signal = surprises(courses, model, made, added)
+        columns = np.column_stack([signal, sensitivities(courses, model, made, added)])
+        mean = np.array([believed.values[n] / model.values[n] - 1.0 for n in names])
+        prior = Prior(np.arange(1, len(names) + 1), mean, spread)
+        change = fit(columns.T @ columns, [prior]).amplitude
+        model = model.changed(
+            {
+                n: model.values[n] * max(1.0 + float(c), 0.3)
+                for n, c in zip(names, change, strict=True)
+            }
+        )
+        courses = [
+            resmoothed(c, model, noise, f, u, i)
+            for c, f, u, i in zip(courses, added.force, added.command, added.current, strict=True)
+        ]
+        if turn + 1 < rounds:
+            noise = fitted_noise(courses, model, noise, added)
+    return Situation(courses, model, noise, added)
+
+
+def explained(situation: Situation, problem: Problem, best: Explanation) -> Added:
+    """What an explanation adds to the records' forces and commands."""
+    amplitude = amplitudes(problem, best)
+    added = Added.nothing(situation.courses)
+    for member in best.members:
+        if not member.shape.freed:
+            added = added.more(member.shape, amplitude[member.columns])
+    return added
+
+
+def _cost(situation: Situation) -> float:
+    """Minus the logarithm of the records' likelihood."""
+    courses, model = situation.courses, situation.model
+    law = law_forces(courses, model)
+    return likelihood(courses, model, situation.noise, situation.added, law)
+
+
+@dataclass(frozen=True)
+class Found:
+    """The end of a search: the situation under the best explanation."""
+
+    situation: Situation
+    problem: Problem
+    choice: Choice
+    first_alone: Mapping[str, float]
+
+
+def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
+    """Look for causes; values, noise and causes are found in turn until they agree."""
+    courses = [lay_along(r, believed) for r in records]
+    channels = [instrument_noise(r)[2] for r in records]
+    noise = Noise(np.mean(channels, axis=0), _FIRST_RMS * believed.friction_scale, _FIRST_MEMORY)
+    situation = adjusted(courses, believed, believed, noise, Added.nothing(courses))
+    first: Mapping[str, float] = {}
+    best: Step | None = None
+    tried: set[tuple[str, ...]] = set()
+    for turn in range(_TURNS):
+        found = best.explanation.members if best else ()
+        problem = state_problem(
+            situation.courses, situation.model, believed, situation.noise, found
+        )
+        # before anything is known, noise is overrated and the first name alone can be relied on
+        choice = choose(problem, largest=1 if turn == 0 else LARGEST)
+        first = first or choice.alone
+        if not choice.best.members and not found:
+            break
+        again = turn > 0 and set(choice.best.names) == {m.name for m in found}
+        duel = [e for e in _contenders(choice, turn == 0) if _key(e) not in tried]
+        tried |= {_key(e) for e in (choice.best, *duel)}
+        if again and len(duel) < 2:
+            break
+        step = _best_step(situation, problem, choice.best, duel, believed)
+        problem, choice = step.problem, replace(choice, best=step.explanation)
+        if best and step.cost > best.cost:  # too long to be a step: what came before it stands
+            situation = replace(situation, added=step.situation.added)
+            break
+        situation, best = step.situation, step
+    return Found(situation, problem, choice, first)
+
+
+def _key(explanation: Explanation) -> tuple[str, ...]:
+    return tuple(sorted(explanation.names))
+
+
+@dataclass(frozen=True)
+class Step:
+    """What becomes of a situation once an explanation is believed.
+
+    Attributes
+    ----------
+    cost : float
+        Minus the logarithm of the records' likelihood, and of the values' probability before.
+    """
+
+    situation: Situation
+    problem: Problem
+    explanation: Explanation
+    cost: float
+
+
+def _step(
+    situation: Situation, problem: Problem, explanation: Explanation, believed: DriveModel
+) -> Step:
+    freed = [m.shape.freed for m in explanation.members if m.shape.freed]
+    made = filters(situation.courses, situation.model, situation.noise)
+    problem, best = refine(problem, explanation, situation.courses, situation.model, made)
+    added = explained(situation, problem, best)
+    after = adjusted(
+        situation.courses,
+        situation.model,
+        believed,
+        situation.noise,
+        added,
+        freed,
+        rounds=2,
+    )
+    unlikely = sum(
+        (after.model.values[n] / believed.values[n] - 1.0) ** 2 / believed.tolerance[n] ** 2
+        for n in problem.names
+        if n not in freed
+    )
+    return Step(after, problem, best, _cost(after) + 1.5 * unlikely)
+
+
+def _best_step(
+    situation: Situation,
+    problem: Problem,
+    best: Explanation,
+    duel: Sequence[Explanation],
+    believed: DriveModel,
+) -> Step:
+    """The step to the best explanation, unless one with other causes is clearly better."""
+    if len(duel) < 2:
+        return _step(situation, problem, best, believed)
+    own, *others = (_step(situation, problem, e, believed) for e in duel)
+    other = min(others, key=lambda s: s.cost)
+    if other.cost < own.cost - NEAR:
+        return other
+    return _step(situation, problem, best, believed) if best.rivals else own
+
+
+def _contenders(choice: Choice, first: bool) -> list[Explanation]:
+    """The best causes and those that come near with one of them in place of another, best first.
+
+    None if nothing comes near. A cause that changes much looks less than it is around values that
+    do not have it, so that these have to be compared in earnest.
+    """
+    ranked: dict[tuple[str, ...], Explanation] = {}
+    for e in choice.others:
+        if not e.rivals:
+            ranked.setdefault(_key(e), e)
+    own = ranked.get(tuple(sorted(choice.best.causes)))
+    if own is None or not own.members:
+        return []
+    nothing = ranked[()].score
+    least = own.score - _CONTENDS
+    if first:
+        least = max(nothing + _FIRST_CONTENDS * (own.score - nothing), nothing)
+    near = [
+        e
+        for e in ranked.values()
+        if len(e.names) == len(own.names)
+        and len(set(e.names) - set(own.names)) == 1
+        and e.score > least
+    ]
+    return [own, *near[:_MOST_CONTENDERS]] if near else []
