@@ -37,7 +37,7 @@ _LEFT_OVER = 0.15  # share of a rival's evidence that a name beside it has to br
 _KEPT = 4  # sets of each size that are grown
 _LOOKED_AT = 40  # sets of each size that are looked at closely
 LARGEST = 4  # members of a set
-MOST_CAUSES = 6  # of a set of causes alone: a real machine has more than one fault
+MOST_CAUSES = 8  # of a set of causes alone: a real machine has more than one fault
 MOST_CANCELLED = 4.0  # squares of what members bring, over that of what they bring together
 NEAR = 3.0  # sets whose odds differ by less, in natural logarithms, cannot be told apart
 

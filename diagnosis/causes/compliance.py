@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..course import Course
     from ..drive_model import DriveModel
 
-_YIELDING = 1e-6 * 2.0 ** np.arange(0.0, 8.0)  # under the friction of slow sliding [m]
+_YIELDING = 1e-6 * 2.0 ** np.arange(-4.0, 8.0)  # under the friction of slow sliding [m]
 
 
 def _missing(course: Course, model: DriveModel, stiffness: float) -> np.ndarray:

@@ -110,3 +110,26 @@ def test_every_cause_says_what_would_confirm_it_and_what_it_is_mistaken_for():
         assert cause.says
         assert cause.confirm
         assert set(cause.mistaken_for) <= known
+
+
+def test_friction_that_follows_a_thermometer_is_told_per_degree():
+    """A screw that cools down and warms up again: no growth in time would do."""
+    import hidden_effects
+
+    random = np.random.default_rng(11)
+    time = np.arange(hidden_effects.SAMPLES + 1) * hidden_effects.SAMPLE
+    u = 3.0 * np.sin(2 * math.pi * 0.7 * time) + 1.5 * np.sin(2 * math.pi * 1.9 * time + 1)
+    noise = hidden_effects.friction_noise(random)
+    temperature = 22.0 + 12.0 * np.cos(2 * math.pi * time / time[-1])
+    cold = hidden_effects.simulate({}, u, noise)
+    friction = hidden_effects.force_along({}, cold.position, cold.speed, cold.way)
+    warm = noise + 0.01 * (temperature - 22.0) * np.append(friction, friction[-1])
+    motion = hidden_effects.simulate({}, u, warm)
+    thermometer = np.where(np.arange(len(time)) % 500 == 0, np.round(temperature, 1), np.nan)
+    signals = {"time": time, "u": u, "x": motion.encoder, "temperature": thermometer}
+    found = diagnose_records([checked("made", {n: s[:-1] for n, s in signals.items()})], nominal())
+    first = found.causes[0]
+    assert first.name == "friction_drift"
+    low, high = first.intervals["friction_per_kelvin"]
+    assert low < 0.01 < high
+    assert high - low < 0.005
