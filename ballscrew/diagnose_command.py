@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .diagnosis.averaging_cost import AveragingCost
     from .diagnosis.diagnosis import Diagnosis, Level
     from .diagnosis.diagnosis_report import ClosedLoopSection
     from .diagnosis.trials import TrialsDiagnosis
@@ -28,6 +29,7 @@ examples:
   ballscrew diagnose emps.mat --params emps.toml --map vir=u --map qm=x --map t=time --out out/emps
   ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
   ballscrew diagnose --trials dahl.csv --value sigma --out out/scatter
+  ballscrew diagnose --directions stribeck.csv --out out/averaging
 """
 _FMU, _PARAMETERS, _CURVES = "extended_plant.fmu", "parameters.toml", "curves.parquet"
 _FILES = ("diagnosis.json", "report.html", _FMU, _PARAMETERS, _CURVES)
@@ -54,6 +56,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add("--map", action="append", default=[], metavar="THEIRS=OURS", help="a column's name")
     add("--trials", type=Path, metavar="TABLE.csv", help="instead: a table with a trial a row")
     add("--value", metavar="COLUMN", help="with --trials: whose scatter is to be explained")
+    add(
+        "--directions",
+        type=Path,
+        metavar="TABLE.csv",
+        help="instead: Fc, Fs, Vs, sigma2 of each direction; what does their average cost?",
+    )
     add("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
     add("--json", action="store_true", help="print the result as JSON")
     parser.set_defaults(action=_diagnose)
@@ -64,24 +72,32 @@ def _diagnose(options: argparse.Namespace) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from .cli import BadRequest
 
-    if options.trials is not None:
-        _not_with_trials(options)
-        return _trials(options)
-    if options.value is not None:
+    tables = {"--trials": options.trials, "--directions": options.directions}
+    for table, path in tables.items():
+        if path is not None:
+            _only_with(table, options)
+    if options.value is not None and options.trials is None:
         raise BadRequest("--value is for --trials, and there is none")
+    if options.trials is not None:
+        return _trials(options)
+    if options.directions is not None:
+        return _directions(options)
     if not options.data:
-        raise BadRequest("neither DATA nor --trials; see ballscrew diagnose --help")
+        raise BadRequest(
+            "neither DATA nor --trials nor --directions; see ballscrew diagnose --help"
+        )
     return _records(options)
 
 
-def _not_with_trials(options: argparse.Namespace) -> None:
+def _only_with(table: str, options: argparse.Namespace) -> None:
     from .cli import BadRequest
 
     given = {"DATA": options.data, "--params": options.params, "--law": options.law}
-    for name, value in {**given, "--map": options.map}.items():
-        if value:
-            raise BadRequest(f"{name} and --trials: expected one of them")
-    if options.value is None:
+    given |= {"--map": options.map, "--trials": options.trials, "--directions": options.directions}
+    for name, value in given.items():
+        if value and name != table:
+            raise BadRequest(f"{name} and {table}: expected one of them")
+    if table == "--trials" and options.value is None:
         raise BadRequest("--trials needs --value COLUMN, whose scatter is to be explained")
 
 
@@ -263,7 +279,7 @@ def _table(
     return "\n".join(lines)
 
 
-# -- tables of trials ------------------------------------------------------------------------
+# -- tables --------------------------------------------------------------------------------
 
 
 def _trials(options: argparse.Namespace) -> int:
@@ -315,6 +331,47 @@ def _trials_table(result: TrialsDiagnosis) -> str:
     lines += [f"{name}: no condition, {why}" for name, why in result.no_conditions.items()]
     if result.left_out:
         lines.append(f"{result.left_out} trials left out: a cell is empty")
+    return "\n".join(lines)
+
+
+def _directions(options: argparse.Namespace) -> int:
+    from .cli import TRUSTED, BadRequest, _prepare, _write
+    from .diagnosis.averaging_cost import averaging_cost
+    from .diagnosis.trials import BadTable
+
+    written = options.out / "averaging_cost.json"
+    if written.resolve() == options.directions.resolve():
+        raise BadRequest(f"{options.directions} would be overwritten by the result")
+    _prepare(options.out)
+    try:
+        cost = averaging_cost(options.directions)
+    except BadTable as error:
+        raise BadRequest(str(error)) from error
+    _write(lambda: cost.save(options.out))
+    print(written.read_text(encoding="utf-8") if options.json else _averaging_table(cost))
+    if not options.json:
+        print(f"{written.name} in {options.out}")
+    return TRUSTED
+
+
+def _averaging_table(cost: AveragingCost) -> str:
+    rows = {
+        "average less forwards": cost.forwards,
+        "average less backwards": cost.backwards,
+        "what one curve for both leaves at least": cost.unavoidable,
+        "averaged parameters less averaged forces": cost.of_parameters,
+    }
+    lines = [
+        f"One averaged friction curve for both directions is {cost.forwards.rms:.3g} N rms off "
+        f"forwards and {cost.backwards.rms:.3g} N backwards, from rest to "
+        f"{1e3 * cost.fastest:g} mm/s.",
+        "",
+        f"{'':<44}{'rms [N]':>9}{'share':>9}{'largest [N]':>13}{'at [mm/s]':>11}",
+    ]
+    lines += [
+        f"{name:<44}{e.rms:>9.3g}{100 * e.share:>7.3g} %{e.largest:>13.3g}{1e3 * e.at_speed:>11.3g}"
+        for name, e in rows.items()
+    ]
     return "\n".join(lines)
 
 

@@ -24,6 +24,7 @@ Matrix = npt.NDArray[np.float64]
 
 STRETCH = 0.5  # what is weighed and held out together [s]
 _STEP = 1e-3  # of differences, relative to a value
+SHORTEST_MEMORY = 0.005  # of it [s]; a position hardly shows what is faster, errors of reading do
 LONGEST_MEMORY = 0.05  # of what is called noise [s]; what lasts longer is structure
 
 
@@ -192,7 +193,7 @@ def fitted_noise(courses: Sequence[Course], model: DriveModel, noise: Noise, add
 
     def at(q: Vector) -> Noise:
         rms = scale * math.exp(min(max(q[0], -12.0), 3.0))
-        memory = min(step * math.exp(max(q[1], 0.0)), LONGEST_MEMORY)
+        memory = min(max(step * math.exp(max(q[1], 0.0)), SHORTEST_MEMORY), LONGEST_MEMORY)
         factors = np.exp(2 * np.clip(q[2:], -1.0, 1.5))
         return Noise(noise.channels * factors, rms, memory)
 
@@ -202,7 +203,7 @@ def fitted_noise(courses: Sequence[Course], model: DriveModel, noise: Noise, add
         )
 
     # from within: at its end a memory has no slope
-    memory = min(max(noise.memory, 2 * step), 0.4 * LONGEST_MEMORY)
+    memory = min(max(noise.memory, 2 * SHORTEST_MEMORY), 0.4 * LONGEST_MEMORY)
     first = np.concatenate(
         [
             [math.log(noise.rms / scale), math.log(memory / step)],

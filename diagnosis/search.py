@@ -11,7 +11,7 @@ import numpy as np
 from .course import Course, Noise, instrument_noise, lay_along, resmoothed
 from .drive_model import DriveModel
 from .drive_record import DriveRecord
-from .evidence import Prior, fit
+from .evidence import Prior, evidence_of, fit
 from .regression import (
     Added,
     filters,
@@ -23,13 +23,13 @@ from .regression import (
 )
 from .selection import (
     LARGEST,
-    NEAR,
     Choice,
     Explanation,
     Problem,
     amplitudes,
     choose,
     free_spreads,
+    left_over,
     refine,
     state_problem,
 )
@@ -39,6 +39,7 @@ _FIRST_MEMORY = 0.01  # [s]
 _ADJUSTMENTS = 3
 _TURNS = 4  # of naming causes and adjusting values
 _FIRST_CONTENDS = 0.6  # of the best cause's evidence, from which another is tried in earnest
+_WORTH = 0.5  # of what a best explanation with rivals scores, from which causes alone are tried
 _CONTENDS = 10.0  # odds, in natural logarithms, from which another set of causes is
 _MOST_CONTENDERS = 2
 
@@ -134,18 +135,20 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
         # before anything is known, noise is overrated and the first name alone can be relied on
         choice = choose(problem, largest=1 if turn == 0 else LARGEST)
         first = first or choice.alone
-        if not choice.best.members and not found:
+        if not choice.best.members and not best:
             break
-        again = turn > 0 and set(choice.best.names) == {m.name for m in found}
-        duel = [e for e in _contenders(choice, turn == 0) if _key(e) not in tried]
-        tried |= {_key(e) for e in (choice.best, *duel)}
-        if again and len(duel) < 2:
+        contenders = [e for e in _contenders(choice, turn == 0) if _key(e) not in tried]
+        if best and (_key(choice.best) == _key(best.explanation) or not contenders):
             break
-        step = _best_step(situation, problem, choice.best, duel, believed)
+        tried |= {_key(e) for e in contenders}
+        steps = [_step(situation, problem, e, believed) for e in contenders]
+        step = min(steps, key=lambda s: s.cost)
+        if best and step.cost > best.cost:  # what was found before is the better whole
+            stays = [e for e in choice.others if _key(e) == _key(best.explanation)]
+            if stays:
+                choice = replace(choice, best=max(stays, key=lambda e: e.score))
+            break
         problem, choice = step.problem, replace(choice, best=step.explanation)
-        if best and step.cost > best.cost:  # too long to be a step: what came before it stands
-            situation = replace(situation, added=step.situation.added)
-            break
         situation, best = step.situation, step
     return Found(situation, problem, choice, first)
 
@@ -161,7 +164,8 @@ class Step:
     Attributes
     ----------
     cost : float
-        Minus the logarithm of the records' likelihood, and of the values' probability before.
+        Minus the logarithm of how well the records are foretold, noise and values adjusted, and
+        the amplitudes averaged over what was as likely before.
     """
 
     situation: Situation
@@ -191,48 +195,52 @@ def _step(
         for n in problem.names
         if n not in freed
     )
-    return Step(after, problem, best, _cost(after) + 1.5 * unlikely)
+    cost = _cost(after) + 1.5 * unlikely + _freedom(problem, best)
+    return Step(after, problem, best, cost)
 
 
-def _best_step(
-    situation: Situation,
-    problem: Problem,
-    best: Explanation,
-    duel: Sequence[Explanation],
-    believed: DriveModel,
-) -> Step:
-    """The step to the best explanation, unless one with other causes is clearly better."""
-    if len(duel) < 2:
-        return _step(situation, problem, best, believed)
-    own, *others = (_step(situation, problem, e, believed) for e in duel)
-    other = min(others, key=lambda s: s.cost)
-    if other.cost < own.cost - NEAR:
-        return other
-    return _step(situation, problem, best, believed) if best.rivals else own
+def _freedom(problem: Problem, explanation: Explanation) -> float:
+    """What an explanation's free amplitudes cost: its best fit is better than it foretold."""
+    products = problem.products.over()
+    nothing = Explanation((), (problem.prior,), 0.0, ())
+    of = [
+        -0.5 * float(np.sum(left_over(problem, amplitudes(problem, e))))
+        - evidence_of(products, e.priors)
+        for e in (explanation, nothing)
+    ]
+    return of[0] - of[1]
 
 
 def _contenders(choice: Choice, first: bool) -> list[Explanation]:
-    """The best causes and those that come near with one of them in place of another, best first.
+    """The best explanation and those that are worth a comparison in earnest with it.
 
-    None if nothing comes near. A cause that changes much looks less than it is around values that
-    do not have it, so that these have to be compared in earnest.
+    A cause that changes much looks less than it is around values that do not have it, and so does
+    any beside a shapeless rival when the noise is that of the rival: causes that come near with one
+    in place of another, and causes alone where the best has rivals. At first, causes go first.
     """
     ranked: dict[tuple[str, ...], Explanation] = {}
-    for e in choice.others:
-        if not e.rivals:
+    for e in sorted(choice.others, key=lambda e: -e.score):
+        if not e.rivals and e.members:
             ranked.setdefault(_key(e), e)
-    own = ranked.get(tuple(sorted(choice.best.causes)))
-    if own is None or not own.members:
-        return []
-    nothing = ranked[()].score
-    least = own.score - _CONTENDS
-    if first:
-        least = max(nothing + _FIRST_CONTENDS * (own.score - nothing), nothing)
+    best = choice.best
+    if not ranked:
+        return [best]
+    nothing = max(e.score for e in choice.others if not e.members)
+    own = ranked.get(tuple(sorted(best.causes))) or next(iter(ranked.values()))
+    worth = own.score > nothing + _WORTH * (best.score - nothing)
+    if best.rivals and not worth:
+        return [best]
+    least = nothing + _FIRST_CONTENDS * (own.score - nothing) if first else own.score - _CONTENDS
     near = [
         e
         for e in ranked.values()
-        if len(e.names) == len(own.names)
+        if e is not own
+        and len(e.names) == len(own.names)
         and len(set(e.names) - set(own.names)) == 1
-        and e.score > least
-    ]
-    return [own, *near[:_MOST_CONTENDERS]] if near else []
+        and e.score > max(least, nothing)
+    ][:_MOST_CONTENDERS]
+    if not best.rivals:
+        return [best, *near]
+    if first and not best.causes:
+        return [own, *near]
+    return [best, own, *near]

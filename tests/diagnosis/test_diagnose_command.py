@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -201,3 +203,24 @@ def test_trials_that_are_too_few_to_tell_give_exit_code_one(tmp_path):
     assert code == 1
     assert "cannot tell about way" in printed
     assert "pace: no condition, the same in every trial" in printed
+
+
+def test_what_averaging_two_directions_costs_is_told_in_newtons(tmp_path):
+    table = Path(__file__).parents[1] / "data" / "table_2_3_stribeck.csv"
+    code, printed, _ = run("diagnose", "--directions", table, "--out", tmp_path / "out")
+    assert code == 0
+    told = json.loads((tmp_path / "out" / "averaging_cost.json").read_text())
+    # both curves by hand, at the speed of the largest error backwards
+    v = told["backwards"]["at_speed"]
+    own = 1.458 + (2.4 - 1.458) * math.exp(-((v / 0.0003365) ** 2)) + 152.6 * v
+    one = 1.284 + (2.35 - 1.284) * math.exp(-((v / 0.00113975) ** 2)) + 173 * v
+    assert told["backwards"]["largest"] == pytest.approx(one - own, rel=1e-9)
+    assert f"{told['backwards']['rms']:.3g} N backwards" in printed
+
+
+def test_tables_and_records_are_not_one_request(tmp_path):
+    table, out = tmp_path / "table.csv", tmp_path / "out"
+    table.write_text("a,b\n1,2\n")
+    said = bad("--directions", table, "--trials", table, "--value", "a", "--out", out)
+    assert "--directions and --trials: expected one of them" in said
+    assert "no column 'symbol'" in bad("--directions", table, "--out", out)
