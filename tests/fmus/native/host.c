@@ -7,7 +7,19 @@
  * Lines of WIRING: "w SOURCE REFERENCE SINK REFERENCE" connects, "s INSTANCE REFERENCE VALUE" sets
  * before initialization, "o REFERENCE" prints an output of the plant; 0 is the plant. */
 #define _GNU_SOURCE
+#ifdef _WIN32
+#include <windows.h>
+#define OPEN(path) ((void *)LoadLibraryA(path))
+#define FIND_IN(library, name) ((void *)GetProcAddress((HMODULE)(library), name))
+#define CLOSE(library) FreeLibrary((HMODULE)(library))
+#define WHY "the library does not load"
+#else
 #include <dlfcn.h>
+#define OPEN(path) dlopen(path, RTLD_NOW | RTLD_LOCAL)
+#define FIND_IN(library, name) dlsym(library, name)
+#define CLOSE(library) dlclose(library)
+#define WHY dlerror()
+#endif
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -82,12 +94,12 @@ static void hear(void *environment, const char *name, int status, const char *ca
 
 static void load(Fmu *fmu, const char *path)
 {
-    fmu->library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    fmu->library = OPEN(path);
     if (!fmu->library)
-        fail(dlerror());
+        fail(WHY);
 #define FIND(member, name)                                                                         \
     do {                                                                                           \
-        *(void **)&fmu->member = dlsym(fmu->library, "fmi2" name);                                 \
+        *(void **)&fmu->member = FIND_IN(fmu->library, "fmi2" name);                                 \
         if (!fmu->member)                                                                          \
             fail("no fmi2" name);                                                                  \
     } while (0)
@@ -279,10 +291,10 @@ int main(int argc, char **argv)
     for (int i = 0; i < 2; i++) {
         must(fmus[i].terminate(instances[i]), "terminate");
         fmus[i].free_instance(instances[i]);
-        dlclose(fmus[i].library);
+        CLOSE(fmus[i].library);
     }
     for (size_t k = 0; k < n; k++)
-        printf("%a%c", first[k], (k + 1) % output_count ? ' ' : '\n');
+        printf("%.13a%c", first[k], (k + 1) % output_count ? ' ' : '\n');
     free(first);
     free(again);
     return 0;

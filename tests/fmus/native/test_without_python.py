@@ -1,8 +1,11 @@
 """Native FMUs in a host of C, and under tools that find wrong memory and undefined behaviour."""
 
+import importlib.util
+import os
 import re
 import shutil
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -12,10 +15,14 @@ import pytest
 from fmu_host import opened
 from wired_loop import wired
 
+from ballscrew.fmus.native.export import write_native
+from ballscrew.fmus.native.sources import catalogued_model
+
 HOST = Path(__file__).with_name("host.c")
 FLAGS = ["-std=c99", "-O1", "-g", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
 STEP = 1e-4
 OUTPUTS = ("x", "v", "i", "friction")
+WINE = "/usr/lib/wine/wine64"  # where Debian puts it without its package of names
 
 
 def run(*command):
@@ -184,3 +191,45 @@ def test_the_sources_in_the_fmu_compile_alone_and_give_the_same_library(native, 
     }
     assert names
     assert all(n.startswith("plant_fmi2") for n in names)
+
+
+def wine():
+    found = shutil.which("wine64") or shutil.which("wine") or shutil.which(WINE)
+    if not found:
+        pytest.skip("needs Wine, such as Debian's wine64, to run the Windows binary")
+    return found
+
+
+@pytest.mark.parametrize("controller", ["nctf", "pid_sampled"])
+def test_a_windows_host_under_wine_gets_the_linux_numbers(native, tmp_path, controller):
+    program = wine()
+    if not importlib.util.find_spec("ziglang"):
+        pytest.skip("needs the package ziglang, which compiles for Windows")
+    windows = tmp_path / "host.exe"
+    zig = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-windows-gnu"]
+    run(*zig, "-std=c99", "-O1", "-ffp-contract=off", "-o", windows, HOST)
+
+    def library(name):
+        path = tmp_path / f"{name}.fmu"
+        written = write_native(catalogued_model(name), path, 2, ["linux64", "win64"])
+        unpacked = Path(fmpy.extract(str(written.path), unzipdir=str(tmp_path / name)))
+        return unpacked / "binaries" / "win64" / f"{name}.dll"
+
+    names, steps = ["plant", controller], 500
+    host = tmp_path / "host"
+    run(cc(), *FLAGS, "-o", host, HOST, "-ldl")
+    (tmp_path / "linux").mkdir()
+    here = numbers(run(host, *arguments(tmp_path / "linux", native, names, steps)).stdout)
+    quiet = {"WINEPREFIX": str(tmp_path / "prefix"), "WINEDEBUG": "-all"}
+    given = [str(a) for a in arguments(tmp_path, native, names, steps, library)]
+    done = subprocess.run(
+        [program, str(windows), *given],
+        capture_output=True,
+        text=True,
+        env=os.environ | quiet,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    there = numbers(done.stdout)
+    assert there.shape == here.shape == (steps, 4)
+    assert (np.abs(there - here).max(axis=0) <= 1e-9 * np.ptp(here, axis=0)).all()
