@@ -157,6 +157,15 @@ def evidence_of(products: Matrix, priors: Sequence[Prior]) -> float:
     return conditioned(small, moved).evidence
 
 
+def volume(products: Matrix, priors: Sequence[Prior]) -> float:
+    """Logarithm of how much the data narrow what was as likely before."""
+    columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
+    scale = np.concatenate([p.spread for p in priors])
+    inner = products[np.ix_(columns, columns)]
+    factor = cho_factor(np.eye(len(columns)) + scale[:, None] * inner * scale, lower=True)
+    return float(np.sum(np.log(np.diag(factor[0]))))
+
+
 def gain(left: Matrix, columns: npt.NDArray[np.int64], mean: Vector, spread: Vector) -> float:
     """By how much a further group raises the evidence, given conditioned products."""
     inner = left[np.ix_(columns, columns)]

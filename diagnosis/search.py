@@ -11,7 +11,7 @@ import numpy as np
 from .course import Course, Noise, instrument_noise, lay_along, resmoothed
 from .drive_model import DriveModel
 from .drive_record import DriveRecord
-from .evidence import Prior, evidence_of, fit
+from .evidence import Prior, fit, volume
 from .regression import (
     Added,
     filters,
@@ -29,7 +29,7 @@ from .selection import (
     amplitudes,
     choose,
     free_spreads,
-    left_over,
+    pruned,
     refine,
     state_problem,
 )
@@ -146,7 +146,8 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
         if best and step.cost > best.cost:  # what was found before is the better whole
             stays = [e for e in choice.others if _key(e) == _key(best.explanation)]
             if stays:
-                choice = replace(choice, best=max(stays, key=lambda e: e.score))
+                stays.sort(key=lambda e: -e.score)
+                choice = replace(choice, best=pruned(problem, problem.products.over(), stays[0]))
             break
         problem, choice = step.problem, replace(choice, best=step.explanation)
         situation, best = step.situation, step
@@ -200,15 +201,14 @@ def _step(
 
 
 def _freedom(problem: Problem, explanation: Explanation) -> float:
-    """What an explanation's free amplitudes cost: its best fit is better than it foretold."""
+    """What it costs that an explanation's amplitudes could have been others."""
     products = problem.products.over()
-    nothing = Explanation((), (problem.prior,), 0.0, ())
-    of = [
-        -0.5 * float(np.sum(left_over(problem, amplitudes(problem, e))))
-        - evidence_of(products, e.priors)
-        for e in (explanation, nothing)
-    ]
-    return of[0] - of[1]
+    fitted = amplitudes(problem, explanation)
+    cost = volume(products, explanation.priors) - volume(products, [problem.prior])
+    for prior in explanation.priors[1:]:
+        if not np.any(prior.mean):
+            cost += 0.5 * float(np.sum((fitted[prior.columns] / prior.spread) ** 2))
+    return cost
 
 
 def _contenders(choice: Choice, first: bool) -> list[Explanation]:

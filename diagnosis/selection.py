@@ -33,7 +33,7 @@ RIVALS_PRICE = 5.0  # what has a shape for everything has to be better by so muc
 _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 0.2  # spread of an unknown mass, relative to all that moves
 NEARLY = 0.8  # share of what anything explains that causes have to explain to be believed
-_LEFT_OVER = 0.15  # share of a rival's evidence that a name beside it has to bring
+_LEFT_OVER = 0.12  # share of a rival's evidence that a name beside it has to bring
 _KEPT = 4  # sets of each size that are grown
 _LOOKED_AT = 40  # sets of each size that are looked at closely
 LARGEST = 4  # members of a set
@@ -217,7 +217,7 @@ def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -
             if len(e.members) == 1:
                 alone[e.names[0]] = e.gains[0]
     others = sorted([*named, *free], key=lambda e: -e.score)
-    return Choice(_pruned(problem, products, best), others, alone)
+    return Choice(pruned(problem, products, best), others, alone)
 
 
 def _search(
@@ -280,15 +280,19 @@ def _cancelled(problem: Problem, products: Matrix, explanation: Explanation) -> 
     return alone / max(float(whole @ left @ whole), 1e-300)
 
 
-def _pruned(problem: Problem, products: Matrix, best: Explanation) -> Explanation:
+def pruned(problem: Problem, products: Matrix, best: Explanation) -> Explanation:
     """An explanation, in order, without the members that later ones made needless."""
     best = _ordered(problem, products, best)
     while len(best.members) > 1:
-        weakest = best.members[-1]
-        price = NEXT_PRICE + (RIVALS_PRICE if weakest.is_rival else 0.0)
-        if best.gains[-1] >= price:
+        rivals_gains = sum(g for m, g in zip(best.members, best.gains, strict=True) if m.is_rival)
+        needless = [
+            k
+            for k, (m, g) in enumerate(zip(best.members, best.gains, strict=True))
+            if g < NEXT_PRICE + (RIVALS_PRICE if m.is_rival else _LEFT_OVER * rivals_gains)
+        ]
+        if not needless:
             break
-        best = _ordered(problem, products, _without(problem, best, len(best.members) - 1))
+        best = _ordered(problem, products, _without(problem, best, needless[-1]))
     return best
 
 

@@ -237,6 +237,15 @@ def _words(name: str) -> str:
     return {NOTHING: "nothing"}.get(name, name.replace("_", " "))
 
 
+def in_turn(trials: list[Trial]) -> list[Trial]:
+    """All groups and causes side by side, so that what is done first is a sample of all."""
+    kinds: dict[tuple[str, str], list[Trial]] = {}
+    for t in trials:
+        kinds.setdefault((t.group, t.effects[0] if t.group == CAUSE else ""), []).append(t)
+    places = [(k / len(kind), t) for kind in kinds.values() for k, t in enumerate(kind)]
+    return [t for _, t in sorted(places, key=lambda p: p[0])]
+
+
 def read_rows(path: Path, code: str) -> list[Row]:
     """The trials that an earlier call of the same code has written."""
     if not path.exists():
@@ -281,7 +290,7 @@ def main() -> int:
     if not options.resume:
         options.rows.unlink(missing_ok=True)
     done = {r.key for r in rows}
-    left = [t for t in trials if t.key not in done]
+    left = [t for t in in_turn(trials) if t.key not in done]
     for count, row in enumerate(run_all(left, options.workers, options.rows, code), start=1):
         rows.append(row)
         answer = ", ".join(row.named) or row.failure or row.verdict
