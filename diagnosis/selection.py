@@ -206,18 +206,20 @@ def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -
     named = _search(problem, products, empty, causes, most)
     free = _search(problem, products, empty, problem.candidates, largest)
     best = free[0]
+    chosen = pruned(problem, products, best)
     if named[0].score - empty.score >= NEARLY * (best.score - empty.score):
-        more = _search(problem, products, named[0], rivals_too, 2)[0]
+        causes_alone = pruned(problem, products, named[0])
+        more = _search(problem, products, causes_alone, rivals_too, 2)[0]
         # where rivals are needed all the same, the causes have to be worth their names
         if not more.rivals or more.score > best.score:
-            best = more
+            chosen = _ordered(problem, products, more)
     alone = {}
     for only in (named, free):
         for e in only:
             if len(e.members) == 1:
                 alone[e.names[0]] = e.gains[0]
     others = sorted([*named, *free], key=lambda e: -e.score)
-    return Choice(pruned(problem, products, best), others, alone)
+    return Choice(chosen, others, alone)
 
 
 def _search(
