@@ -45,6 +45,7 @@ from .selection import (
     Problem,
     amplitudes,
     p_value,
+    restricted_to,
     scores,
 )
 from .tellable import check_tellable
@@ -229,7 +230,9 @@ def _found_cause(
     place = best.causes.index(member.name)
     before, after = held.residuals[place], held.residuals[place + 1]
     gain = gained(before, after, limits)
-    values, intervals = _values_of(situation, problem, best, k)
+    # as the plant has it: a rival may hold part of what a cause could say
+    own = restricted_to(problem, best, set(best.causes))
+    values, intervals = _values_of(situation, problem, own, place)
     units = {p.name: p.unit for p in cause.parameters}
     if member.shape.freed:
         units = {member.shape.freed: UNITS.get(member.shape.freed, "")}
@@ -251,7 +254,7 @@ def _found_cause(
         before=_level(before),
         after=_level(after),
         evidence=best.gains[k],
-        p_value=p_value(problem, best, k),
+        p_value=p_value(problem, own, place),
         chosen_again=float(np.mean([member.name in names for names in held.chosen])),
         confused_with=tuple(dict.fromkeys(confused)),
         confirm=cause.confirm,
