@@ -144,7 +144,6 @@ def _concluded(
     limits = np.array(problem.limits) // len(courses[0].channels)
     nothing = Added.nothing(courses)
     baseline = residual(courses, believed, noise, nothing)
-    final = residual(courses, situation.model, noise, situation.added)
     lowest = floor(courses, situation.model, noise)
     causes = tuple(
         _found_cause(situation, problem, found.choice, k, held, limits)
@@ -157,12 +156,14 @@ def _concluded(
     elif causes:
         verdict = EXPLAINED
     fitted = amplitudes(problem, best)
+    in_the_plant = amplitudes(problem, restricted_to(problem, best, set(names)))
     named, unnamed = nothing, nothing
     for m in best.members:
         if m.is_rival:
             unnamed = unnamed.more(m.shape, fitted[m.columns])
         elif not m.shape.freed:
-            named = named.more(m.shape, fitted[m.columns])
+            named = named.more(m.shape, in_the_plant[m.columns])
+    mended = residual(courses, situation.model, noise, named)
     whole = gained(held.residuals[0], held.residuals[-1], limits)
     law = [believed.friction(c.x, c.v, c.step) for c in courses]
     viscous = [believed.linear_friction * c.middle_v for c in courses]
@@ -176,9 +177,9 @@ def _concluded(
         force=predicted + baseline.force,
         predicted=predicted,
         before=baseline.force,
-        after=final.force,
+        after=mended.force,
         position_before=baseline.position,
-        position_after=final.position,
+        position_after=mended.position,
         cause=np.concatenate(named.force),
         shape=np.concatenate(unnamed.force),
         telling=baseline.telling,

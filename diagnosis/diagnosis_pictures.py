@@ -397,13 +397,13 @@ def save_pictures(diagnosis: Diagnosis, folder: Path) -> None:
             (c.position_after, COLOURS[0], "--", "mended"),
         ):
             _plot(position, time, 1e6 * values, colour, dash, label)
-        force.set_title(f"Residual before and after: {diagnosis.verdict}")
+        force.set_title(f"Residual before and after: {diagnosis.verdict}", loc="left")
         force.set_ylabel(f"force, means over {SMOOTH:g} s [N]")
         position.set_ylabel("position after up to 1 s [µm]")
         position.set_xlabel("time [s]")
         for axes in (force, position):
             axes.margins(x=0.01)
-        force.legend(loc="upper right", ncols=2)
+        force.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         figure.align_ylabels()
         write_figure(figure, folder, "diagnosis")
 
