@@ -31,7 +31,7 @@ from .diagnosis import (
 from .drive_model import DriveModel
 from .drive_record import DriveRecord, read_drive_records
 from .evidence import conditioned, fit
-from .held_out import HeldOut, gained, judged
+from .held_out import HeldOut, gained, judged, with_values
 from .regression import Added, filters, response
 from .residuals import Residual, floor, residual
 from .rivals import rivals
@@ -163,7 +163,8 @@ def _concluded(
             unnamed = unnamed.more(m.shape, fitted[m.columns])
         elif not m.shape.freed:
             named = named.more(m.shape, in_the_plant[m.columns])
-    mended = residual(courses, situation.model, noise, named)
+    model = with_values(situation.model, problem, in_the_plant)
+    mended = residual(courses, model, noise, named)
     whole = gained(held.residuals[0], held.residuals[-1], limits)
     law = [believed.friction(c.x, c.v, c.step) for c in courses]
     viscous = [believed.linear_friction * c.middle_v for c in courses]
@@ -197,10 +198,8 @@ def _concluded(
         out_of_reach=_out_of_reach(courses, situation.model, problem, best),
         next_experiment=_next_experiment(causes, best),
         believed=believed,
-        mended=situation.model,
-        adjustments={
-            n: situation.model.values[n] / believed.values[n] - 1.0 for n in problem.names
-        },
+        mended=model,
+        adjustments={n: model.values[n] / believed.values[n] - 1.0 for n in problem.names},
         noise={
             "unmodelled_force_N": noise.rms,
             "its_memory_s": noise.memory,

@@ -10,10 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from .course import Course
+from .drive_model import DriveModel
 from .regression import Added, stretches
 from .residuals import Residual, residual
 from .search import Situation
 from .selection import LARGEST, Problem, amplitudes, choose, restricted_to
+
+Vector = npt.NDArray[np.float64]
 
 _FOLDS = 5
 _DRAWS = 1000  # of stretches, for an interval
@@ -68,11 +71,8 @@ def judged(situation: Situation, problem: Problem, names: Sequence[str], members
             for m in part.members:
                 if not m.shape.freed:
                     added = added.more(m.shape, fitted[m.columns])
-            values = {
-                n: situation.model.values[n] * max(1.0 + float(fitted[1 + j]), 0.1)
-                for j, n in enumerate(problem.names)
-            }
-            found = residual(courses, situation.model.changed(values), situation.noise, added)
+            model = with_values(situation.model, problem, fitted)
+            found = residual(courses, model, situation.noise, added)
             for a, b in (
                 (target.force, found.force),
                 (target.position, found.position),
@@ -82,6 +82,16 @@ def judged(situation: Situation, problem: Problem, names: Sequence[str], members
         return choice.causes
 
     return HeldOut(whole, [judge(fold) for fold in range(_FOLDS)])
+
+
+def with_values(model: DriveModel, problem: Problem, fitted: Vector) -> DriveModel:
+    """A model with its values as all amplitudes, shape (c,), say."""
+    return model.changed(
+        {
+            n: model.values[n] * max(1.0 + float(fitted[1 + j]), 0.1)
+            for j, n in enumerate(problem.names)
+        }
+    )
 
 
 @dataclass(frozen=True)
