@@ -36,6 +36,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/variational.py
 	$(BIN)/python proofs/diagnosis.py
 	$(BIN)/python proofs/reproduction.py
+	$(BIN)/python proofs/emps.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/master.py

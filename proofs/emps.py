@@ -84,6 +84,9 @@ def summary(found: Any) -> dict[str, Any]:
 
 def main() -> int:
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else DATA / "DATA_EMPS.mat"
+    if not path.exists():
+        print(f"nothing proven: {path.name} is not here; see docs/emps.md", file=sys.stderr)
+        return 2
     believed = read_believed(ROOT / "docs" / "emps.toml")
     (record,) = read_drive_records([path], COLUMNS)
     record = replace(record, name="DATA_EMPS.mat")
