@@ -22,6 +22,9 @@ Matrix = npt.NDArray[np.float64]
 FRICTION = symbol("friction")
 """The whole friction force of the believed law, opposing motion [N]."""
 
+DRY = symbol("dry_friction")
+"""The same without what is proportional to velocity [N]."""
+
 ENGAGED = symbol("engaged")
 """Share of the sliding friction that has come up since a reversal, with its sign, -1 to 1."""
 
@@ -123,7 +126,7 @@ def force_cause(
     ----------
     amplitudes : mapping of Parameter to expression
         Force against motion in +x for the amplitude at one, in the symbols ``x``, ``v``, ``t``,
-        `FRICTION`, the plant's parameters and the `constants`.
+        `FRICTION`, `DRY`, the plant's parameters and the `constants`.
     grid : function of (courses, model) to a list of mappings
         Values of the constants to try.
     per_record : bool
@@ -151,7 +154,9 @@ def force_cause(
         return plant.with_force(
             ForceTerm(
                 name=name,
-                force=-opposing.xreplace({FRICTION: friction, ENGAGED: bristle / curve}),
+                force=-opposing.xreplace(
+                    {FRICTION: friction, DRY: bristle, ENGAGED: bristle / curve}
+                ),
                 meaning=says,
                 parameters=tuple(p for p in (*amplitudes, *constants) if p.name not in known),
             )
@@ -184,6 +189,7 @@ def _along(
         "v": course.middle_v,
         "t": course.time + 0.5 * course.step,
         FRICTION.name: course.bristle + model.linear_friction * course.middle_v,
+        DRY.name: course.bristle,
         ENGAGED.name: engaged(course, model),
     }
     numbers = {**model.values, **values}

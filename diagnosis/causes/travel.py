@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import sympy as sp
 from scipy.ndimage import median_filter
 
-from .cause import Courses, Values, Vector
+from ...solver.component import Parameter, symbol
+from .cause import DRY, FRICTION, Courses, Values, Vector, parameter
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
@@ -19,6 +21,22 @@ _FINER = 5  # periods that are tried, to each whole one in the travel
 _CELLS = 4096  # of the travel: 16 in the shortest period
 _PEAKS = 10
 _AROUND = 75  # fifths of a period of the travel
+
+
+def viscous_share(name: str) -> Parameter:
+    """How much of the viscous friction goes along with the dry: lubricant may be the same
+    everywhere while the surfaces are not."""
+    return parameter(name, "1", "share of the viscous friction that changes, too")
+
+
+def changing(name: str) -> sp.Expr:
+    """The friction that changes along the travel."""
+    return DRY + symbol(name) * (FRICTION - DRY)
+
+
+def either_way(values: list[Values], name: str) -> list[Values]:
+    """Each of them for the dry friction alone and for all of it."""
+    return [{**v, name: share} for v in values for share in (0.0, 1.0)]
 
 
 def middle_and_half(courses: Courses) -> tuple[float, float]:
