@@ -37,10 +37,16 @@ FOUND = {
     "direction_asymmetry": {"asymmetry": 0.1},
     "position_periodic_friction": {
         "periods_per_metre": 1000.0,
+        "periodic_viscous_share": 1.0,
         "friction_cos": 0.2,
         "friction_sin": -0.1,
     },
-    "position_trend_friction": {"friction_trend": 0.3, "x_middle": 0.0, "x_half": 0.01},
+    "position_trend_friction": {
+        "friction_trend": 0.3,
+        "x_middle": 0.0,
+        "x_half": 0.01,
+        "trend_viscous_share": 0.0,
+    },
     "torque_ripple": {"ripple_cos": 0.1, "ripple_sin": 0.1, "ripples_per_metre": 2000.0},
     "load_bias": {"load": 0.3},
     "nonlinear_viscous": {"sigma3": 50.0},
