@@ -13,6 +13,8 @@ import pytest
 # A run compiles a hundred kernels and runs each for a moment: the compiler's last third of effort
 # is not worth it here, and what it makes gives the same bits.
 os.environ.setdefault("NUMBA_OPT", "1")
+# Matrices are small here, and each worker is a thread already: more cost three times as much.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault(
     "BALLSCREW_CACHE", str(Path(tempfile.gettempdir()) / f"ballscrew-tests-{os.getuid()}")
 )
