@@ -35,7 +35,7 @@ from .held_out import HeldOut, gained, judged, with_values
 from .regression import Added, filters, response
 from .residuals import Residual, floor, residual
 from .rivals import rivals
-from .search import Found, Situation, search
+from .search import Found, Situation, added_by, search
 from .selection import (
     NEAR,
     PRICE,
@@ -157,12 +157,8 @@ def _concluded(
         verdict = EXPLAINED
     fitted = amplitudes(problem, best)
     in_the_plant = amplitudes(problem, restricted_to(problem, best, set(names)))
-    named, unnamed = nothing, nothing
-    for m in best.members:
-        if m.is_rival:
-            unnamed = unnamed.more(m.shape, fitted[m.columns])
-        elif not m.shape.freed:
-            named = named.more(m.shape, in_the_plant[m.columns])
+    named = added_by([m for m in best.members if not m.is_rival], in_the_plant, courses)
+    unnamed = added_by([m for m in best.members if m.is_rival], fitted, courses)
     model = with_values(situation.model, problem, in_the_plant)
     mended = residual(courses, model, noise, named)
     whole = gained(held.residuals[0], held.residuals[-1], limits)

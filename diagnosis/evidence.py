@@ -149,12 +149,16 @@ def conditioned(products: Matrix, priors: Sequence[Prior]) -> Conditioned:
 def evidence_of(products: Matrix, priors: Sequence[Prior]) -> float:
     """Evidence of a model, on the scale of `conditioned`."""
     columns = np.concatenate([[0], *(p.columns for p in priors)]).astype(np.int64)
-    small = products[np.ix_(columns, columns)]
-    moved, at = [], 1
-    for p in priors:
-        moved.append(Prior(np.arange(at, at + len(p.columns)), p.mean, p.spread))
-        at += len(p.columns)
-    return conditioned(small, moved).evidence
+    return conditioned(products[np.ix_(columns, columns)], side_by_side(priors)).evidence
+
+
+def side_by_side(priors: Sequence[Prior]) -> list[Prior]:
+    """The priors of groups whose columns alone follow the signal's, one group after the other."""
+    ends = np.cumsum([1, *(len(p.columns) for p in priors)])
+    return [
+        Prior(np.arange(a, b), p.mean, p.spread)
+        for p, (a, b) in zip(priors, pairwise(ends), strict=True)
+    ]
 
 
 def volume(products: Matrix, priors: Sequence[Prior]) -> float:

@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from .course import Course
 from .drive_model import DriveModel
-from .regression import Added, stretches
+from .regression import stretches
 from .residuals import Residual, residual
-from .search import Situation
+from .search import Situation, added_by
 from .selection import LARGEST, Problem, amplitudes, choose, restricted_to
 
 Vector = npt.NDArray[np.float64]
@@ -67,10 +67,7 @@ def judged(situation: Situation, problem: Problem, names: Sequence[str], members
         for k, target in enumerate(whole):
             part = restricted_to(problem, choice, set(names[:k]))
             fitted = amplitudes(problem, part, used)
-            added = Added.nothing(courses)
-            for m in part.members:
-                if not m.shape.freed:
-                    added = added.more(m.shape, fitted[m.columns])
+            added = added_by(part.members, fitted, courses)
             model = with_values(situation.model, problem, fitted)
             found = residual(courses, model, situation.noise, added)
             for a, b in (

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from .course import Course, Noise, instrument_noise, lay_along, resmoothed
 from .drive_model import DriveModel
@@ -23,6 +24,7 @@ from .regression import (
 )
 from .selection import (
     LARGEST,
+    Candidate,
     Choice,
     Explanation,
     Problem,
@@ -33,6 +35,8 @@ from .selection import (
     refine,
     state_problem,
 )
+
+Vector = npt.NDArray[np.float64]
 
 _FIRST_RMS = 0.05  # of the friction: unmodelled force, before it is fitted
 _FIRST_MEMORY = 0.01  # [s]
@@ -91,11 +95,10 @@ def adjusted(
     return Situation(courses, model, noise, added)
 
 
-def explained(situation: Situation, problem: Problem, best: Explanation) -> Added:
-    """What an explanation adds to the records' forces and commands."""
-    amplitude = amplitudes(problem, best)
-    added = Added.nothing(situation.courses)
-    for member in best.members:
+def added_by(members: Iterable[Candidate], amplitude: Vector, courses: Sequence[Course]) -> Added:
+    """What members of these amplitudes, shape (c,), add to the records' forces and commands."""
+    added = Added.nothing(courses)
+    for member in members:
         if not member.shape.freed:
             added = added.more(member.shape, amplitude[member.columns])
     return added
@@ -181,7 +184,7 @@ def _step(
     freed = [m.shape.freed for m in explanation.members if m.shape.freed]
     made = filters(situation.courses, situation.model, situation.noise)
     problem, best = refine(problem, explanation, situation.courses, situation.model, made)
-    added = explained(situation, problem, best)
+    added = added_by(best.members, amplitudes(problem, best), situation.courses)
     after = adjusted(
         situation.courses,
         situation.model,

@@ -19,7 +19,7 @@ from .causes import CAUSES
 from .causes.cause import Shape
 from .course import Course, Noise
 from .drive_model import DriveModel
-from .evidence import Prior, Products, conditioned, evidence_of, fit, gain, weigh
+from .evidence import Prior, Products, conditioned, evidence_of, fit, gain, side_by_side, weigh
 from .regression import Added, Filter, edges, filters, response, sensitivities, surprises
 from .rivals import rivals
 
@@ -206,13 +206,14 @@ def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -
     named = _search(problem, products, empty, causes, most)
     free = _search(problem, products, empty, problem.candidates, largest)
     best = free[0]
-    chosen = pruned(problem, products, best)
+    chosen: Explanation | None = None
     if named[0].score - empty.score >= NEARLY * (best.score - empty.score):
         causes_alone = pruned(problem, products, named[0])
         more = _search(problem, products, causes_alone, rivals_too, 2)[0]
         # where rivals are needed all the same, the causes have to be worth their names
         if not more.rivals or more.score > best.score:
             chosen = _ordered(problem, products, more)
+    chosen = chosen or pruned(problem, products, best)
     alone = {}
     for only in (named, free):
         for e in only:
@@ -403,10 +404,7 @@ def _refined_member(
     used = np.concatenate([[0], *(p.columns for p in others.priors)]).astype(np.int64)
     base = problem.columns[:, used]
     inner = problem.products.over()[np.ix_(used, used)]
-    moved, at = [], 1
-    for p in others.priors:
-        moved.append(Prior(np.arange(at, at + len(p.columns)), p.mean, p.spread))
-        at += len(p.columns)
+    moved, at = side_by_side(others.priors), len(used)
 
     fixed = dict(member.shape.values)
     if member.shape.sure is None:
