@@ -3,26 +3,40 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .coupling import Answer, Coupling, Loop, StepReport
+from .clock import clock, done, now, step_to_come
+from .coupling import Answer, Coupling, Loop
+from .fmi_calls import CallFailed
+from .march import (
+    COMMAND_FAILED,
+    COURSE,
+    GOES_ON,
+    NOT_FINITE,
+    PAIR,
+    RUNS_AWAY,
+    STEP_FAILED,
+    march,
+    set_point,
+)
 from .participant import Participant, StepFailed
 from .reference_signal import Reference
-from .verdict import ACCURACY, Verdict, judge
+from .structs import Struct, struct
+from .verdict import Verdict, judge
 from .wiring import Wiring, wire
 
 Vector = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
-FINEST = 12  # adaptive steps go down to 2^-12 of the given one
-LEAST_SHARE = 1e-3  # of the error that is allowed in all, to any one step
+CHUNK = 4096  # most steps between two looks at the clock on the wall
+LONGEST_WAIT = 0.05  # s, between them
 NEGLIGIBLE = 1e-7  # of the range: effects that add up to less are round-off
-RUNAWAY = 1e4  # times an output's nominal value
 UNBOUNDED = StepFailed("").advice
 
 
@@ -75,14 +89,35 @@ class LoopRun:
     stopped: str = ""
 
 
-@dataclass
-class _Pair:
-    """One loop with everything recorded along its way."""
+class RecordedLoop:
+    """One loop with everything recorded along its way; `parts` as in `PAIR`."""
 
-    loop: Loop
-    outputs: list[Vector] = field(default_factory=list)
-    report: StepReport | None = None
-    failure: str = ""
+    def __init__(self, whole: Struct, loop: Loop, parts: int) -> None:
+        self.loop, self._whole = loop, whole
+        self._room = np.empty((CHUNK, len(loop.outputs)))
+        whole.set(parts=parts, recorded=self._room, failed=math.nan)
+        self.outputs = [loop.outputs[None].copy()]
+        self.failure = ""
+
+    @property
+    def record(self) -> Any:
+        """The pair as compiled code sees it."""
+        return self._whole.record
+
+    def collect(self) -> None:
+        """Keep what the last chunk recorded."""
+        self.outputs.append(self._room[: self.record.rows].copy())
+        if not math.isnan(self.record.failed) and not self.failure:
+            t = self.record.failed
+            self.failure = f"the companion loop failed at t = {t:.6g} s: {self.error()}"
+
+    def error(self) -> StepFailed:
+        """What the loop failed with; raises what is no failure of a step, as an interruption."""
+        error = self.loop.failure()
+        assert error is not None
+        if not isinstance(error, StepFailed):
+            raise error
+        return error
 
 
 def run_loop(
@@ -144,11 +179,15 @@ def run_loop(
     commands = [ours.get(theirs, theirs) for _, theirs in wiring.commands]
     values = (dict(plant_values or {}), dict(controller_values or {}))
 
-    def opened(fresh: bool, how: Coupling, corrected: bool, averaged: bool) -> Loop:
+    def opened(fresh: bool, corrected: bool, averaged: bool, parts: int = 1) -> RecordedLoop:
         p, c = (plant.reopened(), controller.reopened()) if fresh else (plant, controller)
         p.initialize(values[0], stop)
         c.initialize(values[1], stop)
-        return Loop(p, c, wiring, how, corrected, averaged, start)
+        whole = struct(PAIR)
+        part = whole.part("loop")
+        return RecordedLoop(
+            whole, Loop(p, c, wiring, chosen, corrected, averaged, start, part), parts
+        )
 
     start = np.full(len(wiring.references), reference.at(0.0))
     chosen, reason = _choose(wiring, plant, controller, coupling)
@@ -159,23 +198,26 @@ def run_loop(
     if adaptive and not reversible:
         raise CouplingError("adaptive steps need both FMUs to save and restore their state")
     tangent = chosen is Coupling.TANGENT
-    main = _Pair(opened(False, chosen, bool(corrections), averaged=tangent or bool(corrections)))
+    main = opened(False, bool(corrections), averaged=tangent or bool(corrections))
     if coupling is None and tangent:
         reason = _tangent_reason(main.loop, wiring)
     step, reason = _meet_samples(main.loop, step, reason)
-    companions = (
-        [_Pair(opened(True, chosen, not corrections, averaged=not tangent))]
-        if reversible
-        else [_Pair(opened(True, chosen, False, tangent)) for _ in range(2)]
-    )
+    if reversible:
+        companions = [opened(True, not corrections, averaged=not tangent)]
+    else:
+        companions = [opened(True, False, averaged=tangent, parts=parts) for parts in (2, 4)]
+    nominal = np.array([plant.nominal(name) for name in plant.outputs])
+    course = Course(reference, len(start), main.loop.outputs, nominal, len(commands))
     try:
-        clock = _Clock(stop, step, adaptive)
-        record = _march(main, companions, reversible, clock, reference, progress)
+        time = clock(stop, step, adaptive)
+        why = march_on(main, companions, time, course, start, progress)
     finally:
         for companion in companions:
-            companion.loop.plant.participant.close()
-            companion.loop.controller.participant.close()
-    return _concluded(record, main, companions, reversible, names, commands, chosen, reason, clock)
+            companion.loop.plant.close()
+            companion.loop.controller.close()
+    return _concluded(
+        course, why, main, companions, reversible, names, commands, chosen, reason, time
+    )
 
 
 def _choose(
@@ -196,18 +238,17 @@ def _choose(
 
 
 def _tangent_reason(loop: Loop, wiring: Wiring) -> str:
-    side = loop.controller
-    if side.answer is Answer.SAMPLED:
+    if loop.answer is Answer.SAMPLED:
         return "the plant has law ports; the controller is sampled and holds by itself"
     if wiring.reports_law:
         return "the plant accepts the feedback law and the controller reports it"
-    if side.answer is Answer.DIRECT or side.participant.can_save:
+    if loop.answer is Answer.DIRECT or loop.controller.can_save:
         return "the plant accepts the feedback law; the controller's derivatives are probed"
     return "the plant has law ports, but the controller's derivatives cannot be had: it is held"
 
 
 def _meet_samples(loop: Loop, step: float, reason: str) -> tuple[float, str]:
-    period = loop.controller.participant.sample_time
+    period = loop.controller.sample_time
     if period <= 0:
         return step, reason
     met = step_that_meets(period, step)
@@ -221,237 +262,149 @@ def step_that_meets(period: float, step: float) -> float:
     return period / max(1, math.ceil(period / step - 1e-9)) if period > 0 else step
 
 
-class _Clock:
-    """Communication points as multiples of one tick, so that time does not drift."""
+class Course:
+    """The rows of a run as chunks, and what was measured along it.
 
-    def __init__(self, stop: float, step: float, adaptive: bool) -> None:
-        self.adaptive = adaptive
-        self.tick = step / 2**FINEST if adaptive else step
-        self.size = self.longest = 2**FINEST if adaptive else 1
-        self.count = 0
-        self.stop = stop
-        self.last = max(1, math.ceil(stop / self.tick - 1e-9))
-        self.shortest_used, self.longest_used = math.inf, 0.0
+    Parameters
+    ----------
+    reference : Reference
+    width : int
+        Number of inputs that it goes to.
+    outputs, nominal : ndarray
+        Of the plant: at the start, and nominal values.
+    m : int
+        Number of commands.
+    """
 
-    def time(self, count: int) -> float:
-        return min(count * self.tick, self.stop)
+    def __init__(
+        self, reference: Reference, width: int, outputs: Vector, nominal: Vector, m: int
+    ) -> None:
+        self._whole = struct(COURSE)
+        self._rows = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m))
+        self.nominal = nominal
+        self.defect, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
+        self._whole.set(
+            times=self._rows[0],
+            references=self._rows[1],
+            commands=self._rows[2],
+            nominal=nominal,
+            low=outputs.copy(),
+            high=outputs.copy(),
+            defect=self.defect,
+            effect_rate=self.effect_rate,
+            apart=np.zeros(len(outputs)),
+            goal_times=np.ascontiguousarray(reference.times, dtype=float),
+            goal_values=np.ascontiguousarray(reference.values, dtype=float),
+            before=np.zeros(width),
+            after=np.zeros(width),
+        )
+        self.start = set_point(self.record, 0.0)
+        self.times, self.references = [np.zeros(1)], [np.array([self.start])]
+        self.commands: list[Vector] = []
 
     @property
-    def now(self) -> float:
-        return self.time(self.count)
+    def record(self) -> Any:
+        """The course as compiled code sees it."""
+        return self._whole.record
 
-    @property
-    def done(self) -> bool:
-        return self.count >= self.last
-
-    def next_count(self) -> int:
-        return min(self.count + self.size, self.last)
-
-    def step(self) -> float:
-        """Length of the step to come: a multiple of the tick, but for a last, shorter one."""
-        following = self.next_count()
-        whole = (following - self.count) * self.tick
-        return self.stop - self.now if following * self.tick > self.stop else whole
-
-    def accept(self) -> None:
-        step = self.step()
-        self.shortest_used = min(self.shortest_used, step)
-        self.longest_used = max(self.longest_used, step)
-        self.count = self.next_count()
-
-    def adapt(self, share: float) -> None:
-        """Halve or double so that steps stay aligned with multiples of themselves."""
-        if share > 1.0 and self.size > 1:
-            self.size //= 2
-        elif share < 0.1 and self.size < self.longest and self.count % (2 * self.size) == 0:
-            self.size *= 2
-
-
-@dataclass
-class _Record:
-    times: list[float]
-    commands: list[Vector]
-    references: list[float]
-    defect: Vector
-    effect_rate: Vector
-    contraction_sum: float = 0.0
-    contraction_weight: float = 0.0
-    stopped: str = ""
-    advice: str = UNBOUNDED
-
-    def note_contraction(self, value: float, weight: float) -> None:
-        if np.isfinite(value) and weight > 0:
-            self.contraction_sum += value * weight
-            self.contraction_weight += weight
+    def collect(self, rows: int) -> None:
+        """Keep what the last chunk recorded."""
+        for kept, room in zip(
+            (self.times, self.references, self.commands), self._rows, strict=True
+        ):
+            kept.append(room[:rows].copy())
 
     @property
     def contraction(self) -> float:
-        if self.contraction_weight < NEGLIGIBLE:
-            return 0.0
-        return self.contraction_sum / self.contraction_weight
+        weight = self.record.contraction_weight
+        return float(self.record.contraction / weight) if weight >= NEGLIGIBLE else 0.0
 
 
-def _march(
-    main: _Pair,
-    companions: list[_Pair],
-    reversible: bool,
-    clock: _Clock,
-    reference: Reference,
-    progress: Progress | None,
-) -> _Record:
-    loop = main.loop
-    plant = loop.plant.participant
-    nominal = np.array([plant.nominal(name) for name in plant.outputs])
-    width = len(loop.controller.wiring.references)
-    for pair in (main, *companions):
-        pair.outputs.append(pair.loop.outputs.copy())
-    before = np.full(width, reference.at(0.0))
-    record = _Record(
-        [0.0],
-        [loop.command(0.0, clock.step(), before)],
-        [reference.at(0.0)],
-        np.zeros(loop.plant.m),
-        np.zeros(len(nominal)),
-    )
-    low, high = loop.outputs.copy(), loop.outputs.copy()
-    apart_before = np.zeros(len(nominal))
-    shown = 0.0
-    while not clock.done:
-        t, h, end = clock.now, clock.step(), clock.time(clock.next_count())
-        after = np.full(width, reference.at(end))
-        saved = _saved([main, *companions]) if clock.adaptive else []
+@dataclass(frozen=True)
+class Stop:
+    """Why a run ended before its time; empty if it did not."""
+
+    reason: str = ""
+    advice: str = UNBOUNDED
+
+
+def march_on(
+    main: RecordedLoop,
+    companions: list[RecordedLoop],
+    clock: Any,
+    course: Course,
+    start: Vector,
+    progress: Progress | None = None,
+) -> Stop:
+    """Move a loop, and up to two companions, from the clock's time to its end.
+
+    Parameters
+    ----------
+    clock : np.record
+        As `clock.clock` makes it.
+    start : ndarray
+        Set-points at its time.
+
+    Raises
+    ------
+    StepFailed
+        If a loop cannot go back to a state it had saved; other failures end the run.
+    """
+    course.commands.append(main.loop.command(0.0, step_to_come(clock), start)[None])
+    pairs = main, *companions
+    none = struct(PAIR)
+    first, second = [*(pair.record for pair in companions), none.record, none.record][:2]
+    why, most, shown = GOES_ON, 1, 0.0
+    while why == GOES_ON and not done(clock):
+        began = perf_counter()
         try:
-            report = loop.step(t, h, before, after)
-        except StepFailed as error:
-            _drop(saved)
-            record.stopped = f"{error} (in the step from t = {t:.6g} s)"
-            record.advice = error.advice
-            break
-        _step_companions(companions, reversible, t, h, before, after)
-        low, high = np.minimum(low, report.outputs), np.maximum(high, report.outputs)
-        scale = np.maximum(high - low, 1e-2 * nominal)
-        effect, contraction = _measured(report, companions, reversible)
-        weight = float(np.max(effect / scale)) if len(effect) else 0.0
-        if clock.adaptive:
-            apart = _apart(companions, report.outputs)
-            share = max(weight, float(np.max(np.abs(apart - apart_before) / scale)))
-            share /= ACCURACY * max(h / clock.stop, LEAST_SHARE)
-            if share > 1.0 and clock.size > 1:
-                _take_back(saved)
-                clock.adapt(share)
-                continue
-            _drop(saved)
-        clock.accept()
-        record.note_contraction(contraction, weight)
-        before = after
-        main.outputs.append(report.outputs)
-        record.times.append(end)
-        record.references.append(reference.at(end))
-        record.defect = np.maximum(record.defect, np.abs(report.defect))
-        record.effect_rate = np.maximum(record.effect_rate, effect / h)
-        if clock.adaptive:
-            apart_before = apart
-            clock.adapt(share)
-        try:
-            following = h if clock.done else clock.step()
-            record.commands.append(loop.command(end, following, after, last=clock.done))
-        except StepFailed as error:
-            record.stopped = f"{error} (at t = {end:.6g} s)"
-            record.advice = error.advice
-            for kept in (main.outputs, record.times, record.references):
-                kept.pop()  # a row without its command is no row
-            break
-        if not np.isfinite(report.outputs).all():
-            record.stopped = f"an output is not finite at t = {end:.6g} s"
-            break
-        if np.any(np.abs(report.outputs) > RUNAWAY * nominal):
-            name = list(plant.outputs)[int(np.argmax(np.abs(report.outputs) / nominal))]
-            record.stopped = f"the loop runs away: {name} leaves every bound at t = {end:.6g} s"
-            break
-        if progress and end - shown >= 0.01 * clock.stop:
-            shown = end
-            progress(end)
-    return record
+            why = march(main.record, first, second, clock, course.record, most)
+        except CallFailed:  # even going back to a saved state failed
+            raise next(p.error() for p in pairs if p.loop.failure()) from None
+        course.collect(main.record.rows)
+        for pair in pairs:
+            pair.collect()
+        # a chunk is short enough to be interrupted between two, and to tell how far it is
+        slow = perf_counter() - began > LONGEST_WAIT
+        most = max(1, most // 2) if slow else min(2 * most, CHUNK)
+        if progress and now(clock) - shown >= 0.01 * clock.stop:
+            shown = now(clock)
+            progress(shown)
+    return _stop(why, now(clock), main, course.nominal)
 
 
-def _step_companions(
-    companions: list[_Pair],
-    reversible: bool,
-    t: float,
-    h: float,
-    before: Vector,
-    after: Vector,
-) -> None:
-    """Move the companions over the same step; in 2, 4, ... parts where nothing can be undone."""
-    for k, pair in enumerate(companions):
-        if pair.failure:
-            continue
-        parts = 1 if reversible else 2 ** (k + 1)
-        try:
-            for j in range(parts):
-                pair.report = pair.loop.step(
-                    t + j * h / parts,
-                    h / parts,
-                    before + (after - before) * j / parts,
-                    before + (after - before) * (j + 1) / parts,
-                )
-            pair.outputs.append(pair.loop.outputs.copy())
-        except StepFailed as error:
-            pair.failure = f"the companion loop failed at t = {t:.6g} s: {error}"
-
-
-def _apart(companions: list[_Pair], outputs: Vector) -> Vector:
-    """How far the run and its companion are from each other."""
-    pair = companions[0]
-    return np.zeros_like(outputs) if pair.failure else outputs - pair.outputs[-1]
-
-
-def _measured(
-    report: StepReport, companions: list[_Pair], reversible: bool
-) -> tuple[Vector, float]:
-    """Effect and contraction of this step's correction, from whichever loop was corrected."""
-    if np.isfinite(report.contraction):
-        return report.effect, report.contraction
-    other = companions[0].report
-    if reversible and other is not None and not companions[0].failure:
-        return other.effect, other.contraction
-    return np.zeros_like(report.effect), math.nan
-
-
-def _saved(pairs: Sequence[_Pair]) -> list[tuple[_Pair, Any, int]]:
-    """Checkpoints of all loops that still run, and how much they had recorded."""
-    return [(p, p.loop.checkpoint(), len(p.outputs)) for p in pairs if not p.failure]
-
-
-def _take_back(saved: list[tuple[_Pair, Any, int]]) -> None:
-    for pair, checkpoint, recorded in saved:
-        pair.loop.take_back(checkpoint)
-        del pair.outputs[recorded:]
-        pair.failure = ""
-
-
-def _drop(saved: list[tuple[_Pair, Any, int]]) -> None:
-    for pair, checkpoint, _ in saved:
-        pair.loop.drop(checkpoint)
+def _stop(why: int, t: float, main: RecordedLoop, nominal: Vector) -> Stop:
+    if why in (STEP_FAILED, COMMAND_FAILED):
+        error = main.error()
+        where = f"in the step from t = {t:.6g} s" if why == STEP_FAILED else f"at t = {t:.6g} s"
+        return Stop(f"{error} ({where})", error.advice)
+    if why == NOT_FINITE:
+        return Stop(f"an output is not finite at t = {t:.6g} s")
+    if why == RUNS_AWAY:
+        worst = int(np.argmax(np.abs(main.loop.outputs) / nominal))
+        name = list(main.loop.plant.outputs)[worst]
+        return Stop(f"the loop runs away: {name} leaves every bound at t = {t:.6g} s")
+    return Stop()
 
 
 def _concluded(
-    record: _Record,
-    main: _Pair,
-    companions: list[_Pair],
+    course: Course,
+    why: Stop,
+    main: RecordedLoop,
+    companions: list[RecordedLoop],
     reversible: bool,
     names: list[str],
     ours: list[str],
     coupling: Coupling,
     reason: str,
-    clock: _Clock,
+    clock: Any,
 ) -> LoopRun:
-    outputs = np.array(main.outputs)
-    others = [np.array(pair.outputs) for pair in companions]
-    contraction = record.contraction
+    outputs = np.concatenate(main.outputs)
+    others = [np.concatenate(pair.outputs) for pair in companions]
+    contraction = course.contraction
     if not reversible:
         contraction = _grid_contraction(outputs, *others)
-    failure = record.stopped or next((p.failure for p in companions if p.failure), "")
+    failure = why.reason or next((p.failure for p in companions if p.failure), "")
     verdict = judge(
         names,
         outputs,
@@ -460,25 +413,25 @@ def _concluded(
         clock.longest_used,
         safety=1.0 if main.loop.corrected and main.loop.averaged else 2.0,
         failure=failure,
-        advice=record.advice,
+        advice=why.advice,
     )
-    commands = np.array(record.commands)
+    commands = np.concatenate(course.commands)
     return LoopRun(
-        time=np.array(record.times),
+        time=np.concatenate(course.times),
         outputs={n: outputs[:, k] for k, n in enumerate(names)},
         commands={n: commands[:, k] for k, n in enumerate(ours)},
-        reference=np.array(record.references),
+        reference=np.concatenate(course.references),
         coupling=coupling,
         coupling_reason=reason,
         corrected=main.loop.corrected,
-        defect_max=dict(zip(ours, record.defect.tolist(), strict=True)),
+        defect_max=dict(zip(ours, course.defect.tolist(), strict=True)),
         effect_rate_max=(
-            dict(zip(names, record.effect_rate.tolist(), strict=True)) if reversible else {}
+            dict(zip(names, course.effect_rate.tolist(), strict=True)) if reversible else {}
         ),
-        macro_steps=len(record.times) - 1,
+        macro_steps=len(commands) - 1,
         step_range=(clock.shortest_used, clock.longest_used),
         verdict=verdict,
-        stopped=record.stopped,
+        stopped=why.reason,
     )
 
 

@@ -19,18 +19,28 @@ from ..fmus.reading import Description, FmuError, UnpackedFmu, unpack
 
 Vector = npt.NDArray[np.float64]
 
-_SIGNALS = ctypes.CFUNCTYPE(
+# fmi2SetReal and fmi2GetReal, fmi2DoStep, and those of saved states
+SIGNALS = ctypes.CFUNCTYPE(
     ctypes.c_int,
     ctypes.c_void_p,
     ctypes.POINTER(ctypes.c_uint),
     ctypes.c_size_t,
     ctypes.POINTER(ctypes.c_double),
 )
-_STEP = ctypes.CFUNCTYPE(
+STEP = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int
 )
-_STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-_OK, _DISCARD, _FATAL = 1, 2, 4  # fmi2Warning counts as OK
+STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+ENTRY_POINTS = (
+    "component",
+    "set_real",
+    "get_real",
+    "do_step",
+    "get_state",
+    "set_state",
+    "free_state",
+)
+OK, _DISCARD, _FATAL = 1, 2, 4  # fmi2Warning counts as OK
 _LOGGED: dict[int, str] = {}
 _LOG_NUMBERS = itertools.count(1)
 
@@ -124,12 +134,12 @@ class FmuParticipant:
         self._open = True
         library = self._slave.dll
         end_cleanly(Path(library._name))
-        self._set_real = _SIGNALS(("fmi2SetReal", library))
-        self._get_real = _SIGNALS(("fmi2GetReal", library))
-        self._do_step = _STEP(("fmi2DoStep", library))
-        self._get_state = _STATE(("fmi2GetFMUstate", library))
-        self._set_state = _STATE(("fmi2SetFMUstate", library))
-        self._free_state = _STATE(("fmi2FreeFMUstate", library))
+        self._set_real = SIGNALS(("fmi2SetReal", library))
+        self._get_real = SIGNALS(("fmi2GetReal", library))
+        self._do_step = STEP(("fmi2DoStep", library))
+        self._get_state = STATE(("fmi2GetFMUstate", library))
+        self._set_state = STATE(("fmi2SetFMUstate", library))
+        self._free_state = STATE(("fmi2FreeFMUstate", library))
         self._component = ctypes.c_void_p(self._slave.component)
 
     @property
@@ -190,7 +200,7 @@ class FmuParticipant:
                 )
         except Exception as error:
             status = getattr(error, "status", _FATAL)
-            raise self._failed(status, f"cannot be initialized: {error}") from error
+            raise self.failed(status, f"cannot be initialized: {error}") from error
         if self.message():
             raise StepFailed(self.message())
 
@@ -208,8 +218,8 @@ class FmuParticipant:
 
         def write(values: Vector) -> None:
             buffer[:] = values
-            if n and (status := call(component, references, n, pointer)) > _OK:
-                raise self._failed(status, f"refuses the values of {', '.join(names)}")
+            if n and (status := call(component, references, n, pointer)) > OK:
+                raise self.failed(status, f"refuses the values of {', '.join(names)}")
 
         return write
 
@@ -218,8 +228,8 @@ class FmuParticipant:
         call, component, n = self._get_real, self._component, len(names)
 
         def read() -> Vector:
-            if n and (status := call(component, references, n, pointer)) > _OK:
-                raise self._failed(status, f"cannot give {', '.join(names)}")
+            if n and (status := call(component, references, n, pointer)) > OK:
+                raise self.failed(status, f"cannot give {', '.join(names)}")
             return buffer.copy()
 
         return read
@@ -231,22 +241,40 @@ class FmuParticipant:
 
     def step(self, t: float, h: float) -> None:
         status = self._do_step(self._component, t, h, 1)
-        if status > _OK:
-            raise self._failed(status, f"the step failed with FMI status {status}")
+        if status > OK:
+            raise self.failed(status, f"the step failed with FMI status {status}")
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
         status = self._get_state(self._component, ctypes.addressof(state))
-        if status > _OK:
-            raise self._failed(status, "cannot save its state")
+        if status > OK:
+            raise self.failed(status, "cannot save its state")
         return state
 
     def restore(self, state: Any) -> None:
         status = self._set_state(self._component, state)
-        if status > _OK:
-            raise self._failed(status, "cannot restore its state")
+        if status > OK:
+            raise self.failed(status, "cannot restore its state")
 
-    def _failed(self, status: int, what: str) -> StepFailed:
+    def entry_points(self) -> tuple[int, ...]:
+        """Addresses of the instance and of its functions, in the order of `ENTRY_POINTS`."""
+        calls = (
+            self._set_real,
+            self._get_real,
+            self._do_step,
+            self._get_state,
+            self._set_state,
+            self._free_state,
+        )
+        addresses = (ctypes.cast(call, ctypes.c_void_p).value or 0 for call in calls)
+        return (self._component.value or 0, *addresses)
+
+    def references(self, names: Sequence[str]) -> list[int]:
+        """Value references of real variables."""
+        return [self._real[n].reference for n in names]
+
+    def failed(self, status: int, what: str) -> StepFailed:
+        """The error for a call that ended with this status, with the FMU's own words."""
         self._status = max(self._status, status)
         reason = self.message() if status < _FATAL else _LOGGED.get(self._log, "")
         if reason.startswith(f"{self.name}: "):  # ours put the instance's name first
@@ -270,7 +298,7 @@ class FmuParticipant:
             return  # FMI allows no call any more
         # what it computed is read already: a bad end changes nothing
         with contextlib.suppress(Exception):
-            if self._status <= _OK:
+            if self._status <= OK:
                 self._slave.terminate()
         self._slave.freeInstance()
 

@@ -33,8 +33,10 @@ from ..fmus.tangent_ports import (
     tangent_port,
     tangent_states,
 )
-from .coupling import RAMP_SHARE, Answer, ControllerSide
-from .master import LEAST_SHARE, _Clock
+from .clock import accept, adapt, clock, done, now, step_to_come
+from .coupling import Answer, ControllerSide
+from .coupling_step import RAMP_SHARE
+from .march import LEAST_SHARE
 from .participant import Participant, StepFailed
 from .wiring import Wiring, wire
 
@@ -247,8 +249,7 @@ class _ProbedController:
 
     def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Find out how it answers and whether it has a state; once it is initialized."""
-        self.side = ControllerSide(self.participant, self.wiring)
-        self.side.find_answer(signals, reference)
+        self.side = ControllerSide(self.participant, self.wiring, signals, reference)
         name = self.participant.name
         if self.side.answer is not Answer.DIRECT:
             raise TangentsImpossible(
@@ -424,31 +425,31 @@ def follow_over_fmus(
     names = list(_ordinary(plant).outputs)
     read_outputs = plant.reader(names)
     bound = RUNAWAY * np.array([plant.nominal(n) for n in names])
-    clock = _Clock(stop, step, adaptive=True)
+    time = clock(stop, step, adaptive=True)
     times, growth, trace = [0.0], [np.zeros(count)], [0.0]
     rows = [read_outputs()]
     frame = np.eye(count)  # a joint tangent per row
     split = len(p.states)
     stopped = ""
-    while not clock.done and not stopped:
+    while not done(time) and not stopped:
         p.set_tangents(frame[:, :split])
         c.set_tangents(frame[:, split:])
         start = p.signals()
         saved = p.save(), c.save()
         try:
             while True:
-                t, h = clock.now, clock.step()
+                t, h = now(time), step_to_come(time)
                 plain, mended = _joint_step(p, c, t, h, refs, start, saved)
                 usual = np.abs(growth[-1]) * (h / t if t > 0 else 0.0)
                 allowed = accuracy * max(h / stop, LEAST_SHARE)
                 share = _share(plain, mended, allowed, usual)
-                if not share > 1.0 or clock.size == 1:
+                if not share > 1.0 or time.stride == 1:
                     break
                 for side, state in zip((p, c), saved, strict=True):
                     side.restore(state)
-                clock.adapt(share)
-            clock.accept()
-            clock.adapt(share)
+                adapt(time, share)
+            accept(time)
+            adapt(time, share)
             rows.append(read_outputs())
             trace.append(p.trace_now() + c.trace_now())
         except StepFailed as error:
@@ -457,12 +458,12 @@ def follow_over_fmus(
         finally:
             for side, state in zip((p, c), saved, strict=True):
                 side.release(state)
-        times.append(clock.now)
+        times.append(now(time))
         growth.append(growth[-1] + mended.logs)
         frame = mended.frame
         if not np.all(np.abs(rows[-1]) <= bound):
             name = names[int(np.argmax(np.nan_to_num(np.abs(rows[-1]) / bound, nan=np.inf)))]
-            stopped = f"the loop runs away: {name} leaves every bound at t = {clock.now:.6g} s"
+            stopped = f"the loop runs away: {name} leaves every bound at t = {now(time):.6g} s"
     table = np.array(rows)[: len(times)]
     return TangentRun(
         np.array(times),

@@ -13,7 +13,8 @@ from ..solver.connect import CONTROLLER, PLANT
 from ..solver.kernel import IntegrationError, Kernel, Model
 from ..solver.stored import stored_kernel
 from .coupling import Coupling
-from .master import RUNAWAY, LoopRun, Progress, step_that_meets
+from .march import RUNAWAY
+from .master import LoopRun, Progress, step_that_meets
 from .reference_signal import Reference
 from .verdict import ACCURACY, Verdict
 
