@@ -211,7 +211,7 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
     add(
         "--isolate",
         action=argparse.BooleanOptionalAction,
-        help="run each FMU in a process of its own (default: those that are not ours)",
+        help="run each FMU in a process of its own (default: those not written here)",
     )
     add(
         "--time-limit",

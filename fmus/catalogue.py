@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import filecmp
 import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -103,17 +102,3 @@ def loop_fmu(controller: str) -> Path:
 
         export_kernel(loop_fmu_kernel(controller), path)
     return path
-
-
-def is_ours(path: Path) -> bool:
-    """Whether a file is, byte for byte, an FMU of this catalogue, wherever it lies."""
-    ready = kernel_cache.folder() / "fmus"
-    try:
-        size = path.stat().st_size
-        return any(
-            path == own or (own.stat().st_size == size and filecmp.cmp(path, own, shallow=False))
-            for own in (ready / f"{name}-{fingerprint()}.fmu" for name in NAMES)
-            if own.is_file()
-        )
-    except OSError:
-        return False

@@ -20,6 +20,7 @@ from .archive import packed
 from .documentation import html_page
 from .feedback_law import accept_law, report_law
 from .interface import interface_of
+from .made_here import remember
 from .model_description import model_description
 
 _SLAVE = '''"""The slave that pythonfmu loads: {description}."""
@@ -111,6 +112,7 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
         )
         description = model_description(kernel, interface, __version__)
         kernel_cache.write_atomically(path, _normalized(built, description))
+    remember(path)
     return path
 
 

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.catalogue import is_ours
+from ..fmus.made_here import is_ours
 from ..fmus.reading import Description, FmuError, UnpackedFmu
 from .isolated_host import OK, REFUSED, Request, receive, send
 from .participant import FmuParticipant, Reader, StepFailed, Writer, opened_source
@@ -225,7 +225,7 @@ class IsolatedParticipant:
 def open_fmu(
     path: Path, name: str, isolate: bool | None = None, time_limit: float = TIME_LIMIT
 ) -> FmuParticipant | IsolatedParticipant:
-    """Open an FMU in a process of its own if asked, or if not told and it is not of our catalogue.
+    """Open an FMU in a process of its own if asked, or by default if it was not written here.
 
     Raises
     ------

@@ -13,6 +13,7 @@ from ...solver.component import Component
 from ..archive import packed
 from ..documentation import html_page
 from ..export import with_law_ports
+from ..made_here import remember
 from . import description, description3
 from .compilers import PLATFORMS, compiled, compiler_for, own_platform
 from .sources import MAIN, NativeModel, native_model, sources
@@ -104,6 +105,7 @@ def write_native(
     files["documentation/index.html"] = page.encode()
     files |= {f"sources/{name}": text.encode() for name, text in sorted(texts.items())}
     kernel_cache.write_atomically(path, packed(files))
+    remember(path)
     return NativeFmu(path, able, tuple(name for name in wanted if name not in able))
 
 

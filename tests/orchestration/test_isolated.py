@@ -10,7 +10,10 @@ import pytest
 from strangers import proportional
 
 from ballscrew.cli import main
-from ballscrew.fmus.catalogue import fmu, is_ours
+from ballscrew.fmus.catalogue import fmu
+from ballscrew.fmus.made_here import is_ours
+from ballscrew.fmus.native.export import write_native
+from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.fmus.reading import FmuError
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.isolated import IsolatedParticipant
@@ -132,6 +135,10 @@ def test_what_is_ours_is_known_by_content_not_by_name(tmp_path):
     copy = tmp_path / "anything.fmu"
     copy.write_bytes(fmu("nctf").read_bytes())
     assert is_ours(copy)
+    made = write_native(catalogued_model("pid"), tmp_path / "made.fmu", 2).path
+    assert is_ours(made)
+    made.write_bytes(made.read_bytes() + b" ")
+    assert not is_ours(made)
     fake = proportional(tmp_path, "Fake").rename(tmp_path / "nctf.fmu")
     assert not is_ours(fake)
 
