@@ -152,7 +152,12 @@ def _fmi_version(description: Path) -> str:
 
 
 def _described(read: Any) -> Description:
-    followers = {u.variable.name for u in read.outputs or () if u.dependencies}
+    # on states, too, outputs may be said to depend: they do not make it follow at once
+    followers = {
+        u.variable.name
+        for u in read.outputs or ()
+        if any(d.causality == "input" for d in u.dependencies or ())
+    }
     silent = {u.variable.name for u in read.outputs or () if u.dependencies is None}
     listed = {u.variable.name for u in read.outputs or ()}
     variables = []

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as ET
 
 from ... import __version__
 from ..interface import START
 from ..model_description import model_description
+from .dependencies import Dependency, dependencies_of
 from .sources import MAIN, NativeModel
 
 TOOL = f"ballscrew {__version__}"
@@ -57,18 +59,24 @@ def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
     structure = root.find("ModelStructure")
     assert listed is not None
     assert structure is not None
-    nodes = {node.get("name"): node for node in listed}
+    nodes = {node.get("name", ""): node for node in listed}
     index = {name: str(k + 1) for k, name in enumerate(nodes)}
     for state, derivative in zip(model.state_variables, model.derivatives, strict=True):
         real = nodes[derivative.name].find("Real")
         assert real is not None
         real.set("derivative", index[state.name])
+    uses = dependencies_of(model)
+    outputs = structure.find("Outputs")
+    assert outputs is not None
+    for unknown, used in zip(outputs, uses.outputs, strict=False):  # after them, the message
+        _write_dependencies(unknown, used, index)
     if not model.derivatives:
         return
     place = ET.Element("Derivatives")
     structure.insert(1, place)
-    for derivative in model.derivatives:
-        ET.SubElement(place, "Unknown", index=index[derivative.name])
+    for derivative, used in zip(model.derivatives, uses.derivatives, strict=True):
+        unknown = ET.SubElement(place, "Unknown", index=index[derivative.name])
+        _write_dependencies(unknown, used, index)
     initial = structure.find("InitialUnknowns")
     assert initial is not None
     own = {v.name for v in model.state_variables if v.causality == "local"}
@@ -79,3 +87,11 @@ def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
     for derivative in model.derivatives:
         ET.SubElement(initial, "Unknown", index=index[derivative.name])
     initial[:] = sorted(initial, key=lambda unknown: int(unknown.get("index", "0")))
+
+
+def _write_dependencies(
+    unknown: ET.Element, used: Sequence[Dependency], index: Mapping[str, str]
+) -> None:
+    named = [(int(index[d.known.name]), d.kind) for d in used if d.known]  # time is no variable
+    unknown.set("dependencies", " ".join(str(place) for place, _ in sorted(named)))
+    unknown.set("dependenciesKind", " ".join(kind for _, kind in sorted(named)))

@@ -10,8 +10,9 @@ from ...solver.kernel import DEFAULT_TOLERANCE
 from ..interface import MESSAGE, START, Variable
 from ..model_description import STEP_SIZE, STOP_TIME
 from ..units import base_exponents
+from .dependencies import Dependency, dependencies_of
 from .description import TOOL
-from .sources import MAIN, NativeModel
+from .sources import MAIN, NativeModel, is_intermediate
 
 _CAN = {
     "needsExecutionTool": "false",
@@ -71,6 +72,8 @@ def description_of(model: NativeModel, token: str) -> bytes:
             "modelIdentifier": kernel.name,
             **_CAN,
             "canHandleVariableCommunicationStepSize": "true",
+            "providesIntermediateUpdate": "true",
+            "canReturnEarlyAfterIntermediateUpdate": "true",
             "hasEventMode": "false",
         },
     )
@@ -154,6 +157,8 @@ def _write_variable(parent: ET.Element, v: Variable) -> ET.Element:
     attributes["nominal"] = repr(float(v.nominal))
     if v.start is not None:
         attributes["start"] = repr(float(v.start))
+    if is_intermediate(v):
+        attributes["intermediateUpdate"] = "true"
     return ET.SubElement(parent, "Float64", attributes)
 
 
@@ -170,14 +175,19 @@ def _write_structure(parent: ET.Element, model: NativeModel) -> None:
         if dependencies is not None:
             node.set("dependencies", dependencies)
 
-    states = [s.name for s in model.kernel.states]
-    for v, output in zip(outputs, model.kernel.outputs, strict=True):
-        used = [model.state_variables[states.index(n)].name for n in output.uses if n in states]
-        known = {*v.feedthrough, *used} - {v.name}
-        unknown("Output", v.reference, references(tuple(known)))
+    def dependent(kind: str, at: int, used: list[Dependency]) -> None:
+        node = ET.SubElement(parent, kind, valueReference=str(at))
+        time = interface.layout.time
+        known = sorted((d.known.reference if d.known else time, d.kind) for d in used)
+        node.set("dependencies", " ".join(str(reference) for reference, _ in known))
+        node.set("dependenciesKind", " ".join(kind for _, kind in known))
+
+    uses = dependencies_of(model)
+    for v, used in zip(outputs, uses.outputs, strict=True):
+        dependent("Output", v.reference, used)
     unknown("Output", interface.message_reference, "")
-    for v in model.derivatives:
-        unknown("ContinuousStateDerivative", v.reference)
+    for v, used in zip(model.derivatives, uses.derivatives, strict=True):
+        dependent("ContinuousStateDerivative", v.reference, used)
     for v in outputs:
         unknown("InitialUnknown", v.reference, references(v.initially_from))
     for state, v in zip(model.kernel.states, model.state_variables, strict=True):
@@ -186,8 +196,8 @@ def _write_structure(parent: ET.Element, model: NativeModel) -> None:
     for v in model.derivatives:
         unknown("InitialUnknown", v.reference)
     if model.exchanges:
-        for k in range(model.events):
-            unknown("EventIndicator", model.first_indicator + k)
+        for k, used in enumerate(uses.indicators):
+            dependent("EventIndicator", model.first_indicator + k, used)
 
 
 def _text(root: ET.Element) -> bytes:

@@ -193,6 +193,12 @@ def _states_of_outputs(kernel: Kernel) -> list[int]:
     return [next(iter(states)) if len(states) == 1 else -1 for states in found]
 
 
+def is_intermediate(variable: Variable) -> bool:
+    """Whether a host can look at it within a step of co-simulation."""
+    moves = variable.variability == "continuous"
+    return moves and variable.causality in ("output", "local")
+
+
 def sources(model: NativeModel, fmi: int, token: str) -> dict[str, str]:
     """Text by file name of everything that the compiler needs; `MAIN` names the file to compile.
 
@@ -283,6 +289,7 @@ def _tables(model: NativeModel, token: str) -> str:
             "    } what;",
             "    const char *name, *unit;",
             "    double low, high;",
+            "    int intermediate; /* it can be looked at within a step */",
             "} Variable;",
             "",
             "static const Variable VARIABLES[REFERENCES] = {",
@@ -303,14 +310,14 @@ def _variables(model: NativeModel) -> Iterable[str]:
         kind = kinds.get(v.causality) or ("STATE" if v.reference in own else "DERIVATIVE")
         yield (
             f"{v.reference}] = {{{kind}, {_quoted(v.name)}, {_quoted(v.unit)}, "
-            f"{_number(v.minimum)}, {_number(v.maximum)}}}"
+            f"{_number(v.minimum)}, {_number(v.maximum)}, {int(is_intermediate(v))}}}"
         )
     for reference, kind, name in (
         (model.interface.message_reference, "MESSAGE", MESSAGE),
         (layout.time, "CLOCK", "time"),
         *((model.first_indicator + k, "INDICATOR", "indicator") for k in range(model.events)),
     ):
-        yield f'{reference}] = {{{kind}, "{name}", "1", -HUGE_VAL, HUGE_VAL}}'
+        yield f'{reference}] = {{{kind}, "{name}", "1", -HUGE_VAL, HUGE_VAL, 0}}'
 
 
 def _array(kind: str, name: str, values: Iterable[str]) -> str:

@@ -26,7 +26,8 @@ typedef enum {
     STEPPING = 4,    /* co-simulation, between steps */
     EVENT = 8,       /* model exchange */
     CONTINUOUS = 16, /* model exchange */
-    TERMINATED = 32
+    TERMINATED = 32,
+    UPDATING = 64 /* co-simulation, within a step: the host is called and may look */
 } Phase;
 #define RUNNING (STEPPING | EVENT | CONTINUOUS)
 #define ALIVE (INSTANTIATED | INITIALIZING | RUNNING)
@@ -59,6 +60,11 @@ typedef struct Instance {
     void *environment;
     void (*log)(const struct Instance *, Status, const char *category, const char *text);
     void (*logger)(void); /* the host's, of a type that the FMI layer knows */
+    double end;           /* of the present step of co-simulation */
+    int may_return;       /* a host that is called within a step may end it there */
+    void (*update)(struct Instance *, double t); /* tells the host of an instant within a step */
+    void (*updater)(void);                       /* the host's, of a type as above */
+    unsigned char wanted[REFERENCES];            /* what it may look at within a step */
 } Instance;
 
 /* -- messages ----------------------------------------------------------------------------- */
@@ -109,6 +115,7 @@ static const char *phase_name(int phase)
     case STEPPING: return "between steps of co-simulation";
     case EVENT: return "in event mode";
     case CONTINUOUS: return "in continuous-time mode";
+    case UPDATING: return "in an intermediate update";
     default: return "after the end";
     }
 }
@@ -288,6 +295,9 @@ static Status get_numbers(Instance *c, const uint32_t *references, size_t n, dou
             return ERROR;
         if (v->what == MESSAGE)
             return refuse(c, "%s is a String, not a number", v->name);
+        if (c->now.phase == UPDATING && !c->wanted[references[k]])
+            return refuse(c, "%s cannot be had in an intermediate update; it is not among the "
+                             "required intermediate variables", v->name);
         if (v->what == DERIVATIVE) {
             values[k] = derivatives(c)[references[k] - FIRST_DERIVATIVE];
         } else if (v->what == INDICATOR) {
@@ -324,10 +334,31 @@ static Status set_numbers(Instance *c, const uint32_t *references, size_t n, con
 
 /* -- steps of co-simulation --------------------------------------------------------------- */
 
+/* Let the host look at an instant within a step; it may bring the end of the step nearer. */
+static void tell(Instance *c, double t)
+{
+    if (!c->update)
+        return;
+    TIME(c) = t;
+    c->stale = 1;
+    c->now.phase = UPDATING;
+    c->update(c, t);
+    c->now.phase = STEPPING;
+}
+
+static double watch(void *instance, double t, double t1)
+{
+    Instance *c = instance;
+    tell(c, t);
+    return smaller(t1, c->end);
+}
+
 static Status advance(Instance *c, double t0, double t1)
 {
+    const Watcher watcher = {watch, c};
     const int status = integrate(t0, t1, STATES(c), HELD(c), PARAMETERS(c), c->atol,
-                                 c->now.memory[AT_TOLERANCE], &c->work, INFO(c));
+                                 c->now.memory[AT_TOLERANCE], &c->work, INFO(c),
+                                 c->update ? &watcher : NULL);
     const double reached = INFO(c)[REACHED];
     const char *rest = "the solution leaves every bound";
     switch (status) {
@@ -352,26 +383,33 @@ static void take_sample(Instance *c, double t)
     c->now.memory[AT_SAMPLES] += 1.0;
 }
 
-/* Update the discrete states at every sample instant in [t0, t0 + step). */
-static Status advance_sampled(Instance *c, double t0, double step)
+/* Update the discrete states at every sample instant in [t0, c->end). */
+static Status advance_sampled(Instance *c, double t0)
 {
     const double period = c->now.memory[AT_SAMPLE_TIME < 0 ? 0 : AT_SAMPLE_TIME];
-    const double end = t0 + step;
     double now = t0;
     double *samples = &c->now.memory[AT_SAMPLES];
     if (!(period > 0.0 && fabs(*samples) < 4.5e15 &&
-          (end - *samples * period) / period < MOST_SAMPLES))
-        return fail(c, "a step from t = %.9g s by %.9g s holds too many sample instants", t0, step);
-    while (*samples * period < end - ROUND_OFF * period) {
+          (c->end - *samples * period) / period < MOST_SAMPLES))
+        return fail(c, "a step from t = %.9g s by %.9g s holds too many sample instants", t0,
+                    c->end - t0);
+    while (*samples * period < c->end - ROUND_OFF * period) {
         const double instant = larger(*samples * period, now);
         if (instant > now + ROUND_OFF * period) {
             if (advance(c, now, instant) != OK)
                 return ERROR;
+            if (*samples * period >= c->end - ROUND_OFF * period)
+                return OK; /* the host has ended the step before the sample is due */
             now = instant;
         }
         take_sample(c, now);
+        tell(c, now);
     }
-    return N > 0 ? advance(c, now, end) : OK;
+    if (N > 0)
+        return advance(c, now, c->end);
+    if (now < c->end)
+        tell(c, c->end);
+    return OK;
 }
 
 /* Whether it failed before and cannot go on; it says why once more. */
@@ -392,12 +430,13 @@ static Status take_step(Instance *c, double t, double step)
     take_frame(c);
     if (STEP_START >= 0)
         c->now.memory[STEP_START < 0 ? 0 : STEP_START] = t;
-    status = AT_SAMPLE_TIME < 0 ? advance(c, t, t + step) : advance_sampled(c, t, step);
-    TIME(c) = t + step;
+    c->end = t + step;
+    status = AT_SAMPLE_TIME < 0 ? advance(c, t, c->end) : advance_sampled(c, t);
+    TIME(c) = c->end;
     c->stale = 1;
     for (int i = 0; i < N && status == OK; i++) {
         if (!isfinite(STATES(c)[i]))
-            status = fail(c, "the state is not finite at t = %.9g s", t + step);
+            status = fail(c, "the state is not finite at t = %.9g s", c->end);
     }
     return status;
 }

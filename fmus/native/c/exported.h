@@ -1,5 +1,5 @@
-/* What the functions that hosts call begin with. EXPORT(type) name: a function that hosts find. Compiled into another program, its name gets the
- * prefix FUNCTION_PREFIX. */
+/* What the functions that hosts call begin with. EXPORT(type) name: a function that hosts find.
+ * Compiled into another program, its name gets the prefix FUNCTION_PREFIX. */
 #ifndef EXPORTED_H
 #define EXPORTED_H
 

@@ -41,12 +41,26 @@ static Instance *instantiate(fmi3String name, fmi3String token, int exchange, co
         return NULL;
     }
     c = make_instance(name, exchange);
-    if (c && log) {
+    if (!c)
+        return NULL;
+    c->environment = environment;
+    if (log) {
         c->logger = (void (*)(void))log;
-        c->environment = environment;
         c->log = log_message;
     }
     return c;
+}
+
+/* Every accepted step is told; inputs are held in all of a step, so that none are asked for. */
+static void update_host(Instance *c, double t)
+{
+    const bool may_return = c->may_return && t < c->end;
+    fmi3Boolean requested = false;
+    fmi3Float64 until = t;
+    ((fmi3IntermediateUpdateCallback)c->updater)(c->environment, t, false, true, true, may_return,
+                                                 &requested, &until);
+    if (may_return && requested && !(until >= c->end))
+        c->end = larger(t, until); /* t where it is not a number */
 }
 
 EXPORT(fmi3Instance)
@@ -69,17 +83,33 @@ NAMED(fmi3InstantiateCoSimulation)(fmi3String name, fmi3String token, fmi3String
                                    fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
     const char *wrong = NULL;
+    Instance *c;
     (void)resources;
     (void)visible;
     (void)logging;
-    (void)early_return; /* it is allowed to, and never does */
-    (void)required;
-    (void)update;
     if (event_mode)
         wrong = MODEL " has no event mode in co-simulation; its events happen within the steps";
-    else if (required_count)
-        wrong = MODEL " has no intermediate updates";
-    return instantiate(name, token, 0, wrong, environment, log);
+    else if (required_count && !required)
+        wrong = "a null pointer was given for the required intermediate variables";
+    c = instantiate(name, token, 0, wrong, environment, log);
+    if (!c)
+        return NULL;
+    for (size_t k = 0; k < required_count; k++) {
+        const Variable *v = variable(c, required[k]);
+        if (v && !v->intermediate)
+            refuse(c, "%s cannot be an intermediate variable", v->name);
+        if (!v || !v->intermediate) {
+            free_instance(c);
+            return NULL;
+        }
+        c->wanted[required[k]] = 1;
+    }
+    if (update) {
+        c->updater = (void (*)(void))update;
+        c->update = update_host;
+        c->may_return = early_return;
+    }
+    return c;
 }
 
 EXPORT(fmi3Instance)
@@ -99,13 +129,18 @@ NAMED(fmi3InstantiateScheduledExecution)(fmi3String name, fmi3String token, fmi3
     return instantiate(name, token, 0, MODEL " is not for scheduled execution", environment, log);
 }
 
-EXPORT(void) NAMED(fmi3FreeInstance)(fmi3Instance instance) { free_instance(instance); }
+EXPORT(void) NAMED(fmi3FreeInstance)(fmi3Instance instance)
+{
+    Instance *c = instance;
+    if (c && allowed(c, ANY, "fmi3FreeInstance"))
+        free_instance(c);
+}
 
 EXPORT(fmi3Status)
 NAMED(fmi3SetDebugLogging)(fmi3Instance instance, fmi3Boolean on, size_t n,
                            const fmi3String categories[])
 {
-    CHECK(ANY, "fmi3SetDebugLogging");
+    CHECK(ANY | UPDATING, "fmi3SetDebugLogging");
     (void)on;
     (void)n;
     (void)categories;
@@ -152,7 +187,7 @@ EXPORT(fmi3Status)
 NAMED(fmi3GetFloat64)(fmi3Instance instance, const fmi3ValueReference references[], size_t n,
                       fmi3Float64 values[], size_t room)
 {
-    CHECK(ANY, "fmi3GetFloat64");
+    CHECK(ANY | UPDATING, "fmi3GetFloat64");
     CHECK_SIZES(room, n);
     return get_numbers(c, references, n, values);
 }
@@ -459,6 +494,7 @@ NAMED(fmi3DoStep)(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step, fmi
         return refuse(c, "a null pointer was given for what a step leads to");
     *event_needed = *terminate = *early_return = false;
     status = take_step(c, time, step);
-    *last_time = status == OK ? time + step : time;
+    *early_return = status == OK && c->end < time + step;
+    *last_time = status == OK ? c->end : time;
     return status;
 }

@@ -75,6 +75,13 @@ typedef struct {
     int found;
 } Work;
 
+/* Who is told of every accepted step: of its time t and of the time t1 where the integration is to
+ * end. The answer is where it shall end, t at the earliest. The states are to be looked at only. */
+typedef struct {
+    double (*end)(void *owner, double t, double t1);
+    void *owner;
+} Watcher;
+
 /* Replace w by its LU factors with row pivoting; 0 if it is singular. */
 static int factorize(double *w, int *pivots)
 {
@@ -285,16 +292,23 @@ static double locate(double t, double h, const double *x, const double *u, const
     return high;
 }
 
-/* Advance dx/dt = rhs(t, x, u, p) from t0 to t1 with u and p held, in place. */
+/* Advance dx/dt = rhs(t, x, u, p) from t0 to t1 with u and p held, in place; less far if a watcher
+ * says so. */
 static int integrate(double t0, double t1, double *x, double *u, const double *p,
-                     const double *atol, double rtol, Work *work, double *info)
+                     const double *atol, double rtol, Work *work, double *info,
+                     const Watcher *watcher)
 {
     if (EVENTS > 0 && settle(t0, x, u, p, work, info) != DONE)
         return CHATTER;
     info[REACHED] = t1;
     const double span = t1 - t0;
-    if (N == 0 || span == 0.0)
+    if (span == 0.0)
         return DONE;
+    if (N == 0) {
+        if (watcher)
+            watcher->end(watcher->owner, t1, t1);
+        return DONE;
+    }
     double h = info[NEXT_STEP];
     if (!(h > 0.0) || h > span)
         h = span;
@@ -355,6 +369,8 @@ static int integrate(double t0, double t1, double *x, double *u, const double *p
                 h = planned;
                 last_error = 1e-4;
                 rejected_before = 0;
+                if (watcher)
+                    info[REACHED] = t1 = watcher->end(watcher->owner, t, t1);
                 if (t >= t1) {
                     info[NEXT_STEP] = h;
                     return DONE;
@@ -370,7 +386,9 @@ static int integrate(double t0, double t1, double *x, double *u, const double *p
                 growth = smaller(growth, 1.0);
             last_error = larger(error, 1e-4);
             rejected_before = 0;
-            if (final) {
+            if (watcher)
+                info[REACHED] = t1 = watcher->end(watcher->owner, t, t1);
+            if (t >= t1) {
                 info[NEXT_STEP] = growth >= 1.0 ? larger(planned, h * growth) : h * growth;
                 return DONE;
             }
