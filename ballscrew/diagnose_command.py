@@ -243,8 +243,8 @@ def _table(
     lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")
     rows: Sequence[tuple[str, Level]] = (
         ("as believed", result.baseline_residual),
-        ("values adjusted, held out", result.adjusted_residual),
-        ("with what was found, held out", result.final_residual),
+        (f"values adjusted, {result.held_out} held out", result.adjusted_residual),
+        (f"with causes, {result.held_out} held out", result.final_residual),
         ("noise alone", result.floor),
     )
     lines += [f"{n:<34}{v.force:>11.4g}{1e6 * v.position:>15.4g}" for n, v in rows]
@@ -254,7 +254,8 @@ def _table(
             "",
             f"{c.name}: {c.says}",
             f"  gain {100 * c.gain_heldout:.3g} % of the mean square in force "
-            f"({100 * low:.3g} to {100 * high:.3g} %), p = {c.p_value:.2g}",
+            f"({100 * low:.3g} to {100 * high:.3g} %"
+            f"{', all others given' if len(result.causes) > 1 else ''}), p = {c.p_value:.2g}",
         ]
         for name, value in c.parameters.items():
             known = c.intervals.get(name)

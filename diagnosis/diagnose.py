@@ -141,14 +141,11 @@ def _concluded(
     courses, noise = situation.courses, situation.noise
     names = best.causes
     held = judged(situation, problem, names, len(best.members))
-    limits = np.array(problem.limits) // len(courses[0].channels)
     nothing = Added.nothing(courses)
     baseline = residual(courses, believed, noise, nothing)
     lowest = floor(courses, situation.model, noise)
     causes = tuple(
-        _found_cause(situation, problem, found.choice, k, held, limits)
-        for k, m in enumerate(best.members)
-        if not m.is_rival
+        _found_cause(situation, problem, found.choice, name, held) for name in held.order
     )
     verdict = NONE
     if best.rivals:
@@ -161,7 +158,7 @@ def _concluded(
     unnamed = added_by([m for m in best.members if m.is_rival], fitted, courses)
     model = with_values(situation.model, problem, in_the_plant)
     mended = residual(courses, model, noise, named)
-    whole = gained(held.residuals[0], held.residuals[-1], limits)
+    whole = gained(held.none, held.all, held.limits)
     law = [believed.friction(c.x, c.v, c.step) for c in courses]
     viscous = [believed.linear_friction * c.middle_v for c in courses]
     predicted = np.concatenate([f + v for f, v in zip(law, viscous, strict=True)])
@@ -186,9 +183,10 @@ def _concluded(
         where=_where(found, _level(baseline), _level(lowest), lives),
         floor=_level(lowest),
         baseline_residual=_level(baseline),
-        adjusted_residual=_level(held.residuals[0]),
-        final_residual=_level(held.residuals[-1]),
+        adjusted_residual=_level(held.none),
+        final_residual=_level(held.all),
         gain_interval=whole.interval,
+        held_out=held.parts,
         causes=causes,
         unnamed=tuple(lives[n] for n in best.rivals),
         out_of_reach=_out_of_reach(courses, situation.model, problem, best),
@@ -216,16 +214,15 @@ def _found_cause(
     situation: Situation,
     problem: Problem,
     choice: Choice,
-    k: int,
+    name: str,
     held: HeldOut,
-    limits: npt.NDArray[np.int64],
 ) -> FoundCause:
     best = choice.best
+    k = best.names.index(name)
     member = best.members[k]
-    cause = CAUSES[member.name]
-    place = best.causes.index(member.name)
-    before, after = held.residuals[place], held.residuals[place + 1]
-    gain = gained(before, after, limits)
+    cause = CAUSES[name]
+    place = best.causes.index(name)
+    gain = held.gain(name)
     # as the plant has it: a rival may hold part of what a cause could say
     own = restricted_to(problem, best, set(best.causes))
     values, intervals = _values_of(situation, problem, own, place)
@@ -247,8 +244,9 @@ def _found_cause(
         units={n: units.get(n.partition(".")[0], "") for n in values},
         gain_heldout=gain.share,
         gain_interval=gain.interval,
-        before=_level(before),
-        after=_level(after),
+        gain_alone=held.gain_alone(name).share,
+        before=_level(held.without[name]),
+        after=_level(held.all),
         evidence=best.gains[k],
         p_value=p_value(problem, own, place),
         chosen_again=float(np.mean([member.name in names for names in held.chosen])),

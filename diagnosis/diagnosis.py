@@ -46,9 +46,11 @@ class FoundCause:
     units : mapping of str to str
     gain_heldout : float
         Share of the mean square of the force residual that the cause takes away, on data that
-        neither its choice nor its fit has seen, the causes before it given.
+        neither its choice nor its fit has seen, all other causes given.
     gain_interval : tuple of float
         95 %, by drawing stretches of the record again.
+    gain_alone : float
+        The same share with no other cause given.
     before, after : Level
         The residual on those data without and with it.
     evidence : float
@@ -64,6 +66,7 @@ class FoundCause:
     units: Mapping[str, str]
     gain_heldout: float
     gain_interval: tuple[float, float]
+    gain_alone: float
     before: Level
     after: Level
     evidence: float
@@ -141,6 +144,8 @@ class Diagnosis:
         the causes. The last two on data that neither choice nor fit has seen.
     gain_interval : tuple of float
         95 % of the share of the adjusted residual's mean square in force that goes.
+    held_out : str
+        What was held out, one at a time: "4 laps", "5 parts".
     causes : tuple of FoundCause
         In order of gain.
     unnamed : tuple of str
@@ -166,6 +171,7 @@ class Diagnosis:
     adjusted_residual: Level
     final_residual: Level
     gain_interval: tuple[float, float]
+    held_out: str
     causes: tuple[FoundCause, ...]
     unnamed: tuple[str, ...]
     out_of_reach: tuple[OutOfReach, ...]
@@ -194,6 +200,7 @@ class Diagnosis:
             "adjusted_residual": level(self.adjusted_residual),
             "final_residual": level(self.final_residual),
             "gain_interval": list(self.gain_interval),
+            "held_out": self.held_out,
             "causes": [
                 {
                     "name": c.name,
@@ -203,6 +210,7 @@ class Diagnosis:
                     "units": dict(c.units),
                     "gain_heldout": c.gain_heldout,
                     "gain_interval": list(c.gain_interval),
+                    "gain_alone": c.gain_alone,
                     "before": level(c.before),
                     "after": level(c.after),
                     "evidence": c.evidence,

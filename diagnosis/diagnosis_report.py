@@ -227,7 +227,8 @@ def _cause(c: FoundCause) -> str:
         f"({_percent(low)} to {_percent(high)}), "
         f"{_percent(_share(c.before, c.after))} in position; "
         f"residual {c.before.force:.4g} N to {c.after.force:.4g} N, "
-        f"{length(c.before.position)} to {length(c.after.position)}",
+        f"{length(c.before.position)} to {length(c.after.position)}; "
+        f"alone, {_percent(c.gain_alone)} in force",
         "how sure": f"p = {c.p_value:.2g}; logarithm of the odds {c.evidence:.3g}; named again in "
         f"{_percent(c.chosen_again)} of the parts that were held out in turn",
         "confused with, in these records": ", ".join(c.confused_with) or "nothing",

@@ -19,15 +19,50 @@ from .selection import LARGEST, Problem, amplitudes, choose, restricted_to
 Vector = npt.NDArray[np.float64]
 
 _FOLDS = 5
+_LAPS = range(3, 7)  # how many laps of one motion are held out one by one
+_SAME = 1e-3  # share of the motion's mean square that laps of one motion differ by at most
+_SHORTEST_LAP = 1.0  # s
 _DRAWS = 1000  # of stretches, for an interval
 
 
+def lap(x: Vector, step: float) -> float:
+    """How long a motion takes to repeat itself [s]; zero if it does not do so often enough.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Position, `step` seconds apart.
+    """
+    n = len(x)
+    longest = n // _LAPS[0]
+    shortest = max(round(_SHORTEST_LAP / step), -(-n // (_LAPS[-1] + 1)))
+    if longest <= shortest:
+        return 0.0
+    moved = x - x.mean()
+    spectrum = np.fft.rfft(moved, 2 * n)
+    shared = np.fft.irfft(np.abs(spectrum) ** 2)[: longest + 1]  # sum of x(t) x(t + lag)
+    squares = np.concatenate([[0.0], np.cumsum(moved**2)])
+    lags = np.arange(shortest, longest + 1)
+    both = squares[n - lags] + squares[n] - squares[lags]
+    apart = np.divide(both - 2.0 * shared[lags], both, out=np.ones(len(lags)), where=both > 0.0)
+    best = int(np.argmin(apart))
+    return float(lags[best] * step) if apart[best] < _SAME else 0.0
+
+
 def _folds(courses: Sequence[Course], problem: Problem) -> npt.NDArray[np.int64]:
-    """To which fold each stretch belongs: whole records, or contiguous parts of few."""
+    """To which fold each stretch belongs: records, laps of one motion, or parts of equal length."""
     counts = [stretches(c) for c in courses]
     if len(courses) >= _FOLDS:
         return np.repeat(np.arange(len(courses)) % _FOLDS, counts)
-    return np.concatenate([np.arange(n) * _FOLDS // n for n in counts])
+    laps = [lap(c.x, c.step) for c in courses]
+    if not all(laps):
+        return np.concatenate([np.arange(n) * _FOLDS // n for n in counts])
+    begun = []
+    for c, n, length in zip(courses, counts, laps, strict=True):
+        duration = len(c.x) * c.step
+        middles = (np.arange(n) + 0.5) * duration / n
+        begun.append(np.minimum(middles // length, round(duration / length) - 1))
+    return np.concatenate(begun).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -36,49 +71,82 @@ class HeldOut:
 
     Attributes
     ----------
-    residuals : list of Residual
-        With none, the first, the first two ... of the causes: what a plant can have in it.
+    parts : str
+        What was held out, one at a time.
+    limits : ndarray of int
+        Ends of the stretches that intervals are drawn from.
+    none, all : Residual
+        With no cause, and with all of them: what a plant can have in it.
+    without, alone : dict of str to Residual
+        With all causes but one, and with one only.
     chosen : list of tuple of str
         Names, one tuple for each fold.
     """
 
-    residuals: list[Residual]
+    parts: str
+    limits: npt.NDArray[np.int64]
+    none: Residual
+    all: Residual
+    without: dict[str, Residual]
+    alone: dict[str, Residual]
     chosen: list[tuple[str, ...]]
+
+    def gain(self, name: str) -> HeldOutGain:
+        """What a cause gains where all the others are given: of two that are one, both gain all."""
+        return gained(self.without[name], self.all, self.limits)
+
+    def gain_alone(self, name: str) -> HeldOutGain:
+        """What a cause gains where no other is given."""
+        return gained(self.none, self.alone[name], self.limits)
+
+    @property
+    def order(self) -> list[str]:
+        """The causes, that with the largest gain first."""
+        return sorted(self.without, key=lambda name: -self.gain(name).share)
 
 
 def judged(situation: Situation, problem: Problem, names: Sequence[str], members: int) -> HeldOut:
+    """Choose and fit without each part of the data in turn, and look at that part.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The causes that all data name.
+    members : int
+        How many members, rivals included, the choice from all data has.
+    """
     courses = situation.courses
     fold_of = _folds(courses, problem)
-    channels = len(courses[0].channels)
-    limits = np.array(problem.limits) // channels
-    whole = [
-        Residual(np.zeros(limits[-1]), np.zeros(limits[-1]), np.zeros(limits[-1], dtype=bool))
-        for _ in range(len(names) + 1)
-    ]
+    limits = np.array(problem.limits) // len(courses[0].channels)
+    folds = np.unique(fold_of)
     size = min(members + 1, LARGEST)
+    choices = [choose(problem, fold_of != fold, largest=size).best for fold in folds]
 
-    def judge(fold: int) -> tuple[str, ...]:
-        """Fill one fold's part of the residuals; the names chosen without it."""
-        used = fold_of != fold
-        choice = choose(problem, used, largest=size).best
-        test = np.zeros(limits[-1], dtype=bool)
-        for stretch in np.flatnonzero(~used):
-            test[limits[stretch] : limits[stretch + 1]] = True
-        for k, target in enumerate(whole):
-            part = restricted_to(problem, choice, set(names[:k]))
-            fitted = amplitudes(problem, part, used)
+    def with_causes(allowed: Sequence[str]) -> Residual:
+        samples = limits[-1]
+        whole = Residual(np.zeros(samples), np.zeros(samples), np.zeros(samples, dtype=bool))
+        for fold, choice in zip(folds, choices, strict=True):
+            test = np.repeat(fold_of == fold, np.diff(limits))
+            part = restricted_to(problem, choice, set(allowed))
+            fitted = amplitudes(problem, part, fold_of != fold)
             added = added_by(part.members, fitted, courses)
             model = with_values(situation.model, problem, fitted)
             found = residual(courses, model, situation.noise, added)
-            for a, b in (
-                (target.force, found.force),
-                (target.position, found.position),
-                (target.telling, found.telling),
-            ):
-                a[test] = b[test]
-        return choice.causes
+            whole.force[test] = found.force[test]
+            whole.position[test] = found.position[test]
+            whole.telling[test] = found.telling[test]
+        return whole
 
-    return HeldOut(whole, [judge(fold) for fold in range(_FOLDS)])
+    none, everything = with_causes(()), with_causes(names)
+    if len(names) == 1:
+        without, alone = {names[0]: none}, {names[0]: everything}
+    else:
+        without = {n: with_causes([m for m in names if m != n]) for n in names}
+        alone = {n: with_causes([n]) for n in names}
+    laps = len(courses) < _FOLDS and all(lap(c.x, c.step) for c in courses)
+    parts = f"{len(folds)} {'laps' if laps else 'parts'}"
+    chosen = [choice.causes for choice in choices]
+    return HeldOut(parts, limits, none, everything, without, alone, chosen)
 
 
 def with_values(model: DriveModel, problem: Problem, fitted: Vector) -> DriveModel:
