@@ -53,7 +53,7 @@ def test_nominal_iol_is_within_the_stated_distance_over_all_twenty_seconds(truth
 def test_tangent_coupling_of_iol_converges_with_second_order(truth, corrections, order):
     reference = truth("iol", 2.0)
     steps = np.array([2e-3, 1e-3, 5e-4, 2e-4, 1e-4])
-    errors = [error(run("iol", h, corrections=corrections), reference) for h in steps]
+    errors = [error(run("iol", h, 0.5, corrections=corrections), reference) for h in steps]
     fitted = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert fitted == pytest.approx(order, abs=0.2)
     if corrections:
@@ -61,7 +61,7 @@ def test_tangent_coupling_of_iol_converges_with_second_order(truth, corrections,
 
 
 def test_held_iol_at_ten_microseconds_is_not_converged():
-    held = run("iol", 1e-5, 1.0, coupling=Coupling.GAUSS_SEIDEL)
+    held = run("iol", 1e-5, 0.5, coupling=Coupling.GAUSS_SEIDEL)
     assert not held.verdict.trusted
     assert abs(held.outputs["x"][50_000] - 0.08 + 0.034736) > 0.03  # it is indeed far off
     assert held.effect_rate_max["i"] > 0.05  # ampere per second, by steps of ten microseconds

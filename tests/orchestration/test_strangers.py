@@ -48,23 +48,34 @@ def stranger(tmp_path_factory):
     return build
 
 
-def test_a_stranger_that_reports_no_derivatives_is_probed(stranger):
+@pytest.fixture(scope="module")
+def finely(stranger):
+    """The same at a tenth of the step, in this process, where that is a matter of seconds."""
+
+    def run(name, saves):
+        fine = Study(stranger(name, saves), mapping=MAP, stop=1.0, step=1e-4, isolate=False)
+        return run_study(fine).run
+
+    return run
+
+
+def test_a_stranger_that_reports_no_derivatives_is_probed(stranger, finely):
     result = run_study(Study(stranger("Probed", True), mapping=MAP, stop=1.0)).run
     assert result.coupling is Coupling.TANGENT
     assert "probed" in result.coupling_reason
     assert result.verdict.trusted
     assert set(result.commands) == {"u"}  # under our names, so that the figures can be computed
-    fine = run_study(Study(stranger("Probed2", True), mapping=MAP, stop=1.0, step=1e-4)).run
+    fine = finely("Probed2", True)
     off = np.abs(result.outputs["x"] - fine.outputs["x"][::10]).max()
     assert off < 2 * result.verdict.error_estimate["x"] + 1e-7
 
 
-def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_steps(stranger):
+def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_steps(stranger, finely):
     result = run_study(Study(stranger("Held", False), mapping=MAP, stop=1.0, step=1e-3)).run
     assert "it is held" in result.coupling_reason
     assert result.effect_rate_max == {}
     assert np.isfinite(result.verdict.contraction)
-    fine = run_study(Study(stranger("Held2", False), mapping=MAP, stop=1.0, step=1e-4)).run
+    fine = finely("Held2", False)
     off = np.abs(result.outputs["x"] - fine.outputs["x"][::10]).max()
     assert 0.5 * off < result.verdict.error_estimate["x"] < 10 * off + 1e-9
     assert result.verdict.trusted == (result.verdict.error_estimate["x"] < 1e-2 * 0.08) or not (
