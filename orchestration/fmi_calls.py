@@ -18,11 +18,14 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from .participant import ENTRY_POINTS, OK, SIGNALS, STATE, STEP, FmuParticipant, Participant
-from .structs import VECTOR, Struct, compiled, places
+from .participant import ENTRY_POINTS, OK, STATE, STEP, FmuParticipant, Participant
+from .structs import VECTOR, Struct, Vector, compiled, places
 
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # what failed
 _FAILED_IN_PYTHON = 3  # fmi2Error
+_ADDRESSES = ctypes.CFUNCTYPE(  # of the shape of fmi2SetReal, with nothing made of its pointers
+    ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p
+)
 
 
 class CallFailed(Exception):
@@ -161,20 +164,21 @@ class Bound:
         self._inputs, self._outputs = list(inputs), list(outputs)
         self._calls = calls
         references = [0] * len(inputs), [0] * len(outputs)
+        given, taken = np.zeros(len(inputs)), np.zeros(len(outputs))
         if isinstance(participant, FmuParticipant):
             self._fmu: FmuParticipant | None = participant
             entry_points = participant.entry_points()
             references = participant.references(inputs), participant.references(outputs)
         else:
             self._fmu = None
-            self._python = _PythonCalls(participant, self._inputs, self._outputs)
+            self._python = _PythonCalls(participant, self._inputs, self._outputs, given, taken)
             entry_points = self._python.entry_points()
         calls.set(
             **dict(zip(ENTRY_POINTS, entry_points, strict=True)),
             inputs=np.array(references[0], dtype=np.uint32),
-            given=np.zeros(len(inputs)),
+            given=given,
             outputs=np.array(references[1], dtype=np.uint32),
-            taken=np.zeros(len(outputs)),
+            taken=taken,
             states=np.zeros(uses, dtype=np.int64),
         )
 
@@ -210,11 +214,20 @@ def raising(*bound: Bound) -> Iterator[None]:
 
 
 class _PythonCalls:
-    """Functions of FMI's shapes that call a participant's methods."""
+    """Functions of FMI's shapes that call a participant's methods.
+
+    `given` and `taken` are the arrays whose addresses the functions are called with.
+    """
 
     def __init__(
-        self, participant: Participant, inputs: Sequence[str], outputs: Sequence[str]
+        self,
+        participant: Participant,
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+        given: Vector,
+        taken: Vector,
     ) -> None:
+        self._given, self._taken = given, taken
         self.error: BaseException | None = None
         self._participant = participant
         self._inputs, self._outputs = inputs, outputs
@@ -233,8 +246,8 @@ class _PythonCalls:
             return call
 
         self._functions = [
-            SIGNALS(guarded(self._set)),
-            SIGNALS(guarded(self._get)),
+            _ADDRESSES(guarded(self._set)),
+            _ADDRESSES(guarded(self._get)),
             STEP(guarded(lambda _, t, h, __: participant.step(t, h))),
             STATE(guarded(self._save)),
             STATE(guarded(lambda _, state: participant.restore(self._states[state]))),
@@ -249,11 +262,11 @@ class _PythonCalls:
         addresses = (ctypes.cast(f, ctypes.c_void_p).value or 0 for f in self._functions)
         return (0, *addresses)
 
-    def _set(self, _: Any, __: Any, count: int, values: Any) -> None:
-        self._writer(count)(np.ctypeslib.as_array(values, (count,)).copy())
+    def _set(self, _: Any, __: Any, count: int, ___: Any) -> None:
+        self._writer(count)(self._given[:count].copy())
 
-    def _get(self, _: Any, __: Any, count: int, values: Any) -> None:
-        np.ctypeslib.as_array(values, (count,))[:] = self._reader(count)()
+    def _get(self, _: Any, __: Any, count: int, ___: Any) -> None:
+        self._taken[:count] = self._reader(count)()
 
     def _save(self, _: Any, slot: int) -> None:
         self._count += 1
