@@ -166,6 +166,7 @@ def report_of(rows: list[Row]) -> dict[str, object]:
         "trials": len(rows),
         "all_met": all(j["met"] for j in judged),
         "requirements": judged,
+        "two_effects_found_or_said_to_be_confused": _pairs_told(rows),
         "generator_could_have_excused": {
             name: _share(
                 [bool(r.same_force or r.out_of_reach) for r in rows if r.effects == [name]]
@@ -198,6 +199,22 @@ def report_of(rows: list[Row]) -> dict[str, object]:
         "failures": [r.key for r in rows if r.failure],
         "rows": [asdict(r) for r in rows],
     }
+
+
+def _pairs_told(rows: list[Row]) -> dict[str, object]:
+    """Pairs of which both are named, or in the answer's words cannot be told from what is named.
+
+    Nothing is required of it: the share of pairs about which the answer says nothing wrong.
+    """
+
+    def told(row: Row) -> bool:
+        said = {*row.named, *(name for others in row.confused_with for name in others)}
+        return set(row.effects) <= said
+
+    pairs = [r for r in rows if r.group == PAIR]
+    hits = sum(told(r) for r in pairs)
+    bounds = list(wilson(hits, len(pairs))) if pairs else None
+    return {"trials": len(pairs), "hits": hits, "wilson_95": bounds}
 
 
 def _share(hits: list[bool]) -> float | None:
