@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .friction_estimation import count_size
-from .records import BadRecord, check_forwards, near, read_columns
+from .records import BadRecord, check_forwards, read_columns, renamed
 
 Vector = npt.NDArray[np.float64]
 
@@ -92,35 +92,14 @@ def read_drive_records(
 
 def _read(path: Path, mapping: Mapping[str, str]) -> DriveRecord:
     file = path / "record.csv" if path.is_dir() else path
-    columns = read_columns(file)
-    for theirs, ours in mapping.items():
-        if ours not in COLUMNS:
-            raise BadRecord(
-                f"--map {theirs}={ours}: there is no {ours!r} here; columns are "
-                f"{', '.join(COLUMNS)}"
-            )
-        if theirs not in columns:
-            raise BadRecord(
-                f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
-                f"{near(theirs, columns)}; there are {', '.join(columns) or 'none'}"
-            )
-    taken = set(mapping.values())
-    signals = {n: v for n, v in columns.items() if n in COLUMNS and n not in mapping}
-    signals = {n: v for n, v in signals.items() if n not in taken}
-    signals |= {ours: columns[theirs] for theirs, ours in mapping.items()}
-    for wanted in _NEEDED:
-        if wanted not in signals:
-            raise BadRecord(
-                f"{path}: has no column {wanted!r}{near(wanted, columns)}; there are "
-                f"{', '.join(columns) or 'none'}; use --map theirs={wanted}"
-            )
-    lengths = {n: len(v) for n, v in signals.items()}
-    if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{n} {k}" for n, k in lengths.items())
-        raise BadRecord(
-            f"{path}: columns of different length ({said} samples); leave cells empty where a "
-            "slower instrument has no value"
-        )
+    signals = renamed(
+        path,
+        read_columns(file),
+        mapping,
+        list(COLUMNS),
+        [(name,) for name in _NEEDED],
+        "; leave cells empty where a slower instrument has no value",
+    )
     return checked(str(path), signals)
 
 

@@ -168,7 +168,14 @@ def read_record(
     if path.is_dir():
         file = path / "record.csv"
         about = _read_about(path / "trial.json")
-    signals = _renamed(path, read_columns(file), mapping)
+    signals = renamed(
+        path,
+        read_columns(file),
+        mapping,
+        list(UNITS),
+        (("time",), ("force",), ("x", "x_fine")),
+        ": recorded at different rates? Bring them to one rate first",
+    )
     _check_numbers(path, signals)
     for name, values in signals.items():
         signals[name] = values * _FACTORS[UNITS[name]][units.get(name, UNITS[name])]
@@ -370,36 +377,57 @@ def _read_mat(path: Path) -> dict[str, Vector]:
     return columns
 
 
-def _renamed(
-    path: Path, columns: Mapping[str, Vector], mapping: Mapping[str, str]
+def renamed(
+    path: Path,
+    columns: Mapping[str, Vector],
+    mapping: Mapping[str, str],
+    known: Sequence[str],
+    needed: Sequence[Sequence[str]],
+    if_unequal: str,
 ) -> dict[str, Vector]:
+    """Columns under our names, in the order of ours, all of one length.
+
+    Parameters
+    ----------
+    mapping : mapping of str to str
+        ``theirs -> ours``.
+    known : sequence of str
+        Our names.
+    needed : sequence of sequences of str
+        One name at least of each has to be there.
+    if_unequal : str
+        What to say where lengths differ.
+
+    Raises
+    ------
+    BadRecord
+    """
+    there = ", ".join(columns) or "none"
     for theirs, ours in mapping.items():
+        if ours not in known:
+            raise BadRecord(
+                f"--map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(known)}"
+            )
         if theirs not in columns:
             raise BadRecord(
                 f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
-                f"{near(theirs, columns)}; there are {', '.join(columns) or 'none'}"
-            )
-        if ours not in UNITS:
-            raise BadRecord(
-                f"--map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(UNITS)}"
+                f"{near(theirs, columns)}; there are {there}"
             )
     taken = set(mapping.values())
-    named = {n: v for n, v in columns.items() if n in UNITS and n not in mapping and n not in taken}
+    named = {n: v for n, v in columns.items() if n not in mapping and n not in taken}
     named |= {ours: columns[theirs] for theirs, ours in mapping.items()}
-    for wanted in ("time", "force", "x"):
-        if wanted not in named and not (wanted == "x" and "x_fine" in named):
+    named = {n: named[n] for n in known if n in named}
+    for wanted, *others in needed:
+        if not {wanted, *others} & named.keys():
             raise BadRecord(
                 f"{path}: has no column {wanted!r}{near(wanted, columns)}; there are "
-                f"{', '.join(columns) or 'none'}; use --map theirs={wanted}"
+                f"{there}; use --map theirs={wanted}"
             )
     lengths = {n: len(v) for n, v in named.items()}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{n} {k}" for n, k in lengths.items())
-        raise BadRecord(
-            f"{path}: columns of different length ({said} samples): recorded at different rates? "
-            "Bring them to one rate first"
-        )
-    return {n: named[n] for n in UNITS if n in named}
+        raise BadRecord(f"{path}: columns of different length ({said} samples){if_unequal}")
+    return named
 
 
 def _check_numbers(path: Path, signals: Mapping[str, Vector]) -> None:
