@@ -183,7 +183,7 @@ class Host:
         try:
             if asked[0] or until[0] != _time:
                 raise SystemExit("a return is asked for before the host has")
-            for _ in range(r.randrange(30)):
+            for _ in range(r.randrange(90)):
                 other = self.instances and r.random() < 0.2
                 self.instance = c_void_p(r.choice(self.instances)) if other else stepping
                 kinds = [self.phase, self.saved, self.derivatives] + [self.signals] * 6
