@@ -71,13 +71,21 @@ def summary(found: Any) -> dict[str, Any]:
         "baseline_residual",
         "adjusted_residual",
         "final_residual",
+        "gain_interval",
+        "held_out",
         "unnamed",
     )
+    of_cause = (
+        "name",
+        "parameters",
+        "intervals",
+        "gain_heldout",
+        "gain_interval",
+        "gain_alone",
+        "chosen_again",
+    )
     return {k: said[k] for k in keep} | {
-        "causes": [
-            {k: c[k] for k in ("name", "parameters", "intervals", "gain_heldout", "chosen_again")}
-            for c in said["causes"]
-        ],
+        "causes": [{k: c[k] for k in of_cause} for c in said["causes"]],
         "seconds": round(said["seconds"], 1),
     }
 
