@@ -49,13 +49,15 @@ def lap(x: Vector, step: float) -> float:
     return float(lags[best] * step) if apart[best] < _SAME else 0.0
 
 
-def _folds(courses: Sequence[Course], problem: Problem) -> npt.NDArray[np.int64]:
-    """To which fold each stretch belongs: records, laps of one motion, or parts of equal length."""
+def _folds(courses: Sequence[Course], laps: Sequence[float]) -> npt.NDArray[np.int64]:
+    """To which fold each stretch belongs: records, laps of one motion, or parts of equal length.
+
+    `laps` are empty where the records have none.
+    """
     counts = [stretches(c) for c in courses]
     if len(courses) >= _FOLDS:
         return np.repeat(np.arange(len(courses)) % _FOLDS, counts)
-    laps = [lap(c.x, c.step) for c in courses]
-    if not all(laps):
+    if not laps:
         return np.concatenate([np.arange(n) * _FOLDS // n for n in counts])
     begun = []
     for c, n, length in zip(courses, counts, laps, strict=True):
@@ -116,7 +118,9 @@ def judged(situation: Situation, problem: Problem, names: Sequence[str], members
         How many members, rivals included, the choice from all data has.
     """
     courses = situation.courses
-    fold_of = _folds(courses, problem)
+    laps = [lap(c.x, c.step) for c in courses] if len(courses) < _FOLDS else []
+    laps = laps if all(laps) else []
+    fold_of = _folds(courses, laps)
     limits = np.array(problem.limits) // len(courses[0].channels)
     folds = np.unique(fold_of)
     size = min(members + 1, LARGEST)
@@ -143,7 +147,6 @@ def judged(situation: Situation, problem: Problem, names: Sequence[str], members
     else:
         without = {n: with_causes([m for m in names if m != n]) for n in names}
         alone = {n: with_causes([n]) for n in names}
-    laps = len(courses) < _FOLDS and all(lap(c.x, c.step) for c in courses)
     parts = f"{len(folds)} {'laps' if laps else 'parts'}"
     chosen = [choice.causes for choice in choices]
     return HeldOut(parts, limits, none, everything, without, alone, chosen)

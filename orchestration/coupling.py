@@ -183,7 +183,7 @@ class Loop:
         or only one end's, as a plain master would have it.
     reference : ndarray
         Set-points at the start.
-    whole : Struct, optional
+    whole : Struct
         Where to put it, of the kind `coupling_step.LOOP`.
 
     Attributes
@@ -201,11 +201,11 @@ class Loop:
         corrected: bool,
         averaged: bool,
         reference: Vector,
-        whole: Struct | None = None,
+        whole: Struct,
     ) -> None:
         self.plant, self.controller = plant, controller
         self.corrected, self.averaged = corrected, averaged
-        self._whole = whole or struct(kernel.LOOP)
+        self._whole = whole
         names = [theirs for _, theirs in wiring.commands]
         if wiring.accepts_law:
             ports = wiring.plant_ports()

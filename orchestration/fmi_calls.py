@@ -230,7 +230,6 @@ class _PythonCalls:
         self._given, self._taken = given, taken
         self.error: BaseException | None = None
         self._participant = participant
-        self._inputs, self._outputs = inputs, outputs
         self._states: dict[int, Any] = {}
         self._count = 0
 

@@ -235,7 +235,7 @@ class FmuParticipant:
         return read
 
     def _bind(self, names: Sequence[str]) -> tuple[Any, Vector, Any]:
-        references = (ctypes.c_uint * len(names))(*(self._real[n].reference for n in names))
+        references = (ctypes.c_uint * len(names))(*self.references(names))
         buffer = np.zeros(len(names))
         return references, buffer, buffer.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
