@@ -35,7 +35,7 @@ from scipy.stats import t as student
 from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from .friction_estimation import FrictionEstimate, Motion, estimate_friction
 from .intervals import CONFIDENCE, Interval, is_narrow
-from .law_along_record import ELEMENTS, KINDS, friction_along, score
+from .law_along_record import ELEMENTS, KINDS, STATES, friction_along, score
 from .records import Record
 from .replay import replayed, with_play
 
@@ -415,6 +415,7 @@ class Problem:
             backwards,
             sharpness,
             self.friction,
+            np.zeros(STATES),
         )
         if self.law.name == "classical":
             where = ~self.spoken

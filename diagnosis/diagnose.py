@@ -261,10 +261,10 @@ def _values_of(
     """A member's numbers and their 95 % intervals, as wide as the stretches say they must be."""
     member = best.members[k]
     shape = member.shape
-    fitted = fit(problem.products.over(), list(best.priors))
+    fitted = fit(problem.columns.products(), list(best.priors))
     where = [int(np.flatnonzero(fitted.columns == c)[0]) for c in member.columns]
     wide = scores(problem, best, k).widening()
-    quantile = float(student.ppf(0.975, max(problem.stretches - len(where), 1)))
+    quantile = float(student.ppf(0.975, max(problem.columns.stretches - len(where), 1)))
     amplitude = fitted.amplitude[where]
     spread = np.sqrt(np.diag(fitted.covariance))[where] * wide
     if shape.freed:
@@ -310,7 +310,7 @@ def _log_spread(situation: Situation, problem: Problem, best: Explanation, k: in
     slope = (sides[0] - sides[1]) / 0.1
     used = np.concatenate([p.columns for p in best.priors]).astype(np.int64)
     scale = np.concatenate([p.spread for p in best.priors])
-    others = problem.columns[:, used]
+    others = problem.columns.of(used)
     if member.shape.sure is not None:  # its amplitude is one
         keep = ~np.isin(used, member.columns)
         others, scale = others[:, keep], scale[keep]
@@ -347,7 +347,7 @@ def _out_of_reach(
     courses: Sequence[Course], model: DriveModel, problem: Problem, best: Explanation
 ) -> tuple[OutOfReach, ...]:
     """Causes that would not have shown had they been as large as a twentieth of the friction."""
-    left = conditioned(problem.products.over(), list(best.priors)).products
+    left = conditioned(problem.columns.products(), list(best.priors)).products
     size = _SMALLEST * model.friction_scale
     out = []
     for cause in CAUSES.values():

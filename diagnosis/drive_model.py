@@ -21,6 +21,7 @@ from .along_record import LAWS
 from .innovations import LinearDrive, sampled
 from .law_along_record import (
     KINDS,
+    STATES,
     force_behind_gap,
     force_behind_spring,
     mean_friction_along,
@@ -188,7 +189,7 @@ class DriveModel:
         """
         out = np.empty(len(x))
         motion = np.ascontiguousarray(x), np.ascontiguousarray(v), step, _PARTS
-        mean_friction_along(KINDS[self.law], *motion, *self._law_values(), out)
+        mean_friction_along(KINDS[self.law], *motion, *self._law_values(), out, np.zeros(STATES))
         out -= self.linear_friction * midway(v)
         if not self.has_motor:
             out += self.values["offset"]
@@ -198,14 +199,16 @@ class DriveModel:
         """Force on what pushes the block across a gap [m], shape (n,) [N]."""
         out = np.empty(len(x))
         law = self._law_values()
-        force_behind_gap(KINDS[self.law], x, v, step, gap, self.block, *law, out)
+        force_behind_gap(KINDS[self.law], x, v, step, gap, self.block, *law, out, np.zeros(STATES))
         return out
 
     def force_behind_spring(self, x: Vector, v: Vector, step: float, stiffness: float) -> Vector:
         """Force of a spring [N/m] that drags the block, shape (n,) [N]."""
         out = np.empty(len(x))
         law = self._law_values()
-        force_behind_spring(KINDS[self.law], x, v, step, stiffness, self.block, *law, out)
+        force_behind_spring(
+            KINDS[self.law], x, v, step, stiffness, self.block, *law, out, np.zeros(STATES)
+        )
         return out
 
     def _law_values(self) -> tuple[Vector, Vector, float]:

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -25,37 +26,71 @@ _SIZES = 2.0 ** np.arange(1.0, 9.0)  # of a group's part in the signal, in stand
 
 
 @dataclass(frozen=True)
-class Products:
-    """Products of the signal, column 0, and of all others, summed over stretches.
+class Columns:
+    """The signal, column 0, and all others, with their products over stretches of the record.
+
+    Blocks stay where they were made: there are hundreds of columns, and fresh memory for all of
+    them costs more than the products do.
 
     Attributes
     ----------
-    by_stretch : ndarray, shape (stretches, columns, columns)
+    blocks : tuple of ndarray, shape (n, columns of the block)
+    edges : tuple of int
+        Ends of the stretches.
     """
 
-    by_stretch: npt.NDArray[np.float64]
+    blocks: tuple[Matrix, ...]
+    edges: tuple[int, ...]
+    _known: dict[bytes, Matrix] = field(default_factory=dict)
 
-    @classmethod
-    def of(cls, columns: Matrix, edges: Sequence[int]) -> Products:
-        """Of columns, shape (n, c), between the `edges`."""
-        out = np.empty((len(edges) - 1, columns.shape[1], columns.shape[1]))
-        for product, (a, b) in zip(out, pairwise(edges), strict=True):
-            np.matmul(columns[a:b].T, columns[a:b], out=product)
-        return cls(out)
+    @cached_property
+    def begins(self) -> npt.NDArray[np.int64]:
+        """First column of each block, and behind the last the number of all."""
+        return np.cumsum([0, *(b.shape[1] for b in self.blocks)])
 
-    def exchange(
-        self, columns: Matrix, changed: npt.NDArray[np.int64], edges: Sequence[int]
-    ) -> None:
-        """Write what holds after some of the columns became others."""
-        for product, (a, b) in zip(self.by_stretch, pairwise(edges), strict=True):
-            cross = columns[a:b].T @ columns[a:b][:, changed]
-            product[:, changed] = cross
-            product[changed, :] = cross.T
+    @property
+    def stretches(self) -> int:
+        return len(self.edges) - 1
 
-    def over(self, stretches: npt.NDArray[np.bool_] | None = None) -> Matrix:
-        return np.asarray(
-            self.by_stretch.sum(axis=0) if stretches is None else self.by_stretch[stretches].sum(0)
-        )
+    @property
+    def count(self) -> int:
+        return int(self.begins[-1])
+
+    def products(self, used: npt.NDArray[np.bool_] | None = None) -> Matrix:
+        """Products over all stretches, or those used, shape (count, count); not to be changed."""
+        used = np.ones(self.stretches, dtype=bool) if used is None else used
+        key = used.tobytes()
+        if key not in self._known:
+            room = np.empty((int(np.diff(self.edges).max()), self.count))
+            total = np.zeros((self.count, self.count))
+            for (a, b), wanted in zip(pairwise(self.edges), used, strict=True):
+                if wanted:
+                    part = np.concatenate([c[a:b] for c in self.blocks], axis=1, out=room[: b - a])
+                    total += part.T @ part
+            self._known[key] = total
+        return self._known[key]
+
+    def of(self, columns: npt.NDArray[np.int64]) -> Matrix:
+        """Some of them, side by side, shape (n, columns)."""
+        block = np.searchsorted(self.begins, columns, side="right") - 1
+        parts = [self.blocks[b][:, c - self.begins[b]] for b, c in zip(block, columns, strict=True)]
+        return np.column_stack(parts)
+
+    def by_stretch(self, columns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Products of some of them over each stretch, shape (stretches, columns, columns)."""
+        some = self.of(columns)
+        return np.stack([some[a:b].T @ some[a:b] for a, b in pairwise(self.edges)])
+
+    def exchanged(self, first: int, block: Matrix) -> Columns:
+        """With another block at the column where one begins."""
+        at = int(np.searchsorted(self.begins, first))
+        blocks = (*self.blocks[:at], block, *self.blocks[at + 1 :])
+        cross = np.concatenate([b.T @ block for b in blocks])
+        mine = slice(first, first + block.shape[1])
+        total = self.products().copy()
+        total[:, mine], total[mine, :] = cross, cross.T
+        everything = np.ones(self.stretches, dtype=bool)
+        return Columns(blocks, self.edges, {everything.tobytes(): total})
 
 
 @dataclass(frozen=True)

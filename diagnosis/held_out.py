@@ -15,6 +15,7 @@ from .regression import stretches
 from .residuals import Residual, residual
 from .search import Situation, added_by
 from .selection import LARGEST, Problem, amplitudes, choose, restricted_to
+from .threads import in_threads
 
 Vector = npt.NDArray[np.float64]
 
@@ -121,10 +122,10 @@ def judged(situation: Situation, problem: Problem, names: Sequence[str], members
     laps = [lap(c.x, c.step) for c in courses] if len(courses) < _FOLDS else []
     laps = laps if all(laps) else []
     fold_of = _folds(courses, laps)
-    limits = np.array(problem.limits) // len(courses[0].channels)
+    limits = np.array(problem.columns.edges) // len(courses[0].channels)
     folds = np.unique(fold_of)
     size = min(members + 1, LARGEST)
-    choices = [choose(problem, fold_of != fold, largest=size).best for fold in folds]
+    choices = in_threads(lambda f: choose(problem, fold_of != f, largest=size).best, folds)
 
     def with_causes(allowed: Sequence[str]) -> Residual:
         samples = limits[-1]
@@ -145,8 +146,9 @@ def judged(situation: Situation, problem: Problem, names: Sequence[str], members
     if len(names) == 1:
         without, alone = {names[0]: none}, {names[0]: everything}
     else:
-        without = {n: with_causes([m for m in names if m != n]) for n in names}
-        alone = {n: with_causes([n]) for n in names}
+        others = in_threads(lambda n: with_causes([m for m in names if m != n]), names)
+        without = dict(zip(names, others, strict=True))
+        alone = dict(zip(names, in_threads(lambda n: with_causes([n]), names), strict=True))
     parts = f"{len(folds)} {'laps' if laps else 'parts'}"
     chosen = [choice.causes for choice in choices]
     return HeldOut(parts, limits, none, everything, without, alone, chosen)

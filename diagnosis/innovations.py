@@ -21,6 +21,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 NOISE_STATE = -1  # the last state is the unmodelled force
+_NOTHING = 1e-100  # of a state [m, m/s, A or N]
 
 
 @dataclass(frozen=True)
@@ -291,7 +292,8 @@ def _innovations(
                         after[a, j] += m * state[b, j]
         for a in range(s):
             for j in range(columns):
-                state[a, j] = after[a, j]
+                # what dies away without end is slow to multiply once its digits run out
+                state[a, j] = after[a, j] if abs(after[a, j]) > _NOTHING else 0.0
 
 
 @dataclass(frozen=True)

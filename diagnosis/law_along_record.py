@@ -17,7 +17,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from .compiled import compiled, compiled_in_place
+from .compiled import compiled, compiled_in_place, compiled_lean
 
 Vector = npt.NDArray[np.float64]
 Bounds = npt.NDArray[np.int64]
@@ -33,13 +33,13 @@ KINDS = {
 }
 _DAHL, _BLIMAN_SORINE, _MAXWELL_SLIP, _CLASSICAL = 1, 2, 3, 4
 ELEMENTS = 4  # of Maxwell slip
-_STATES = 2 * ELEMENTS
+STATES = 2 * ELEMENTS  # of any law
 _LUGRE = 6  # parameters of the LuGre laws
 _GAP_PARTS = 8  # steps between two samples
 _SLOWEST_SLIP = 1e-7  # of the plant's Maxwell-slip law [m/s]
 
 
-@compiled
+@compiled_lean
 def friction_along(
     kind: int,
     x: Vector,
@@ -52,6 +52,7 @@ def friction_along(
     backwards: Vector,
     sharpness: float,
     friction: Vector,
+    state: Vector,
 ) -> None:
     """A law along several records, laid end to end.
 
@@ -77,8 +78,9 @@ def friction_along(
         Kv of the modified law [s/m]; 0 for abs(v) itself.
     friction : ndarray, shape (n,)
         Filled [N].
+    state : ndarray, shape (STATES,)
+        Room to work in.
     """
-    state = np.zeros(_STATES)
     for r in range(len(starts) - 1):
         h = step[r]
         state[:] = 0.0
@@ -95,7 +97,7 @@ def friction_along(
                 _move(kind, state, d, h, v[k], v[k + 1], forwards, backwards, sharpness)
 
 
-@compiled
+@compiled_lean
 def mean_friction_along(
     kind: int,
     x: Vector,
@@ -106,6 +108,7 @@ def mean_friction_along(
     backwards: Vector,
     sharpness: float,
     friction: Vector,
+    state: Vector,
 ) -> None:
     """A law along one record, on average over the interval after each sample.
 
@@ -120,8 +123,9 @@ def mean_friction_along(
     parts : int
     friction : ndarray, shape (n,)
         Filled; the last is that of the interval before [N].
+    state : ndarray, shape (STATES,)
+        Zeros to work in.
     """
-    state = np.zeros(_STATES)
     h = step / parts
     place, pace = x[0], v[0]
     for k in range(len(x) - 1):
@@ -142,7 +146,7 @@ def mean_friction_along(
     friction[-1] = friction[-2]
 
 
-@compiled
+@compiled_lean
 def force_behind_spring(
     kind: int,
     x: Vector,
@@ -154,6 +158,7 @@ def force_behind_spring(
     backwards: Vector,
     sharpness: float,
     force: Vector,
+    state: Vector,
 ) -> None:
     """Force of a spring that drags a block with a law where `x` goes on the spring's other side.
 
@@ -169,8 +174,9 @@ def force_behind_spring(
         [N/m], [kg]
     force : ndarray, shape (n,)
         Filled [N].
+    state : ndarray, shape (STATES,)
+        Zeros to work in.
     """
-    state = np.zeros(_STATES)
     block, speed, accelerated = x[0], v[0], 0.0
     damping = 0.2 * math.sqrt(stiffness * mass)
     rate = math.sqrt(stiffness / mass)
@@ -201,7 +207,7 @@ def force_behind_spring(
     force[-1] = force[-2]
 
 
-@compiled
+@compiled_lean
 def force_behind_gap(
     kind: int,
     x: Vector,
@@ -213,6 +219,7 @@ def force_behind_gap(
     backwards: Vector,
     sharpness: float,
     force: Vector,
+    state: Vector,
 ) -> None:
     """Force on what pushes a block with a law across a gap, which it hangs in the middle of first.
 
@@ -229,8 +236,9 @@ def force_behind_gap(
         [m], [kg]
     force : ndarray, shape (n,)
         On average over the interval after each sample; filled [N].
+    state : ndarray, shape (STATES,)
+        Zeros to work in.
     """
-    state = np.zeros(_STATES)
     block, speed, side, pushed = x[0], 0.0, 0.0, v[0]
     h = step / _GAP_PARTS
     for k in range(len(x) - 1):

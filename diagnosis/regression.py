@@ -18,6 +18,7 @@ from .causes.cause import Shape
 from .course import Course, Noise
 from .drive_model import DriveModel
 from .innovations import Gains, LinearDrive, gains, innovations
+from .threads import in_threads
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -150,7 +151,7 @@ def sensitivities(
         )
         return (low - high) / (2 * _STEP)
 
-    return np.column_stack([column(n) for n in model.adjustable])
+    return np.column_stack(in_threads(column, model.adjustable))
 
 
 def stretches(course: Course) -> int:

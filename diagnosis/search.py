@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,7 @@ from .selection import (
     refine,
     state_problem,
 )
+from .threads import in_threads
 
 Vector = npt.NDArray[np.float64]
 
@@ -73,7 +75,7 @@ def adjusted(
     free = free_spreads(believed)
     for name in freed:
         spread[names.index(name)] = free[names.index(name)]
-    for turn in range(rounds):  # Gauss-Newton
+    for _ in range(rounds):  # Gauss-Newton
         made = filters(courses, model, noise)
         signal = surprises(courses, model, made, added)
         columns = np.column_stack([signal, sensitivities(courses, model, made, added)])
@@ -90,8 +92,7 @@ def adjusted(
             resmoothed(c, model, noise, f, u, i)
             for c, f, u, i in zip(courses, added.force, added.command, added.current, strict=True)
         ]
-        if turn + 1 < rounds:
-            noise = fitted_noise(courses, model, noise, added)
+        noise = fitted_noise(courses, model, noise, added)
     return Situation(courses, model, noise, added)
 
 
@@ -104,11 +105,15 @@ def added_by(members: Iterable[Candidate], amplitude: Vector, courses: Sequence[
     return added
 
 
-def _cost(situation: Situation) -> float:
-    """Minus the logarithm of the records' likelihood."""
-    courses, model = situation.courses, situation.model
-    law = law_forces(courses, model)
-    return likelihood(courses, model, situation.noise, situation.added, law)
+def _unlikelihood(courses: Sequence[Course], situation: Situation) -> float:
+    """Minus the logarithm of the records' likelihood along a motion, with the noise it has there.
+
+    The law is steep where a drive sticks, so that motions smoothed under two explanations differ in
+    likelihood by far more than the explanations do. Only those along one motion can be compared.
+    """
+    model, added = situation.model, situation.added
+    noise = fitted_noise(courses, model, situation.noise, added)
+    return likelihood(courses, model, noise, added, law_forces(courses, model))
 
 
 @dataclass(frozen=True)
@@ -144,13 +149,14 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
         if best and (_key(choice.best) == _key(best.explanation) or not contenders):
             break
         tried |= {_key(e) for e in contenders}
-        steps = [_step(situation, problem, e, believed) for e in contenders]
-        step = min(steps, key=lambda s: s.cost)
-        if best and step.cost > best.cost:  # what was found before is the better whole
+        taken = partial(_step, situation, problem, believed)
+        step = min(in_threads(taken, contenders), key=lambda s: s.cost)
+        # what was found before may be the better whole, along its own motion
+        if best and step.cost > _unlikelihood(situation.courses, situation) + best.price:
             stays = [e for e in choice.others if _key(e) == _key(best.explanation)]
             if stays:
                 stays.sort(key=lambda e: -e.score)
-                choice = replace(choice, best=pruned(problem, problem.products.over(), stays[0]))
+                choice = replace(choice, best=pruned(problem, problem.columns.products(), stays[0]))
             break
         problem, choice = step.problem, replace(choice, best=step.explanation)
         situation, best = step.situation, step
@@ -168,18 +174,21 @@ class Step:
     Attributes
     ----------
     cost : float
-        Minus the logarithm of how well the records are foretold, noise and values adjusted, and
-        the amplitudes averaged over what was as likely before.
+        Minus the logarithm of how well the records are foretold along the motion of before, noise
+        and values adjusted, and the amplitudes averaged over what was as likely before.
+    price : float
+        Of it, what does not depend on the motion.
     """
 
     situation: Situation
     problem: Problem
     explanation: Explanation
     cost: float
+    price: float
 
 
 def _step(
-    situation: Situation, problem: Problem, explanation: Explanation, believed: DriveModel
+    situation: Situation, problem: Problem, believed: DriveModel, explanation: Explanation
 ) -> Step:
     freed = [m.shape.freed for m in explanation.members if m.shape.freed]
     made = filters(situation.courses, situation.model, situation.noise)
@@ -199,13 +208,13 @@ def _step(
         for n in problem.names
         if n not in freed
     )
-    cost = _cost(after) + 1.5 * unlikely + _freedom(problem, best)
-    return Step(after, problem, best, cost)
+    price = 1.5 * unlikely + _freedom(problem, best)
+    return Step(after, problem, best, _unlikelihood(situation.courses, after) + price, price)
 
 
 def _freedom(problem: Problem, explanation: Explanation) -> float:
     """What it costs that an explanation's amplitudes could have been others."""
-    products = problem.products.over()
+    products = problem.columns.products()
     fitted = amplitudes(problem, explanation)
     cost = volume(products, explanation.priors) - volume(products, [problem.prior])
     for prior in explanation.priors[1:]:

@@ -19,9 +19,10 @@ from .causes import CAUSES
 from .causes.cause import Shape
 from .course import Course, Noise
 from .drive_model import DriveModel
-from .evidence import Prior, Products, conditioned, evidence_of, fit, gain, side_by_side, weigh
+from .evidence import Columns, Prior, conditioned, evidence_of, fit, gain, side_by_side, weigh
 from .regression import Added, Filter, edges, filters, response, sensitivities, surprises
 from .rivals import rivals
+from .threads import in_threads
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -58,11 +59,8 @@ class Problem:
 
     Attributes
     ----------
-    products : Products
-        Of the signal (column 0), the adjustable values (next) and the candidates.
-    columns : ndarray, shape (n, c)
-    limits : list of int
-        Ends of the stretches.
+    columns : Columns
+        The signal (column 0), the adjustable values (next) and the candidates.
     names : tuple of str
         Adjustable values.
     prior : Prior
@@ -72,17 +70,11 @@ class Problem:
     candidates : list of Candidate
     """
 
-    products: Products
-    columns: Matrix
-    limits: list[int]
+    columns: Columns
     names: tuple[str, ...]
     prior: Prior
     free: Vector
     candidates: list[Candidate]
-
-    @property
-    def stretches(self) -> int:
-        return len(self.limits) - 1
 
 
 def state_problem(
@@ -112,24 +104,25 @@ def state_problem(
     asked += [
         (CAUSES[c.name], c.shape.values) for c in found if not c.is_rival and CAUSES[c.name].refined
     ]
-    shapes = [(cause.name, cause.at(courses, model, v), False) for cause, v in asked]
-    shapes += [(r.name, shape, True) for r in rivals(courses, model) for shape in r.shapes]
-    for name, shape, is_rival in shapes:
-        if shape.freed:
-            column = 1 + names.index(shape.freed)
+    shapes = in_threads(lambda one: one[0].at(courses, model, one[1]), asked)
+    named = [(cause.name, s, False) for (cause, _), s in zip(asked, shapes, strict=True)]
+    named += [(r.name, shape, True) for r in rivals(courses, model) for shape in r.shapes]
+    shown = in_threads(lambda n: None if n[1].freed else response(courses, made, n[1]), named)
+    for (name, shape, is_rival), block in zip(named, shown, strict=True):
+        if block is None:
+            column = 1 + names.index(shape.freed or "")
             candidates.append(Candidate(name, shape, np.array([column])))
             continue
         count = len(shape.amplitudes)
-        blocks.append(response(courses, made, shape))
+        blocks.append(block)
         candidates.append(Candidate(name, shape, np.arange(at, at + count), is_rival))
         at += count
-    columns = np.hstack(blocks)
-    limits = edges(courses)
+    columns = Columns(tuple(blocks), tuple(edges(courses)))
     mean = np.array([believed.values[n] / model.values[n] - 1.0 for n in names])
     spread = np.array([believed.tolerance[n] for n in names]) / math.sqrt(3.0)
     prior = Prior(np.arange(1, len(names) + 1), mean, spread)
     free = free_spreads(model)
-    return Problem(Products.of(columns, limits), columns, limits, names, prior, free, candidates)
+    return Problem(columns, names, prior, free, candidates)
 
 
 def free_spreads(model: DriveModel) -> Vector:
@@ -197,7 +190,7 @@ def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -
     anything does is theirs, since their equations are idealized and the rivals fit everything; what
     rivals explain beyond is added to it.
     """
-    products = problem.products.over(used)
+    products = problem.columns.products(used)
     base = conditioned(products, [problem.prior])
     empty = Explanation((), (problem.prior,), base.evidence, ())
     causes = [c for c in problem.candidates if not c.is_rival]
@@ -372,16 +365,9 @@ def refine(
     made: Sequence[Filter],
 ) -> tuple[Problem, Explanation]:
     """The explanation with its causes' nonlinear values found between the points of their grids."""
-    between = [
-        k
-        for k, m in enumerate(explanation.members)
-        if not (m.is_rival or m.shape.freed) and CAUSES[m.name].refined
-    ]
-    if between:  # what follows writes into it
-        products = Products(problem.products.by_stretch.copy())
-        problem = replace(problem, products=products, columns=problem.columns.copy())
-    for k in between:
-        problem, explanation = _refined_member(problem, explanation, k, courses, model, made)
+    for k, m in enumerate(explanation.members):
+        if not (m.is_rival or m.shape.freed) and CAUSES[m.name].refined:
+            problem, explanation = _refined_member(problem, explanation, k, courses, model, made)
     return problem, explanation
 
 
@@ -402,14 +388,14 @@ def _refined_member(
     high = points[min(here + 1, len(points) - 1)] * (1.4 if here + 1 == len(points) else 1.0)
     others = _without(problem, explanation, k)
     used = np.concatenate([[0], *(p.columns for p in others.priors)]).astype(np.int64)
-    base = problem.columns[:, used]
-    inner = problem.products.over()[np.ix_(used, used)]
+    base = problem.columns.of(used)
+    inner = problem.columns.products()[np.ix_(used, used)]
     moved, at = side_by_side(others.priors), len(used)
 
     fixed = dict(member.shape.values)
     if member.shape.sure is None:
         # how it is linear depends on how large it is
-        fitted = fit(problem.products.over(), list(explanation.priors))
+        fitted = fit(problem.columns.products(), list(explanation.priors))
         size = fitted.amplitude[np.isin(fitted.columns, member.columns)]
         fixed |= dict(zip(member.shape.amplitudes, size.tolist(), strict=True))
 
@@ -432,12 +418,13 @@ def _refined_member(
         method="bounded",
         options={"xatol": 0.02 * math.log(high / low), "maxiter": 10},
     )
-    _, shape, columns, spread = bring(math.exp(float(found.x)))
+    between, at_point = bring(math.exp(float(found.x))), bring(member.shape.values[key])
+    # where the evidence has several peaks, the search may have come down on a lower one
+    _, shape, columns, spread = between if between[0] > at_point[0] else at_point
     candidate = replace(member, shape=shape)
-    problem.columns[:, candidate.columns] = columns
-    problem.products.exchange(problem.columns, candidate.columns, problem.limits)
     problem = replace(
         problem,
+        columns=problem.columns.exchanged(int(candidate.columns[0]), columns),
         candidates=[candidate if c is member else c for c in problem.candidates],
     )
     mean = np.full(len(spread), 1.0 if shape.sure is not None else 0.0)
@@ -448,19 +435,10 @@ def _refined_member(
 
 def amplitudes(problem: Problem, explanation: Explanation, used: Mask | None = None) -> Vector:
     """Most likely amplitudes of all columns, zero where an explanation has none, shape (c,)."""
-    fitted = fit(problem.products.over(used), list(explanation.priors))
-    out = np.zeros(problem.columns.shape[1])
+    fitted = fit(problem.columns.products(used), list(explanation.priors))
+    out = np.zeros(problem.columns.count)
     out[fitted.columns] = fitted.amplitude
     return out
-
-
-def left_over(problem: Problem, amplitude: Vector) -> Vector:
-    """Sum of squares of what is left in each stretch, shape (stretches,)."""
-    weights = -amplitude.copy()
-    weights[0] = 1.0
-    used = np.flatnonzero(weights)
-    inner = problem.products.by_stretch[:, used[:, None], used]
-    return np.asarray(np.einsum("i,sij,j->s", weights[used], inner, weights[used]))
 
 
 @dataclass(frozen=True)
@@ -498,7 +476,7 @@ def scores(problem: Problem, explanation: Explanation, member: int) -> Scores:
     """The scores of a member at the fit without it."""
     columns = explanation.members[member].columns
     others = _without(problem, explanation, member)
-    products = problem.products.over()
+    products = problem.columns.products()
     fitted = fit(products, list(others.priors))
     mine = np.isin(fitted.columns, columns)  # a freed value stays where it was believed to be
     amplitude = fitted.amplitude.copy()
@@ -509,14 +487,14 @@ def scores(problem: Problem, explanation: Explanation, member: int) -> Scores:
     precision = np.diag(np.concatenate([p.spread for p in others.priors])[~mine] ** -2.0)
     cross = products[np.ix_(rest, columns)]
     share = np.linalg.solve(products[np.ix_(rest, rest)] + precision, cross)
-    weights = np.zeros((problem.columns.shape[1], len(columns)))
+    weights = np.zeros((problem.columns.count, len(columns)))
     weights[columns, np.arange(len(columns))] = 1.0
     weights[rest] -= share
-    left = np.zeros(problem.columns.shape[1])
+    left = np.zeros(problem.columns.count)
     left[0] = 1.0
     left[fitted.columns] -= amplitude
     used = np.unique(np.concatenate([[0], fitted.columns, columns]))
-    inner = problem.products.by_stretch[:, used[:, None], used]
+    inner = problem.columns.by_stretch(used)
     by_stretch = np.einsum("im,sij,j->sm", weights[used], inner, left[used])
     information = products[np.ix_(columns, columns)] - cross.T @ share
     pieces = np.einsum("im,sij,jk->smk", weights[used], inner, weights[used])

@@ -13,7 +13,8 @@ from .cause import Cause, Courses, Shape, Values, parameter
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
 
-_LEVELS = 1.0 - np.geomspace(0.002, 0.6, 22)  # of the largest command
+# of the largest command; the last cuts nothing off, as an end for what is sought between them
+_LEVELS = 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)
 
 
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:

@@ -25,7 +25,7 @@ from ballscrew.diagnosis.along_record import (
     fit_along,
     lay_out,
 )
-from ballscrew.diagnosis.law_along_record import KINDS, friction_along, score
+from ballscrew.diagnosis.law_along_record import KINDS, STATES, friction_along, score
 from ballscrew.plant.bliman_sorine import bliman_sorine
 from ballscrew.plant.classical import classical
 from ballscrew.plant.dahl import dahl
@@ -107,7 +107,7 @@ def along(name, x, v, h):
         for side in ("pos", "neg")
     )
     head = (x, v, np.array([h]), np.array([0, len(x)]), np.zeros(1), np.zeros(1), one, other)
-    friction_along(KINDS[name], *head, 0.0 if name == "lugre" else 1e8, friction)
+    friction_along(KINDS[name], *head, 0.0 if name == "lugre" else 1e8, friction, np.zeros(STATES))
     return friction
 
 

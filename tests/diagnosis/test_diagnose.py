@@ -72,6 +72,21 @@ def test_two_effects_are_both_found_and_written(tmp_path):
     assert said["floor"]["force_N"] > 0
 
 
+def test_a_limit_that_cuts_off_a_thousandth_is_found_beside_a_spring(tmp_path):
+    """Between the last level tried and the largest command, where a search can overlook it."""
+    case, found = told(("voltage_saturation", "compliance"), 6014, tmp_path)
+    causes = {c.name: c for c in found.causes}
+    assert set(causes) == {"voltage_saturation", "compliance"}
+    limit, peak = (float(case.sizes["voltage_saturation"][n]) for n in ("limit", "peak"))
+    told_limit = causes["voltage_saturation"].parameters["voltage_limit"]
+    assert abs(told_limit - limit) < 0.2 * (peak - limit)
+
+
+def test_two_effects_are_not_lost_to_one_whose_motion_was_smoothed_otherwise(tmp_path):
+    _, found = told(("nonlinear_viscous", "stribeck_mismatch"), 6005, tmp_path)
+    assert {c.name for c in found.causes} == {"nonlinear_viscous", "stribeck_mismatch"}
+
+
 def nominal():
     tolerance = {n: 0.03 for n in NOMINAL if n not in ("p", "Kv", "L")}
     return DriveModel("ball_screw", "modified_lugre", dict(NOMINAL), tolerance)

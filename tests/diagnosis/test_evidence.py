@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from ballscrew.diagnosis.evidence import (
+    Columns,
     Prior,
-    Products,
     conditioned,
     evidence_of,
     gain,
@@ -35,7 +35,7 @@ def test_evidence_is_the_density_of_the_signal(seed):
     random = np.random.default_rng(seed)
     columns = random.standard_normal((40, 6))
     y = columns[:, 0]
-    products = Products.of(columns, [0, 15, 40]).over()
+    products = Columns((columns,), (0, 15, 40)).products()
     first = Prior(np.array([1, 2]), random.standard_normal(2), random.uniform(0.1, 3, 2))
     second = Prior(np.array([3, 4, 5]), random.standard_normal(3), random.uniform(0.1, 3, 3))
     one, both = density(y, columns, [first]), density(y, columns, [first, second])
@@ -53,16 +53,31 @@ def test_columns_that_foretell_nothing_lose_and_true_ones_win():
     column = random.standard_normal((2000, 3))
     for amplitude, wins in ((0.0, False), (0.3, True)):
         y = noise + amplitude * column[:, 0]
-        products = Products.of(np.column_stack([y, column]), [0, 2000]).over()
+        products = Columns((y[:, None], column), (0, 2000)).products()
         assert (weigh(products, np.array([1])).gain > 3) == wins
 
 
 def test_a_stretch_left_out_is_not_looked_at():
     random = np.random.default_rng(2)
     columns = random.standard_normal((30, 3))
-    made = Products.of(columns, [0, 10, 20, 30])
+    made = Columns((columns,), (0, 10, 20, 30))
     used = np.array([True, False, True])
     changed = columns.copy()
     changed[10:20] = 1e6
-    again = Products.of(changed, [0, 10, 20, 30])
-    assert np.allclose(made.over(used), again.over(used))
+    again = Columns((changed,), (0, 10, 20, 30))
+    assert np.allclose(made.products(used), again.products(used))
+
+
+def test_a_block_exchanged_is_as_if_it_had_been_there_from_the_start():
+    random = np.random.default_rng(3)
+    blocks = [random.standard_normal((30, m)) for m in (1, 2, 3)]
+    other = random.standard_normal((30, 2))
+    edges = (0, 12, 30)
+    made = Columns(tuple(blocks), edges).exchanged(1, other)
+    whole = np.column_stack([blocks[0], other, blocks[2]])
+    some = np.array([0, 2, 5])
+    assert np.allclose(made.products(), whole.T @ whole, rtol=1e-12)
+    assert np.array_equal(made.of(some), whole[:, some])
+    first = whole[:12, some]
+    assert np.allclose(made.by_stretch(some)[0], first.T @ first, rtol=1e-12)
+    assert np.allclose(made.products(np.array([False, True])), whole[12:].T @ whole[12:])

@@ -13,7 +13,7 @@ from hidden_cases import CATALOGUE, OUTSIDE, HiddenCase, draw_case, write_case
 
 NOTHING, SHAPE = "none", "unexplained"  # what is found where no cause is named
 FAILED = "failed"
-FIRST_SEED = 8000  # those below were looked at while the diagnosis was made
+FIRST_SEED = 9000  # those below were looked at while the diagnosis was made
 SAMPLED = 30  # cases of every cause; the other groups' sizes go with it
 CAUSE, NONE, OUT, PAIR = "cause", "none", "outside", "pair"
 
