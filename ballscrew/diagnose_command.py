@@ -248,6 +248,12 @@ def _table(
         ("noise alone", result.floor),
     )
     lines += [f"{n:<34}{v.force:>11.4g}{1e6 * v.position:>15.4g}" for n, v in rows]
+    if result.load_cell is not None:
+        cell = result.load_cell
+        lines.append(
+            f"load cell, which took no part: {cell.believed:.4g} N rms off the model as believed, "
+            f"{cell.mended:.4g} N off the mended one"
+        )
     for c in result.causes:
         low, high = c.gain_interval
         lines += [

@@ -11,7 +11,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def compiled(function: _Function) -> _Function:
-    """The function as machine code, kept on disk between processes."""
+    """The function as machine code that lets other threads run, kept on disk between processes."""
     return cast(_Function, njit(cache=True, nogil=True)(function))
 
 

@@ -32,6 +32,7 @@ from .drive_model import DriveModel
 from .drive_record import DriveRecord, read_drive_records
 from .evidence import conditioned, fit
 from .held_out import HeldOut, gained, judged, with_values
+from .load_cell import witness
 from .regression import Added, filters, response
 from .residuals import Residual, floor, residual
 from .rivals import rivals
@@ -154,10 +155,15 @@ def _concluded(
         verdict = EXPLAINED
     fitted = amplitudes(problem, best)
     in_the_plant = amplitudes(problem, restricted_to(problem, best, set(names)))
-    named = added_by([m for m in best.members if not m.is_rival], in_the_plant, courses)
+    members = [m for m in best.members if not m.is_rival]
+    named = added_by(members, in_the_plant, courses)
+    on_block = [m for m in members if not CAUSES[m.name].on_screw]
     unnamed = added_by([m for m in best.members if m.is_rival], fitted, courses)
-    model = with_values(situation.model, problem, in_the_plant)
+    model = with_values(problem, in_the_plant)
     mended = residual(courses, model, noise, named)
+    cell = witness(courses, believed, model, added_by(on_block, in_the_plant, courses).force)
+    if cell is None and any("force" in r.signals for r in records):
+        notes.append("the load cell's `force` is not used: the model does not say where it sits")
     whole = gained(held.none, held.all, held.limits)
     law = [believed.friction(c.x, c.v, c.step) for c in courses]
     viscous = [believed.linear_friction * c.middle_v for c in courses]
@@ -203,6 +209,7 @@ def _concluded(
             },
         },
         alone={n: float(g) for n, g in found.choice.alone.items() if n in CAUSES},
+        load_cell=cell,
         records=tuple(r.name for r in records),
         curves=curves,
         seconds=time.perf_counter() - began,
@@ -268,7 +275,7 @@ def _values_of(
     amplitude = fitted.amplitude[where]
     spread = np.sqrt(np.diag(fitted.covariance))[where] * wide
     if shape.freed:
-        value = situation.model.values[shape.freed]
+        value = problem.model.values[shape.freed]
         now = value * (1.0 + float(amplitude[0]))
         error = quantile * value * float(spread[0])
         return {shape.freed: now}, {shape.freed: (now - error, now + error)}

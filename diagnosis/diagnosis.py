@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ..solver.kernel_cache import write_atomically
 from .drive_model import DriveModel
+from .load_cell import Witness
 
 Vector = npt.NDArray[np.float64]
 
@@ -160,6 +161,8 @@ class Diagnosis:
         Of the instruments and the unmodelled force, as found.
     alone : mapping of str to float
         Evidence of every cause by itself.
+    load_cell : Witness or None
+        What the recorded ``force``, which takes no part, says of both models.
     notes : tuple of str
         Doubts.
     """
@@ -181,6 +184,7 @@ class Diagnosis:
     adjustments: Mapping[str, float]
     noise: Mapping[str, float]
     alone: Mapping[str, float]
+    load_cell: Witness | None
     records: tuple[str, ...]
     curves: Curves
     seconds: float
@@ -229,6 +233,9 @@ class Diagnosis:
             "adjustments": dict(self.adjustments),
             "noise": dict(self.noise),
             "evidence_alone": dict(self.alone),
+            "load_cell": None
+            if self.load_cell is None
+            else {"believed_N": self.load_cell.believed, "mended_N": self.load_cell.mended},
             "records": list(self.records),
             "seconds": self.seconds,
             "notes": list(self.notes),

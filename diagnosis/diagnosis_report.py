@@ -14,6 +14,7 @@ from .closed_loop_effect import CONTROLLER, SETPOINT, STOP, ClosedLoopEffect, Lo
 from .diagnose import UNITS
 from .diagnosis import EXPLAINED, NONE, PARTLY, Diagnosis, FoundCause, Level, names_of
 from .diagnosis_pictures import drawn, pictures_of, pictures_of_loop
+from .load_cell import Witness
 
 REPORT = "report.html"
 DOES_NOT_HOLD = (
@@ -194,6 +195,17 @@ def _levels(diagnosis: Diagnosis) -> str:
         "Before and after",
         _table(["residual, rms", "force", "times floor", "position over 1 s", "times floor"], rows),
         f'<p class="small">{gain}* On data that neither the choice nor the fit has seen.</p>',
+        _load_cell(diagnosis.load_cell),
+    )
+
+
+def _load_cell(found: Witness | None) -> str:
+    if found is None:
+        return ""
+    return (
+        "<p>The load cell, which took no part in this, is off what the model as believed foretells "
+        f"by {found.believed:.3g} N rms, and off what the mended one does by {found.mended:.3g} N."
+        "</p>"
     )
 
 

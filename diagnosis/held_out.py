@@ -135,7 +135,7 @@ def judged(situation: Situation, problem: Problem, names: Sequence[str], members
             part = restricted_to(problem, choice, set(allowed))
             fitted = amplitudes(problem, part, fold_of != fold)
             added = added_by(part.members, fitted, courses)
-            model = with_values(situation.model, problem, fitted)
+            model = with_values(problem, fitted)
             found = residual(courses, model, situation.noise, added)
             whole.force[test] = found.force[test]
             whole.position[test] = found.position[test]
@@ -154,11 +154,11 @@ def judged(situation: Situation, problem: Problem, names: Sequence[str], members
     return HeldOut(parts, limits, none, everything, without, alone, chosen)
 
 
-def with_values(model: DriveModel, problem: Problem, fitted: Vector) -> DriveModel:
-    """A model with its values as all amplitudes, shape (c,), say."""
-    return model.changed(
+def with_values(problem: Problem, fitted: Vector) -> DriveModel:
+    """The problem's model with its values as all amplitudes, shape (c,), say."""
+    return problem.model.changed(
         {
-            n: model.values[n] * max(1.0 + float(fitted[1 + j]), 0.1)
+            n: problem.model.values[n] * max(1.0 + float(fitted[1 + j]), 0.1)
             for j, n in enumerate(problem.names)
         }
     )

@@ -61,16 +61,19 @@ class Problem:
     ----------
     columns : Columns
         The signal (column 0), the adjustable values (next) and the candidates.
+    model : DriveModel
+        Around which it is linear.
     names : tuple of str
         Adjustable values.
     prior : Prior
-        Of their relative changes from where the problem was made.
+        Of their relative changes from those of `model`.
     free : ndarray
         Spreads of values that may be anything.
     candidates : list of Candidate
     """
 
     columns: Columns
+    model: DriveModel
     names: tuple[str, ...]
     prior: Prior
     free: Vector
@@ -122,7 +125,7 @@ def state_problem(
     spread = np.array([believed.tolerance[n] for n in names]) / math.sqrt(3.0)
     prior = Prior(np.arange(1, len(names) + 1), mean, spread)
     free = free_spreads(model)
-    return Problem(columns, names, prior, free, candidates)
+    return Problem(columns, model, names, prior, free, candidates)
 
 
 def free_spreads(model: DriveModel) -> Vector:

@@ -53,10 +53,6 @@ def check_tellable(records: Sequence[DriveRecord]) -> list[str]:
                 f"{record.name}: moves one way only: whatever shows at reversals, or differs by "
                 "direction, cannot be told from a constant force"
             )
-    if any("force" in r.signals for r in records):
-        notes.append(
-            "the load cell's `force` is read and not used: causes are told by position and current"
-        )
     return notes
 
 

@@ -101,10 +101,8 @@ class ControllerSide:
         self._side = side or struct(kernel.CONTROLLER)
         self.m, self.n = len(wiring.commands), len(wiring.signals)
         inputs = [*(s for _, s in wiring.signals), *wiring.references]
-        outputs = [c for c, _ in wiring.commands]
-        if wiring.reports_law:
-            ports = wiring.controller_ports()
-            outputs += [*(g for p in ports for g in p.gains), *(p.rate for p in ports)]
+        law = wiring.controller_law() if wiring.reports_law else []
+        outputs = [*(c for c, _ in wiring.commands), *law]
         calls = self._side.part("calls")
         self.bound = Bound(participant, inputs, outputs, kernel.USES, calls)
         self.answer = Answer.SAMPLED if participant.sample_time > 0 else Answer.DIRECT
@@ -206,12 +204,8 @@ class Loop:
         self.plant, self.controller = plant, controller
         self.corrected, self.averaged = corrected, averaged
         self._whole = whole
-        names = [theirs for _, theirs in wiring.commands]
-        if wiring.accepts_law:
-            ports = wiring.plant_ports()
-            names += [g for p in ports for g in p.gains]
-            names += [r for p in ports for r in p.references]
-            names += [p.rate for p in ports]
+        law = wiring.plant_law() if wiring.accepts_law else []
+        names = [*(theirs for _, theirs in wiring.commands), *law]
         calls = self._whole.part("plant")
         self._bound = Bound(plant, names, plant.outputs, kernel.USES, calls)
         outputs = np.empty(len(plant.outputs))

@@ -169,10 +169,7 @@ class _Plant(_Side):
     def wire(self, wiring: Wiring, count: int) -> None:
         self.bind(count)
         commands = [theirs for _, theirs in wiring.commands]
-        law = [*commands]
-        for pick in ("gains", "references"):
-            law += [n for p in wiring.plant_ports() for n in getattr(p, pick)]
-        law += [p.rate for p in wiring.plant_ports()]
+        law = [*commands, *wiring.plant_law()]
         tangents = [tangent_port(n, k + 1) for k in range(count) for n in law]
         self._write = self.participant.writer([*law, *tangents])
         signals = [s for s, _ in wiring.signals]
@@ -208,9 +205,7 @@ class _Controller(_Side):
         signals = [s for _, s in wiring.signals]
         tangents = [tangent_port(n, k + 1) for k in range(count) for n in signals]
         self._write = self.participant.writer([*signals, *wiring.references, *tangents])
-        law = [c for c, _ in wiring.commands]
-        law += [g for p in wiring.controller_ports() for g in p.gains]
-        law += [p.rate for p in wiring.controller_ports()]
+        law = [*(c for c, _ in wiring.commands), *wiring.controller_law()]
         tangents = [tangent_port(n, k + 1) for k in range(count) for n in law]
         self._read_law = self.participant.reader([*law, *tangents])
 

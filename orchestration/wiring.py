@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
 from .participant import Participant
@@ -12,15 +12,6 @@ from .participant import Participant
 
 class WiringError(ValueError):
     """Ports that should meet do not; the message names them and what comes near."""
-
-
-@dataclass(frozen=True)
-class LawPorts:
-    """The plant inputs, or controller outputs, of the feedback law of one command."""
-
-    gains: tuple[str, ...]
-    references: tuple[str, ...]
-    rate: str
 
 
 @dataclass(frozen=True)
@@ -43,21 +34,23 @@ class Wiring:
     accepts_law: bool
     reports_law: bool
 
-    def plant_ports(self) -> list[LawPorts]:
-        """Law ports of the plant per command, in the order of `signals`."""
-        return [_law_ports(theirs, [s for s, _ in self.signals]) for _, theirs in self.commands]
+    def plant_law(self) -> list[str]:
+        """The plant's inputs beside the commands, in the order in which a law is written.
 
-    def controller_ports(self) -> list[LawPorts]:
-        """Law ports of the controller per command, in the order of `signals`."""
-        return [_law_ports(ours, [s for _, s in self.signals]) for ours, _ in self.commands]
+        Gains, one row for each command, references likewise, and rates.
+        """
+        commands, signals = [c for _, c in self.commands], [s for s, _ in self.signals]
+        gains = [gain_port(c, s) for c in commands for s in signals]
+        references = [reference_port(c, s) for c in commands for s in signals]
+        return [*gains, *references, *map(rate_port, commands)]
 
+    def controller_law(self) -> list[str]:
+        """The controller's outputs beside the commands, in the order in which a law is read.
 
-def _law_ports(command: str, signals: list[str]) -> LawPorts:
-    return LawPorts(
-        tuple(gain_port(command, s) for s in signals),
-        tuple(reference_port(command, s) for s in signals),
-        rate_port(command),
-    )
+        Gains, one row for each command, and rates.
+        """
+        commands, signals = [c for c, _ in self.commands], [s for _, s in self.signals]
+        return [*(gain_port(c, s) for c in commands for s in signals), *map(rate_port, commands)]
 
 
 def wire(
@@ -112,16 +105,10 @@ def wire(
         )
     free = tuple(n for n in controller.inputs if n not in {c for _, c in signals})
     wiring = Wiring(commands, signals, free, False, False)
-    accepts = {p for ports in wiring.plant_ports() for p in (*ports.gains, *ports.references)}
-    reports = {p for ports in wiring.controller_ports() for p in ports.gains}
-    rates_in = {ports.rate for ports in wiring.plant_ports()}
-    rates_out = {ports.rate for ports in wiring.controller_ports()}
-    return Wiring(
-        commands,
-        signals,
-        free,
-        accepts_law=(accepts | rates_in) <= set(plant.inputs),
-        reports_law=(reports | rates_out) <= set(controller.outputs),
+    return replace(
+        wiring,
+        accepts_law=set(wiring.plant_law()) <= set(plant.inputs),
+        reports_law=set(wiring.controller_law()) <= set(controller.outputs),
     )
 
 

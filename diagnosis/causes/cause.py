@@ -89,6 +89,8 @@ class Cause:
         The one of `values` that is found between the grid's points.
     beyond : function of (courses, model) to str or None
         Why these records cannot show it at all.
+    on_screw : bool
+        Its force acts on the screw's side, where a load cell before the block does not feel it.
     """
 
     name: str
@@ -101,6 +103,7 @@ class Cause:
     mistaken_for: tuple[str, ...] = ()
     refined: str | None = None
     beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
+    on_screw: bool = False
 
 
 def parameter(name: str, unit: str, meaning: str, default: float = 0.0) -> Parameter:
@@ -119,6 +122,7 @@ def force_cause(
     beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None,
     refined: str | None = None,
     per_record: bool = False,
+    on_screw: bool = False,
 ) -> Cause:
     """A cause that is one more force, linear in its amplitudes.
 
@@ -173,6 +177,7 @@ def force_cause(
         mistaken_for,
         refined,
         beyond,
+        on_screw,
     )
 
 

@@ -24,4 +24,5 @@ CAUSE = force_cause(
         courses, model, "ripples_per_metre", range(1, 9), flips=False
     ),
     per_record=True,
+    on_screw=True,
 )

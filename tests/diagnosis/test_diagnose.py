@@ -10,6 +10,7 @@ import pytest
 from hidden_cases import draw_case, write_case
 from hidden_effects import NOMINAL
 
+from ballscrew.diagnosis import search
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.course import instrument_noise, lay_along
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
@@ -85,6 +86,18 @@ def test_a_limit_that_cuts_off_a_thousandth_is_found_beside_a_spring(tmp_path):
 def test_two_effects_are_not_lost_to_one_whose_motion_was_smoothed_otherwise(tmp_path):
     _, found = told(("nonlinear_viscous", "stribeck_mismatch"), 6005, tmp_path)
     assert {c.name for c in found.causes} == {"nonlinear_viscous", "stribeck_mismatch"}
+
+
+def test_a_search_cut_short_tells_a_change_once(tmp_path, monkeypatch):
+    """It adjusts the mass and ends: the change is in the model then, and is not made again."""
+    monkeypatch.setattr(search, "_TURNS", 1)
+    case, found = told(("unmodelled_inertia",), 6100, tmp_path)
+    (cause,) = found.causes
+    (name,) = cause.parameters
+    assert name == "m"
+    truth = float(case.sizes["unmodelled_inertia"]["m"])
+    assert cause.parameters["m"] == pytest.approx(truth, rel=0.3)
+    assert found.mended.values["m"] == pytest.approx(cause.parameters["m"])
 
 
 def nominal():

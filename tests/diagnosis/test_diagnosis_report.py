@@ -27,6 +27,7 @@ from ballscrew.diagnosis.diagnosis_pictures import (
 )
 from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report, rig_command
 from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.load_cell import Witness
 
 pytestmark = pytest.mark.xdist_group("diagnosis")
 browser = pytest.mark.skipif(PROGRAM is None, reason="no chromium here: apt-get install chromium")
@@ -240,6 +241,7 @@ def found(**changes) -> Diagnosis:
         "adjustments": {"Fc": 0.02},
         "noise": {"position_m": 1e-7},
         "alone": {},
+        "load_cell": None,
         "records": ("run.csv",),
         "curves": curves,
         "seconds": 1.0,
@@ -252,6 +254,12 @@ def found(**changes) -> Diagnosis:
 def text_of(page):
     """What a reader sees, as one line."""
     return " ".join(re.sub(r"<(style|script).*?</\1>|<[^>]+>", " ", page, flags=re.S).split())
+
+
+def test_what_the_load_cell_says_is_told_where_there_was_one():
+    assert "load cell" not in text_of(report(found(), NO_LOOP))
+    said = text_of(report(found(load_cell=Witness(0.41, 0.12)), NO_LOOP))
+    assert "foretells by 0.41 N rms, and off what the mended one does by 0.12 N" in said
 
 
 NO_LOOP = ClosedLoopSection(None, "The solver gets no further.")

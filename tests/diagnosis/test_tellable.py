@@ -22,7 +22,6 @@ def test_a_sound_record_has_no_doubts():
 @pytest.mark.parametrize(
     ("signals", "words"),
     [
-        ({"force": np.ones(len(TIME))}, "`force` is read and not used"),
         ({"x": 0.1 * TIME}, "moves one way only"),
         ({"u": np.clip(np.sin(3 * TIME), -0.9, 0.9)}, "u is at its largest value in"),
     ],

@@ -1,0 +1,67 @@
+"""A load cell between screw and block as a witness: it takes no part in a diagnosis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .course import Course
+from .drive_model import DriveModel
+
+Vector = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Witness:
+    """What a load cell gives beyond what models foretell of it, root mean square [N]."""
+
+    believed: float
+    mended: float
+
+
+def foretold(course: Course, model: DriveModel, more: Vector) -> Vector:
+    """Force that drags the block, at the samples, shape (n,) [N].
+
+    Parameters
+    ----------
+    more : ndarray, shape (n,)
+        What opposes the block's motion beside the law, on average over the interval after each
+        sample [N].
+    """
+    friction = model.friction(course.x, course.v, course.step)
+    friction += model.linear_friction * course.middle_v + more
+    between = friction + model.values["m"] * course.mean_a
+    return 0.5 * (between + np.append(between[0], between[:-1]))
+
+
+def witness(
+    courses: Sequence[Course], believed: DriveModel, mended: DriveModel, more: Sequence[Vector]
+) -> Witness | None:
+    """How well both models foretell the recorded ``force``; None where there is none to compare.
+
+    Parameters
+    ----------
+    more : sequence of ndarray, shape (n,)
+        Forces of the named causes on the block's side of the cell, one array per record [N].
+    """
+    if not believed.has_motor:  # where in a drive without parts a cell would sit, nobody told
+        return None
+    before, after = [], []
+    for course, force in zip(courses, more, strict=True):
+        if "force" in course.record.signals:
+            read = course.record.signals["force"]
+            known = np.isfinite(read)
+            nothing = np.zeros(len(read))
+            before.append((read - foretold(course, believed, nothing))[known])
+            after.append((read - foretold(course, mended, force))[known])
+    if not before:
+        return None
+    return Witness(_rms(np.concatenate(before)), _rms(np.concatenate(after)))
+
+
+def _rms(values: Vector) -> float:
+    return math.sqrt(float(np.mean(values**2)))
