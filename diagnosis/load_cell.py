@@ -35,7 +35,7 @@ def foretold(course: Course, model: DriveModel, more: Vector) -> Vector:
     friction = model.friction(course.x, course.v, course.step)
     friction += model.linear_friction * course.middle_v + more
     between = friction + model.values["m"] * course.mean_a
-    return 0.5 * (between + np.append(between[0], between[:-1]))
+    return np.asarray(0.5 * (between + np.append(between[0], between[:-1])))
 
 
 def witness(
