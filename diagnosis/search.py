@@ -29,6 +29,7 @@ from .selection import (
     Choice,
     Explanation,
     Problem,
+    again,
     amplitudes,
     choose,
     free_spreads,
@@ -156,7 +157,10 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
             stays = [e for e in choice.others if _key(e) == _key(best.explanation)]
             if stays:
                 stays.sort(key=lambda e: -e.score)
-                choice = replace(choice, best=pruned(problem, problem.columns.products(), stays[0]))
+                kept = pruned(problem, problem.columns.products(), stays[0])
+            else:  # more names than a search tries at once
+                kept = again(problem, best.explanation.names)
+            choice = replace(choice, best=kept)
             break
         problem, choice = step.problem, replace(choice, best=step.explanation)
         situation, best = step.situation, step

@@ -194,8 +194,7 @@ def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -
     rivals explain beyond is added to it.
     """
     products = problem.columns.products(used)
-    base = conditioned(products, [problem.prior])
-    empty = Explanation((), (problem.prior,), base.evidence, ())
+    empty = _nothing(problem, products)
     causes = [c for c in problem.candidates if not c.is_rival]
     rivals_too = [c for c in problem.candidates if c.is_rival]
     most = largest if largest < LARGEST else MOST_CAUSES
@@ -217,6 +216,21 @@ def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -
                 alone[e.names[0]] = e.gains[0]
     others = sorted([*named, *free], key=lambda e: -e.score)
     return Choice(chosen, others, alone)
+
+
+def _nothing(problem: Problem, products: Matrix) -> Explanation:
+    base = conditioned(products, [problem.prior])
+    return Explanation((), (problem.prior,), base.evidence, ())
+
+
+def again(problem: Problem, names: Sequence[str]) -> Explanation:
+    """The explanation by these names, however many."""
+    products = problem.columns.products()
+    explanation = _nothing(problem, products)
+    for name in names:
+        mine = [c for c in problem.candidates if c.name == name]
+        explanation = _grow(problem, products, explanation, mine).get(name, explanation)
+    return _ordered(problem, products, explanation)
 
 
 def _search(
