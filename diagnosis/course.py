@@ -206,6 +206,12 @@ def follow(course: Course, model: DriveModel) -> Course:
     return replace(course, bristle=friction - offset, extra=extra)
 
 
+def opposing(course: Course, model: DriveModel) -> Vector:
+    """The law's whole force along the course, on average over each interval, shape (n,) [N]."""
+    law = model.friction(course.x, course.v, course.step)
+    return law + model.linear_friction * course.middle_v
+
+
 def _smoothed(
     course: Course,
     model: DriveModel,

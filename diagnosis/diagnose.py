@@ -15,7 +15,7 @@ from ..plant import ball_screw, direct_drive
 from .along_record import LAWS
 from .believed import read_believed
 from .causes import CAUSES
-from .course import Course
+from .course import Course, opposing
 from .diagnosis import (
     EXPLAINED,
     NONE,
@@ -165,9 +165,7 @@ def _concluded(
     if cell is None and any("force" in r.signals for r in records):
         notes.append("the load cell's `force` is not used: the model does not say where it sits")
     whole = gained(held.none, held.all, held.limits)
-    law = [believed.friction(c.x, c.v, c.step) for c in courses]
-    viscous = [believed.linear_friction * c.middle_v for c in courses]
-    predicted = np.concatenate([f + v for f, v in zip(law, viscous, strict=True)])
+    predicted = np.concatenate([opposing(c, believed) for c in courses])
     lives = {r.name: r.lives for r in rivals(courses[:1], situation.model)}
     curves = Curves(
         time=np.concatenate([c.time for c in courses]),

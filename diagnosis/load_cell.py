@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from .course import Course
+from .course import Course, opposing
 from .drive_model import DriveModel
+from .residuals import rms
 
 Vector = npt.NDArray[np.float64]
 
@@ -32,9 +32,7 @@ def foretold(course: Course, model: DriveModel, more: Vector) -> Vector:
         What opposes the block's motion beside the law, on average over the interval after each
         sample [N].
     """
-    friction = model.friction(course.x, course.v, course.step)
-    friction += model.linear_friction * course.middle_v + more
-    between = friction + model.values["m"] * course.mean_a
+    between = opposing(course, model) + more + model.values["m"] * course.mean_a
     return np.asarray(0.5 * (between + np.append(between[0], between[:-1])))
 
 
@@ -60,8 +58,4 @@ def witness(
             after.append((read - foretold(course, mended, force))[known])
     if not before:
         return None
-    return Witness(_rms(np.concatenate(before)), _rms(np.concatenate(after)))
-
-
-def _rms(values: Vector) -> float:
-    return math.sqrt(float(np.mean(values**2)))
+    return Witness(rms(np.concatenate(before)), rms(np.concatenate(after)))

@@ -42,14 +42,15 @@ class Residual:
 
     @property
     def force_rms(self) -> float:
-        return _rms(self.force[self.telling])
+        return rms(self.force[self.telling])
 
     @property
     def position_rms(self) -> float:
-        return _rms(self.position)
+        return rms(self.position)
 
 
-def _rms(values: Vector) -> float:
+def rms(values: Vector) -> float:
+    """Root mean square; zero of nothing."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 

@@ -7,14 +7,13 @@ import math
 
 import numpy as np
 import pytest
+from diagnosed import nominal
 from hidden_cases import draw_case, write_case
-from hidden_effects import NOMINAL
 
 from ballscrew.diagnosis import search
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.course import instrument_noise, lay_along
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
-from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.drive_record import checked
 from ballscrew.diagnosis.records import BadRecord
 
@@ -98,11 +97,6 @@ def test_a_search_cut_short_tells_a_change_once(tmp_path, monkeypatch):
     truth = float(case.sizes["unmodelled_inertia"]["m"])
     assert cause.parameters["m"] == pytest.approx(truth, rel=0.3)
     assert found.mended.values["m"] == pytest.approx(cause.parameters["m"])
-
-
-def nominal():
-    tolerance = {n: 0.03 for n in NOMINAL if n not in ("p", "Kv", "L")}
-    return DriveModel("ball_screw", "modified_lugre", dict(NOMINAL), tolerance)
 
 
 def test_an_edge_of_the_encoder_tells_more_than_a_count():

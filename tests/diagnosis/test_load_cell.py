@@ -7,6 +7,7 @@ import math
 import hidden_effects
 import numpy as np
 import pytest
+from diagnosed import nominal
 from hidden_effects import NOMINAL
 
 from ballscrew.diagnosis.diagnose import diagnose_records
@@ -15,11 +16,6 @@ from ballscrew.diagnosis.drive_record import checked
 
 STEP = 0.089  # N, of the rig's converter
 NOISE = 0.03  # N rms
-
-
-def nominal():
-    tolerance = {n: 0.03 for n in NOMINAL if n not in ("p", "Kv", "L")}
-    return DriveModel("ball_screw", "modified_lugre", dict(NOMINAL), tolerance)
 
 
 def record_of(hidden, with_cell=True):

@@ -1,4 +1,4 @@
-"""The command ``diagnose``, called in this process, and what it left behind."""
+"""The command ``diagnose``, called in this process, what it left behind, and what is believed."""
 
 from __future__ import annotations
 
@@ -8,6 +8,16 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from hidden_effects import NOMINAL
+
+from ballscrew.diagnosis.drive_model import DriveModel
+
+
+def nominal() -> DriveModel:
+    """The axis of the hidden effects as believed where nothing is wrong, each value within 3 %."""
+    tolerance = {n: 0.03 for n in NOMINAL if n not in ("p", "Kv", "L")}
+    return DriveModel("ball_screw", "modified_lugre", dict(NOMINAL), tolerance)
 
 
 @dataclass(frozen=True)
