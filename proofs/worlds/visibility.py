@@ -1,0 +1,190 @@
+"""How far a record can show an effect, and what else would look like it: from the truth alone.
+
+The method, in the generator's own terms:
+
+1. *Trace.* The axis is simulated with the effect, with neither friction noise nor instruments. At
+   every substep the force that the command gives (or the recorded current does) is compared with
+   what the faultless axis, with its true values, needs for that motion; where the current is
+   recorded so is the voltage. The differences, averaged over sampling periods, are what the effect
+   does to a record.
+   A set-valued law has no force at a speed that the encoder cannot show: such motion is rest.
+2. *Noise.* The axis is simulated without the effect, with its friction noise. The same
+   differences are its force noise as such, with no differentiation in between. The errors of the
+   instruments are those of that run's columns against its truth; a position error becomes force by
+   mass, damping and back-EMF, and at rest by the bristles, in the frequency domain. Welch's spectra
+   of both are added.
+3. *Ratio.* Trace and shapes are weighted by that spectrum. What a user would refit is projected
+   out: each believed value, at the price of its tolerance (3 % off costs 1), and an offset for
+   nothing (not of `load_bias`, which is one). The length of what is left is the ratio: the
+   signal-to-noise ratio of the best test for an effect of known shape.
+4. *Same shape.* Each other cause of the catalogue is taken in several forms along the same motion;
+   it has the effect's shape if one of them, beside the refits, leaves a ratio below 3.
+
+A rounding encoder is counted as one with additive noise, so the ratio is a cautious one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+from scipy.signal.windows import tukey
+
+from worlds import layout as at
+from worlds.axes import BALL_SCREW
+from worlds.effects import Effect, Setting
+from worlds.shapes import Along, Shape, families, refits
+
+SAME = 3.0  # a ratio below which two shapes are one
+HIGHEST = 1000.0  # Hz; above, no record of a machine says anything
+LEAST_NOISE = 1e-4  # of the Coulomb force (or its voltage), rms: the arithmetic's own
+TAPER = 0.02
+
+Columns = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the truth says of one effect in one record.
+
+    Attributes
+    ----------
+    ratio : float
+    shared : tuple of str
+        Other causes of the same shape (empty where the ratio is below `SAME`).
+    remaining : dict
+        The ratio that each other cause leaves.
+    """
+
+    ratio: float
+    shared: tuple[str, ...]
+    remaining: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of the instruments at the samples: position [m], current [A] or None."""
+
+    x: Columns
+    i: Columns | None
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What makes the noise of the balances white: spectra at the samples' frequencies."""
+
+    samples: int
+    sampling: float
+    spectra: Columns  # (balances, frequencies), one-sided
+
+    def whiten(self, shape: Shape) -> Columns:
+        """Balances (balances, samples) as one vector in noise of unit variance."""
+        window = tukey(self.samples, TAPER)
+        spectrum = np.fft.rfft(shape * window)[:, : self.spectra.shape[1]]
+        scaled = spectrum * 2 / np.sqrt(self.samples * self.spectra / self.sampling)
+        scaled[:, 0] /= np.sqrt(2.0)
+        flat = scaled.ravel()
+        return np.concatenate([flat.real, flat.imag])
+
+
+def sampled(shape: Shape, per_sample: int) -> Shape:
+    """The log's rows averaged over sampling periods; shape (..., rows) to (..., samples)."""
+    count = shape.shape[-1] // per_sample
+    cut = shape[..., : count * per_sample]
+    return np.asarray(cut.reshape(*shape.shape[:-1], count, per_sample).mean(-1))
+
+
+def needs(log: Columns, with_current: bool) -> Shape:
+    """The differences of point 1, shape (balances, rows)."""
+    columns = [at.NEED_FORCE, at.NEED_VOLTAGE] if with_current else [at.NEED]
+    return np.asarray(log[:, columns].T)
+
+
+def weigh(setting: Setting, noise: Shape, errors: Errors, resting: float) -> Weights:
+    """Spectra of a faultless record's noise.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (balances, samples)
+        The differences of a faultless run, sampled.
+    errors : Errors
+    resting : float
+        Share of the time at rest, in which a position error is one of the bristles' deflection.
+    """
+    par, rate = setting.double, 1 / setting.sampling
+    length = min(noise.shape[1], max(256, int(4 * rate)))
+
+    def spectrum(signal: Columns) -> Columns:
+        return np.asarray(welch(signal, fs=rate, nperseg=length)[1])
+
+    frequencies = welch(noise[0], fs=rate, nperseg=length)[0]
+    s = 2j * np.pi * frequencies
+    stiffness = par[at.SIGMA0] * np.sqrt(resting)
+    of_force = np.abs(setting.mass * s**2 + par[at.SIGMA2] * s + stiffness) ** 2
+    of_x = spectrum(errors.x)
+    floor = 2 * (LEAST_NOISE * par[at.FC]) ** 2 / rate
+    if len(noise) == 2 and errors.i is not None:
+        of_i = spectrum(errors.i)
+        volts = par[at.R] / par[at.KT]
+        spectra = [
+            spectrum(noise[0]) + of_force * of_x + par[at.KT] ** 2 * of_i + floor,
+            spectrum(noise[1])
+            + np.abs(par[at.KE] * s) ** 2 * of_x
+            + np.abs(par[at.R] + par[at.L] * s) ** 2 * of_i
+            + volts**2 * floor,
+        ]
+    else:
+        if setting.axis.plant == BALL_SCREW:
+            back = par[at.KT] * par[at.KE] / par[at.R]
+            damping = par[at.SIGMA2] + back
+            of_force = np.abs(setting.mass * s**2 + damping * s + stiffness) ** 2
+        spectra = [spectrum(noise[0]) + of_force * of_x + floor]
+    own = np.fft.rfftfreq(noise.shape[1], setting.sampling)
+    own = own[own <= HIGHEST]
+    # the lowest line of Welch's has lost its mean: the next one stands for it
+    at_own = [np.exp(np.interp(own, frequencies[1:], np.log(one[1:]))) for one in spectra]
+    return Weights(noise.shape[1], setting.sampling, np.array(at_own))
+
+
+def see(effect: Effect | None, along: Along, weights: Weights, per_sample: int) -> Sight:
+    """Points 3 and 4 for an effect, or for the law's own mismatch where there is none."""
+
+    def white(shape: Shape) -> Columns:
+        return weights.whiten(sampled(shape, per_sample)[:, : weights.samples])
+
+    costly = [white(shape) for shape in refits(along).values()]
+    offset = white(along.force(np.ones(len(along.log))))
+    free = [] if effect is not None and effect.name == "load_bias" else [offset]
+    count = len(costly)
+    price = np.zeros((count, count + len(free)))
+    price[:, :count] = np.eye(count)
+    basis = np.linalg.qr(np.vstack([np.column_stack(costly + free), price]))[0]
+
+    def left(vector: Columns) -> Columns:
+        whole = np.concatenate([vector, np.zeros(count)])
+        return np.asarray(whole - basis @ (basis.T @ whole))
+
+    trace = left(white(needs(along.log, along.with_current)))
+    ratio = float(np.linalg.norm(trace))
+    if effect is None or ratio < SAME:
+        return Sight(ratio, (), {})
+    own_period = (effect.period,) if effect.period else ()
+    remaining = {}
+    for name, forms in families(along, (along.setting.lead, *own_period)).items():
+        if name != effect.name:
+            blocks = [np.column_stack([left(white(c)) for c in form]) for form in forms]
+            remaining[name] = min(_beside(trace, block) for block in blocks)
+    shared = tuple(sorted(n for n, r in remaining.items() if r < SAME))
+    return Sight(ratio, shared, remaining)
+
+
+def _beside(trace: Columns, block: Columns) -> float:
+    """What a block of columns leaves of a trace."""
+    sizes = np.linalg.norm(block, axis=0)
+    if not np.all(sizes > 1e-9):
+        return float(np.linalg.norm(trace))
+    columns = block / sizes
+    best = np.linalg.lstsq(columns, trace, rcond=1e-9)[0]
+    return float(np.linalg.norm(trace - columns @ best))
