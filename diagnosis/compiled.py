@@ -7,6 +7,9 @@ from typing import Any, TypeVar, cast
 
 from numba import njit
 
+from ..solver.writable_cache import ready
+
+ready()
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 

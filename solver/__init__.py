@@ -1,0 +1,3 @@
+from .writable_cache import ready
+
+ready()

@@ -16,6 +16,8 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from . import stepper
 from .component import TIME, Component, Event, Mode, Output, symbol
+from .formulas import Writer, formula, label
+from .functions import slopes
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
 
 # The stepper's text comes first and the equations after it, in one module whose name is a hash of
@@ -89,8 +91,17 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
         return f"(0.0 if {x} == 0.0 else math.copysign(1.0, {x}))"
 
     def _print_Heaviside(self, e: sp.Expr) -> str:
-        x = self._print(e.args[0])
-        return f"(1.0 if {x} > 0.0 else 0.0)"
+        x, at_zero = map(self._print, e.args)
+        return f"(1.0 if {x} > 0.0 else {at_zero} if {x} == 0.0 else 0.0)"
+
+    def _print_sech(self, e: sp.Expr) -> str:
+        return f"(1.0/math.cosh({self._print(e.args[0])}))"
+
+    def _print_csch(self, e: sp.Expr) -> str:
+        return f"(1.0/math.sinh({self._print(e.args[0])}))"
+
+    def _print_coth(self, e: sp.Expr) -> str:
+        return f"(1.0/math.tanh({self._print(e.args[0])}))"
 
     def _print_Integer(self, e: sp.Integer) -> str:
         return f"{int(e)}.0"
@@ -150,9 +161,8 @@ def _matrix(name: str, entries: sp.Matrix) -> dict[str, sp.Expr]:
 
 def _linearized(component: Component, mode: Mode | None) -> tuple[sp.Matrix, sp.Matrix]:
     states = [symbol(s.name) for s in component.all_states]
-    f = sp.Matrix(_derivatives(component, mode)) if states else sp.zeros(0, 1)
-    by_state = f.jacobian(states) if states else sp.zeros(0, 0)
-    return by_state, f.diff(TIME) if states else sp.zeros(0, 1)
+    f = _derivatives(component, mode)
+    return slopes(f, states), slopes(f, [TIME])
 
 
 def _derivatives(component: Component, mode: Mode | None) -> list[sp.Expr]:
@@ -167,18 +177,21 @@ def _outputs(component: Component, mode: Mode | None) -> list[sp.Expr]:
 
 
 def _events(component: Component, most: int) -> str:
-    """The functions `indicate`, `kind`, `react` and `slopes`, and for how many events they are."""
+    """The functions about events, and for how many events they are."""
     unpack = _places(component)
     modes = component.modes
     names = [m.name for m in modes]
     states = [s.name for s in component.all_states]
     mode_at = f"u[{len(unpack['u'])}]"
-    indicators = []
+    indicators, spreads = [], []
     for mode in modes:
         rows: dict[str, sp.Expr] = {f"g[{k}]": sp.Integer(-1) for k in range(most)}
+        sizes: dict[str, sp.Expr] = {f"s[{k}]": sp.Integer(0) for k in range(most)}
         for k, event in enumerate(mode.events):
             rows[f"g[{k}]"] = -event.indicator if event.direction < 0 else event.indicator
+            sizes[f"s[{k}]"] = _spread(component, event)
         indicators.append(rows)
+        spreads.append(sizes)
     kinds, reactions = ["def kind(u, k):"], ["def react(t, x, u, p, k):"]
     slopes = ["def slopes(t, x, u, p, k, g, R, rt):"]
     for m, mode in enumerate(modes):
@@ -201,11 +214,21 @@ def _events(component: Component, most: int) -> str:
         [
             f"MOST_EVENTS = {most}\n",
             _function("def indicate(t, x, u, p, g):", unpack, indicators or [{}]),
+            _function("def spread(t, x, u, p, s):", unpack, spreads or [{}]),
             "\n".join(kinds) + "\n",
             "\n".join(reactions) + "\n",
             "\n".join([*slopes, f"{_INDENT}return 0.0"]) + "\n",
         ]
     )
+
+
+def _spread(component: Component, event: Event) -> sp.Expr:
+    """How far an indicator moves where states and inputs move by their nominals, time by 1 s."""
+    nominals = {symbol(s.name): s.nominal for s in component.all_states}
+    nominals |= {symbol(i.name): i.nominal for i in component.inputs}
+    nominals[TIME] = 1.0
+    rates = slopes([event.indicator], list(nominals))
+    return sp.Add(*(abs(rate) * size for rate, size in zip(rates, nominals.values(), strict=True)))
 
 
 def _slopes(component: Component, event: Event, unpack: dict[str, list[str]]) -> list[str]:
@@ -215,13 +238,12 @@ def _slopes(component: Component, event: Event, unpack: dict[str, list[str]]) ->
     """
     names = [s.name for s in component.all_states]
     states = [symbol(n) for n in names]
-    after = sp.Matrix([sp.sympify(event.reset.get(n, symbol(n))) for n in names])
-    indicator = sp.sympify(event.indicator)
-    targets = {f"g[{k}]": indicator.diff(s) for k, s in enumerate(states)}
-    if states:
-        targets |= _matrix("R", after.jacobian(states))
-        targets |= {f"rt[{k}]": e for k, e in enumerate(after.diff(TIME))}
-    targets["rate"] = indicator.diff(TIME)
+    after = [event.reset.get(n, symbol(n)) for n in names]
+    *gradient, rate = slopes([event.indicator], [*states, TIME])
+    targets = {f"g[{k}]": e for k, e in enumerate(gradient)}
+    targets |= _matrix("R", slopes(after, states))
+    targets |= {f"rt[{k}]": e for k, e in enumerate(slopes(after, [TIME]))}
+    targets["rate"] = rate
     return [*_assignments(unpack, targets, 2 * _INDENT), f"{2 * _INDENT}return rate"]
 
 
@@ -283,7 +305,16 @@ def generate(component: Component) -> Kernel:
         name=component.name,
         description=component.description,
         parameters=[
-            ParameterInfo(p.name, p.default, p.unit, p.meaning, p.source, p.minimum, p.maximum)
+            ParameterInfo(
+                p.name,
+                p.default,
+                p.unit,
+                p.meaning,
+                p.source,
+                p.minimum,
+                p.maximum,
+                p.nominal or abs(p.default) or 1.0,
+            )
             for p in component.all_parameters
         ],
         inputs=[
@@ -302,7 +333,7 @@ def generate(component: Component) -> Kernel:
                 o.unit,
                 o.meaning,
                 o.nominal,
-                sorted(used - {TIME.name}),
+                sorted(used),
                 [name for name in inputs if name in used],
             )
             for o in component.all_outputs
@@ -331,22 +362,26 @@ def hashed_name(stem: str, text: str) -> str:
 
 
 def _readable(component: Component) -> list[list[str]]:
-    """Left and right sides of all equations as MathML, for the documentation inside an FMU."""
+    """Rows of MathML for the documentation inside an FMU: left side, then the right one's terms."""
+    writer = Writer({n for names in _places(component).values() for n in names})
+
+    def rate(name: str) -> str:
+        return formula(sp.Derivative(symbol(name), TIME))
+
     rows = [
-        (sp.Derivative(symbol(s.name), TIME), e)
+        [rate(s.name), *writer.line(e)]
         for s, e in zip(component.all_states, component.derivatives, strict=True)
     ]
-    rows += [(symbol(o.name), sp.sympify(o.value)) for o in component.all_outputs]
-    rows += [(symbol(d.name + "_next"), sp.sympify(d.update)) for d in component.discrete]
-    for mode in component.modes:
-        inside = sp.Symbol(f"in {mode.name}")
-        for name, e in mode.derivatives.items():
-            rows.append((sp.Tuple(sp.Derivative(symbol(name), TIME), inside), sp.sympify(e)))
-        rows += [(sp.Tuple(symbol(n), inside), sp.sympify(e)) for n, e in mode.outputs.items()]
-        for event in mode.events:
-            label = f"{mode.name}: {event.name}, then {event.next_mode or mode.name}"
-            rows.append((sp.Symbol(label), sp.Eq(sp.sympify(event.indicator), 0, evaluate=False)))
-    return [
-        [sp.mathml(left, printer="presentation"), sp.mathml(right, printer="presentation")]
-        for left, right in rows
+    rows += [[formula(symbol(o.name)), *writer.line(o.value)] for o in component.all_outputs]
+    rows += [
+        [formula(symbol(d.name)) + label(" next"), *writer.line(d.update)]
+        for d in component.discrete
     ]
+    for mode in component.modes:
+        where = label(f" in mode {mode.name}")
+        rows += [[rate(n) + where, *writer.line(e)] for n, e in mode.derivatives.items()]
+        rows += [[formula(symbol(n)) + where, *writer.line(e)] for n, e in mode.outputs.items()]
+        for event in mode.events:
+            to = label(f"{mode.name}: {event.name}, then {event.next_mode or mode.name}, at 0")
+            rows.append([to, *writer.line(event.indicator)])
+    return rows + writer.rest()

@@ -17,6 +17,8 @@ from typing import Any
 
 import sympy as sp
 
+from .functions import FUNCTIONS, unsupported
+
 Number = float | int
 
 
@@ -48,6 +50,8 @@ class Parameter:
         Where the default comes from.
     minimum, maximum : float, optional
         Inclusive bounds of the values that make sense.
+    nominal : float, optional
+        Typical magnitude; zero: that of the default.
     """
 
     name: str
@@ -57,6 +61,7 @@ class Parameter:
     source: str
     minimum: float = -math.inf
     maximum: float = math.inf
+    nominal: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -212,7 +217,8 @@ class Component:
     Raises
     ------
     ContractError
-        If a symbol is declared twice, used and not declared, or lacks an equation.
+        If a symbol is declared twice, used and not declared, or lacks an equation, or an equation
+        holds a function that is not in `solver.functions.FUNCTIONS`.
     """
 
     name: str
@@ -427,6 +433,12 @@ class Component:
                 f"{self.name}: the discrete state {self.discrete[0].name!r} needs a sample_time"
             )
         for where, expression in self._expressions():
+            wrong = unsupported(sp.sympify(expression))
+            if wrong:
+                raise ContractError(
+                    f"{self.name}: {where} uses {wrong}, which is not supported; "
+                    f"supported are {', '.join(sorted(f.__name__ for f in FUNCTIONS))}"
+                )
             for free in sorted(s.name for s in sp.sympify(expression).free_symbols):
                 if free not in seen:
                     raise ContractError(

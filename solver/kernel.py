@@ -36,6 +36,7 @@ class ParameterInfo:
     source: str
     minimum: float
     maximum: float
+    nominal: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,10 @@ class StateInfo:
 
 @dataclass(frozen=True)
 class OutputInfo:
-    """``uses`` lists all symbols of its equation, ``feedthrough`` the inputs among them."""
+    """``uses`` lists all symbols of its equation in any mode, the time among them.
+
+    ``feedthrough`` lists the inputs among them.
+    """
 
     name: str
     unit: str

@@ -7,10 +7,14 @@ it also goes into every FMU, which then shares the compiled code of the project 
 
 from __future__ import annotations
 
+import atexit
 import importlib.util
 import os
+import shutil
 import sys
 import tempfile
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -19,25 +23,62 @@ os.umask(_UMASK)
 
 
 def folder() -> Path:
-    """The per-user cache folder; ``BALLSCREW_CACHE`` overrides the platform's place."""
-    if os.environ.get("BALLSCREW_CACHE"):
-        return Path(os.environ["BALLSCREW_CACHE"])
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "ballscrew"
+    """The cache folder: the user's, or this process' own where that cannot be written."""
+    return usual_folder() or _private_folder()
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Write beside, then rename: a reader sees the old content or the new, never half."""
+def usual_folder() -> Path | None:
+    """The per-user cache folder; None where it cannot be written.
+
+    ``BALLSCREW_CACHE`` overrides the platform's place.
+    """
+    try:
+        if os.environ.get("BALLSCREW_CACHE"):
+            place = Path(os.environ["BALLSCREW_CACHE"])
+        elif sys.platform == "win32":
+            base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+            place = Path(base) / "ballscrew"
+        elif sys.platform == "darwin":
+            place = Path.home() / "Library" / "Caches" / "ballscrew"
+        else:
+            place = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ballscrew"
+    except RuntimeError:  # a user without a home
+        return None
+    return place if can_be_written(place) else None
+
+
+def can_be_written(place: Path) -> bool:
+    """Whether a folder is there, or can be made, and takes files."""
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(place, os.W_OK | os.X_OK)
+
+
+@cache
+def _private_folder() -> Path:
+    """A folder that only this user can read, for this process and those it starts."""
+    place = Path(tempfile.mkdtemp(prefix="ballscrew-"))
+    atexit.register(_remove, place, os.getpid())
+    return place
+
+
+def _remove(place: Path, owner: int) -> None:
+    if os.getpid() == owner:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
+    """Write beside, then rename: a reader sees the old content or the new, never half.
+
+    What is large may come in pieces.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
     try:
         with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
+            stream.writelines([data] if isinstance(data, bytes) else data)
         os.chmod(name, 0o666 & ~_UMASK)
         os.replace(name, path)
     except BaseException:
@@ -65,8 +106,8 @@ def load(name: str, text: str) -> ModuleType:
     try:
         if not path.is_file() or path.read_bytes() != data:
             write_atomically(path, data)
-    except OSError:  # a read-only home: compile anew in every process, from a private folder
-        path = Path(tempfile.mkdtemp(prefix="ballscrew-")) / f"{name}.py"
+    except OSError:  # a full disk: compile anew in every process, from a private folder
+        path = _private_folder() / f"{name}.py"
         path.write_bytes(data)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:

@@ -1,0 +1,222 @@
+"""The functions that an equation may hold, and their derivatives, stated where they have kinks.
+
+Both kinds of FMU take what is in `FUNCTIONS`, and nothing else. Derivatives are taken by `slope`
+and `slopes`, which know what holds at a kink or a jump: there the derivative is the mean of those
+on either side, and a jump or an infinite slope counts as none. So no derivative is NaN or a delta
+function where its equation has a value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+from sympy.core.numbers import ComplexInfinity, ImaginaryUnit, NaN
+from sympy.functions.elementary.piecewise import ExprCondPair
+from sympy.logic.boolalg import BooleanFalse, BooleanTrue
+
+FUNCTIONS: dict[type[sp.Basic], str] = {
+    **dict.fromkeys((sp.exp, sp.log, sp.erf, sp.erfc), ""),
+    **dict.fromkeys((sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc), ""),
+    **dict.fromkeys((sp.asin, sp.acos, sp.atan), ""),
+    **dict.fromkeys((sp.sinh, sp.cosh, sp.tanh, sp.coth, sp.sech, sp.csch), ""),
+    **dict.fromkeys((sp.asinh, sp.acosh, sp.atanh), ""),
+    sp.atan2: "at (0, 0): value 0, derivatives 0",
+    sp.Abs: "at 0: derivative 0",
+    sp.sign: "at 0: value 0; derivative 0 everywhere",
+    sp.Heaviside: "at 0: value 1/2, or the second argument; derivative 0 everywhere",
+    sp.Max: "where two arguments are the largest: the mean of their derivatives",
+    sp.Min: "where two arguments are the smallest: the mean of their derivatives",
+    sp.floor: "at a jump: the value above it; derivative 0 everywhere",
+    sp.ceiling: "at a jump: the value below it; derivative 0 everywhere",
+    sp.Mod: "at a jump: value 0; derivative 1 by the first argument, -floor(a/b) by the second",
+    sp.frac: "at a jump: value 0; derivative 1 everywhere",
+    sp.Piecewise: "at a border: value and derivative of the piece that holds there",
+    sp.Pow: "at base 0: derivative 0 where the exponent is between 0 and 1, as of sqrt",
+}
+"""Functions by class, and what is stated of them where they have a kink or a jump.
+
+Sums, products, comparisons, `And`, `Or`, `Not`, numbers and symbols are supported besides.
+"""
+
+_PARTS = (
+    sp.Symbol,
+    sp.Number,
+    sp.NumberSymbol,
+    sp.Add,
+    sp.Mul,
+    sp.core.relational.Relational,
+    sp.And,
+    sp.Or,
+    sp.Not,
+    sp.ITE,  # what SymPy makes of a Piecewise within a condition
+    BooleanTrue,
+    BooleanFalse,
+    ExprCondPair,
+    *FUNCTIONS,
+)
+
+
+def unsupported(expression: sp.Expr) -> str:
+    """Name of the first function in it that is not supported; empty if there is none."""
+    for node in sp.preorder_traversal(expression):
+        if isinstance(node, ImaginaryUnit | NaN | ComplexInfinity) or not isinstance(node, _PARTS):
+            return str(node.func.__name__)
+        if isinstance(node, sp.Piecewise) and node.args[-1].cond != sp.true:
+            return "Piecewise without a last piece (..., True)"
+    return ""
+
+
+def slope(expression: sp.Expr, by: sp.Symbol) -> sp.Expr:
+    """The derivative of a supported expression by one symbol."""
+    return slopes([expression], [by])[0, 0]
+
+
+def slopes(expressions: Sequence[sp.Expr], by: Sequence[sp.Symbol]) -> sp.Matrix:
+    """The partial derivatives of supported expressions, one row each, one column per symbol."""
+    table = sp.zeros(len(expressions), len(by))
+    for row, expression in enumerate(map(sp.sympify, expressions)):
+        marked = _replaced(expression, _MARKED) if _has_kinks(expression) else expression
+        used = expression.free_symbols
+        for column, symbol in enumerate(by):
+            if symbol in used:
+                table[row, column] = _replaced(marked.diff(symbol), _PLAIN)
+    return table
+
+
+def _has_kinks(expression: sp.Expr) -> bool:
+    return expression.has(*_SPECIAL) or any(
+        isinstance(_power(*p.args), _Power) for p in expression.atoms(sp.Pow)
+    )
+
+
+def _replaced(expression: sp.Expr, table: dict[type[sp.Basic], Any]) -> sp.Expr:
+    for kind, function in table.items():
+        if expression.has(kind):
+            expression = expression.replace(kind, function)
+    return expression
+
+
+# -- functions whose derivatives are ours ---------------------------------------------------------
+
+
+class _Marked(sp.Function):  # type: ignore[misc]
+    """One of SymPy's functions that is not evaluated and knows its derivatives."""
+
+    is_extended_real = True
+
+    @classmethod
+    def eval(cls, *_arguments: sp.Expr) -> None:
+        return None
+
+
+class _Level(_Marked):
+    """Constant but for jumps."""
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return sp.Integer(0)
+
+
+class _Sign(_Level):
+    pass
+
+
+class _Step(_Level):
+    pass
+
+
+class _Floor(_Level):
+    pass
+
+
+class _Ceiling(_Level):
+    pass
+
+
+class _Abs(_Marked):
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return _Sign(self.args[0])
+
+
+class _Frac(_Marked):
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return sp.Integer(1)
+
+
+class _Mod(_Marked):
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        a, b = self.args
+        return sp.Integer(1) if argindex == 1 else -_Floor(a / b)
+
+
+class _Atan2(_Marked):
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        y, x = self.args
+        square = x**2 + y**2
+        nowhere = sp.Eq(square, 0)
+        return (x if argindex == 1 else -y) / sp.Piecewise((1, nowhere), (square, True))
+
+
+class _Max(_Marked):
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        shares = [sp.Piecewise((1, a >= self), (0, True)) for a in self.args]
+        return shares[argindex - 1] / sp.Add(*shares)
+
+
+class _Min(_Marked):
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        shares = [sp.Piecewise((1, a <= self), (0, True)) for a in self.args]
+        return shares[argindex - 1] / sp.Add(*shares)
+
+
+class _Power(_Marked):
+    """A power whose base may be zero."""
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        base, exponent = self.args
+        zero = sp.Eq(base, 0)
+        # what is not chosen is computed all the same, where it is shared
+        other = sp.Piecewise((1, zero), (base, True))
+        if argindex == 2:
+            return sp.Piecewise((0, zero), (other**exponent * sp.log(other), True))
+        if exponent.is_number and exponent > 1:
+            return exponent * base ** (exponent - 1)
+        at_zero = sp.Piecewise((1, sp.Eq(exponent, 1)), (0, True))
+        return sp.Piecewise((at_zero, zero), (exponent * other ** (exponent - 1), True))
+
+
+def _power(base: sp.Expr, exponent: sp.Expr) -> sp.Expr:
+    never_zero = base.is_positive or base.is_number
+    if exponent.is_integer or never_zero or (exponent.is_number and exponent < 0):
+        return sp.Pow(base, exponent)
+    return _Power(base, exponent)
+
+
+_MARKED: dict[type[sp.Basic], Any] = {
+    sp.sign: _Sign,
+    sp.Heaviside: _Step,
+    sp.floor: _Floor,
+    sp.ceiling: _Ceiling,
+    sp.Abs: _Abs,
+    sp.frac: _Frac,
+    sp.Mod: _Mod,
+    sp.atan2: _Atan2,
+    sp.Max: _Max,
+    sp.Min: _Min,
+    sp.Pow: _power,
+}
+_PLAIN: dict[type[sp.Basic], Any] = {
+    _Power: sp.Pow,
+    _Max: sp.Max,
+    _Min: sp.Min,
+    _Mod: sp.Mod,
+    _Atan2: sp.atan2,
+    _Frac: sp.frac,
+    _Abs: sp.Abs,
+    _Floor: sp.floor,
+    _Ceiling: sp.ceiling,
+    _Step: sp.Heaviside,
+    _Sign: sp.sign,
+}
+_SPECIAL = tuple(kind for kind in _MARKED if kind is not sp.Pow)

@@ -1,0 +1,256 @@
+"""What an equation may hold: values and derivatives in both kinds of FMU, kinks, and refusals."""
+
+import re
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+import sympy as sp
+from fmu_host import opened
+
+from ballscrew.fmus.export import export
+from ballscrew.fmus.native.compilers import compiler_for, own_platform
+from ballscrew.fmus.native.export import export_native
+from ballscrew.solver.component import (
+    Component,
+    ContractError,
+    DiscreteState,
+    Event,
+    Input,
+    Mode,
+    Output,
+    Parameter,
+    State,
+    symbol,
+)
+from ballscrew.solver.functions import FUNCTIONS, slopes, unsupported
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "contract.md"
+a, b, k = symbol("a"), symbol("b"), symbol("k")
+inside = a / (1 + sp.Abs(a))  # in (-1, 1)
+# each function of the table, and what users write with them
+SMOOTH = {
+    sp.exp: [sp.exp(a / 2)],
+    sp.log: [sp.log(a**2 + k), sp.log(a**2 + 1, 10)],
+    sp.erf: [sp.erf(a * b)],
+    sp.erfc: [sp.erfc(a)],
+    sp.sin: [sp.sin(a * b)],
+    sp.cos: [sp.cos(a)],
+    sp.tan: [sp.tan(inside)],
+    sp.cot: [sp.cot(a)],
+    sp.sec: [sp.sec(inside)],
+    sp.csc: [sp.csc(a)],
+    sp.asin: [sp.asin(inside)],
+    sp.acos: [sp.acos(inside * k / 3)],
+    sp.atan: [sp.atan(a * b)],
+    sp.sinh: [sp.sinh(a)],
+    sp.cosh: [sp.cosh(a)],
+    sp.tanh: [sp.tanh(a)],
+    sp.coth: [sp.coth(a)],
+    sp.sech: [sp.sech(a)],
+    sp.csch: [sp.csch(a)],
+    sp.asinh: [sp.asinh(a * b)],
+    sp.acosh: [sp.acosh(2 + a**2)],
+    sp.atanh: [sp.atanh(inside)],
+    sp.atan2: [sp.atan2(a, b)],
+    sp.Abs: [sp.Abs(a), sp.Abs(a / k) * b, sp.Abs(sp.sin(a) * b), sp.Abs(sp.log(a**2))],
+    sp.sign: [sp.sign(a) * b, sp.sqrt(sp.Abs(a)) * sp.sign(a)],
+    sp.Heaviside: [sp.Heaviside(a) * b, sp.Heaviside(a - b, 1)],
+    sp.Max: [sp.Max(a, b), sp.Max(a, b, k / 2), sp.Max(-k, sp.Min(k, 3 * a)), sp.Max(a, 0) ** k],
+    sp.Min: [sp.Min(a, b, -a), sp.Min(sp.Abs(a), k)],
+    sp.floor: [sp.floor(a * k) * b],
+    sp.ceiling: [sp.ceiling(a / b) * a],
+    sp.Mod: [sp.Mod(a, b), sp.Mod(a, k), sp.Mod(-a, -k)],
+    sp.frac: [sp.frac(a * b)],
+    sp.Piecewise: [
+        sp.Piecewise((a, sp.And(a > b, a < 1)), (a * b, sp.Or(b > 1, a > 2)), (b, True))
+    ],
+    sp.Pow: [sp.Abs(a) ** k, sp.Abs(a) ** b, sp.sqrt(a**2 + b**2), 2**a, a**3, a**-2, 1 / (2 + a)],
+}
+HALF, THIRD = 0.5, 1 / 3
+# expression, a, b, value, derivatives by a and b
+KINKS = [
+    (sp.Abs(a) + b, 0, 1, 1, 0, 1),
+    (sp.Abs(a / k), 0, 0, 0, 0, 0),
+    (sp.sign(a), 0, 0, 0, 0, 0),
+    (sp.Heaviside(a), 0, 0, HALF, 0, 0),
+    (sp.Heaviside(a, 1), 0, 0, 1, 0, 0),
+    (sp.Max(a, b), 1, 1, 1, HALF, HALF),
+    (sp.Max(a, b, k / 2), 1, 1, 1, THIRD, THIRD),
+    (sp.Max(a, 0), 0, 0, 0, HALF, 0),
+    (sp.Max(a, -a), 0, 0, 0, 0, 0),
+    (sp.Min(a, b), -2, -2, -2, HALF, HALF),
+    (sp.Min(sp.Abs(a), k), 0, 0, 0, 0, 0),
+    (sp.Min(sp.Abs(a), k), 2, 0, 2, HALF, 0),
+    (sp.floor(a), 2, 0, 2, 0, 0),
+    (sp.floor(a), -2, 0, -2, 0, 0),
+    (sp.ceiling(a), 2, 0, 2, 0, 0),
+    (sp.Mod(a, b), 4, 2, 0, 1, -2),
+    (sp.frac(a), 3, 0, 0, 1, 0),
+    (sp.sqrt(sp.Abs(a)), 0, 0, 0, 0, 0),
+    (sp.sqrt(sp.Abs(a)) * sp.sign(a), 0, 0, 0, 0, 0),
+    (sp.sqrt(sp.Max(a, 0)), 0, 0, 0, 0, 0),
+    (sp.Abs(a) ** b, 0, 2, 0, 0, 0),
+    (sp.Abs(a) ** b, 0, 0.5, 0, 0, 0),
+    (sp.Max(a, 0) ** k, 0, 0, 0, 0, 0),
+    (sp.atan2(a, b), 0, 0, 0, 0, 0),
+    (sp.Piecewise((a, a > b), (2 * a, True)), 1, 1, 2, 2, 0),
+]
+EXPRESSIONS = [e for group in SMOOTH.values() for e in group] + [row[0] for row in KINKS]
+NAMES = [f"y{n}" for n in range(len(EXPRESSIONS))]
+
+
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory):
+    """``computed(kind)(a, b)`` are rows of value, gain by a and gain by b, as the FMU gives them.
+
+    The gains are those of the feedback law's ports. The native FMU's partial derivatives, forward,
+    are held to them.
+    """
+    everything = Component(
+        "everything",
+        "each supported function",
+        parameters=(Parameter("k", 2.0, "1", "a number", "the test"),),
+        inputs=tuple(Input(n, "1", n, start=0.7, role="measurement") for n in "ab"),
+        outputs=tuple(Output(n, "1", n, e) for n, e in zip(NAMES, EXPRESSIONS, strict=True)),
+    )
+    folder = tmp_path_factory.mktemp("everything")
+
+    def open_one(kind):
+        if kind == "readable":
+            path = export(everything, folder / "readable.fmu")
+        elif own_platform() and compiler_for(own_platform()):
+            path = export_native(everything, folder / "native.fmu").path
+        else:
+            pytest.skip("needs x86-64 and a C compiler; install one, or the package ziglang")
+        slave, vr = opened(path)
+        wanted = [vr[n + port] for n in NAMES for port in ("", "_gain_a", "_gain_b")]
+
+        def values(at_a, at_b):
+            slave.setReal([vr["a"], vr["b"]], [at_a, at_b])
+            rows = np.array(slave.getReal(wanted)).reshape(-1, 3)
+            if kind == "native":
+                unknown = [vr[n] for n in NAMES]
+                for column, name in enumerate("ab"):
+                    product = slave.getDirectionalDerivative(unknown, [vr[name]], [1.0])
+                    # at a kink of one, others have poles
+                    fine = np.isfinite(rows[:, 1 + column])
+                    theirs = rows[fine, 1 + column].tolist()
+                    assert np.array(product)[fine].tolist() == pytest.approx(theirs, 1e-12, 1e-14)
+            return rows
+
+        return values
+
+    return {kind: open_one(kind) for kind in ("readable", "native")}
+
+
+def test_every_function_of_the_table_is_among_those_that_are_tried():
+    assert set(SMOOTH) == set(FUNCTIONS)
+    for function, tried in SMOOTH.items():
+        assert all(e.has(function) for e in tried), function
+
+
+@pytest.mark.parametrize("kind", ["readable", "native"])
+def test_values_and_derivatives_are_those_of_central_differences_in_30_digits(computed, kind):
+    own = {
+        "Heaviside": lambda x, at_zero=0.5: mpmath.mpf(x > 0) if x else at_zero,
+        "Mod": lambda x, y: x - y * mpmath.floor(x / y),
+        "Max": max,
+        "Min": min,
+    }
+    values = [e.xreplace({k: sp.Integer(2)}) for e in EXPRESSIONS]
+    exact = sp.lambdify([a, b], values, [own, "mpmath"])
+    random = np.random.default_rng(13)
+    for at_a, at_b in random.uniform(0.1, 2.9, (12, 2)) * random.choice([-1, 1], (12, 2)):
+        rows = computed[kind](at_a, at_b)
+        with mpmath.workdps(30):
+            h = mpmath.mpf(10) ** -12
+            x, y = mpmath.mpf(at_a), mpmath.mpf(at_b)
+            columns = [exact(x, y)]
+            for dx, dy in ((h, 0), (0, h)):
+                pairs = zip(exact(x + dx, y + dy), exact(x - dx, y - dy), strict=True)
+                columns.append([(up - down) / (2 * h) for up, down in pairs])
+            expected = np.array([[float(mpmath.re(v)) for v in column] for column in columns]).T
+        wrong = np.abs(rows - expected) > 1e-9 * (1 + np.abs(expected))
+        assert [EXPRESSIONS[n] for n in np.flatnonzero(wrong.any(axis=1))] == []
+
+
+@pytest.mark.parametrize("kind", ["readable", "native"])
+@pytest.mark.parametrize("row", range(len(KINKS)), ids=lambda row: str(KINKS[row][:3]))
+def test_at_kinks_values_and_derivatives_are_as_stated(computed, kind, row):
+    _, at_a, at_b, *stated = KINKS[row]
+    found = computed[kind](float(at_a), float(at_b))[len(EXPRESSIONS) - len(KINKS) + row]
+    assert found.tolist() == pytest.approx(stated, abs=1e-15)
+
+
+def test_the_page_lists_the_table():
+    text = PAGE.read_text(encoding="utf-8")
+    section = text.split("## What an equation may hold")[1].split("\n## ")[0]
+    listed = {}
+    for names, stated in re.findall(r"^\| (`.+?) \| (.*?) \|$", section, re.MULTILINE):
+        listed |= dict.fromkeys(re.findall(r"`(\w+)`", names), stated.strip())
+    stated = {f.__name__: kink or "none" for f, kink in FUNCTIONS.items()}
+    assert listed == stated
+
+
+def bad(where, e):
+    """A component with this expression in one of its equations, and that equation's name."""
+    x = symbol("x")
+    names = {
+        "output": "output y",
+        "rate": "the derivative of x",
+        "update": "the update of d",
+        "mode": "x in mode one",
+        "event": "event end",
+        "reset": "the reset of x by event end",
+    }
+
+    def at(place, other):
+        return e if place == where else other
+
+    event = Event("end", at("event", x), 1, {"x": at("reset", x * 0)})
+    return names[where], lambda: Component(
+        "part",
+        "a part",
+        parameters=(Parameter("k", 2.0, "1", "a number", "the test"),),
+        states=(State("x", "1", "state", at("rate", -x)),),
+        outputs=(Output("y", "1", "output", at("output", x)),),
+        discrete=(DiscreteState("d", "1", "held", at("update", x)),),
+        sample_time=Parameter("period", 1.0, "s", "period", "the test", minimum=1e-6),
+        modes=(Mode("one", {"x": at("mode", -x)}, events=(event,)),),
+    )
+
+
+@pytest.mark.parametrize("where", ["output", "rate", "update", "mode", "event", "reset"])
+def test_what_is_not_supported_is_refused_by_component_equation_and_function(where):
+    x = symbol("x")
+    equation, make = bad(where, sp.besselj(1, x))
+    with pytest.raises(ContractError) as refused:
+        make()
+    assert str(refused.value).startswith(f"part: {equation} uses besselj, which is not supported; ")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("expression", "name"),
+    [
+        (sp.gamma(a), "gamma"),
+        (sp.DiracDelta(a), "DiracDelta"),
+        (sp.Function("f")(a), "f"),
+        (sp.Derivative(sp.Function("g")(a), a), "Derivative"),
+        (sp.Integral(sp.exp(-(a**3)), a), "Integral"),
+        (sp.I * a, "ImaginaryUnit"),
+        (a + sp.zoo, "ComplexInfinity"),
+        (sp.Piecewise((a, a > 0)), "Piecewise without a last piece (..., True)"),
+        (sp.sqrt(sp.exp(sp.loggamma(a))), "loggamma"),
+    ],
+)
+def test_the_function_that_is_not_supported_is_named(expression, name):
+    assert unsupported(expression) == name
+
+
+def test_no_derivative_of_a_supported_expression_is_unsupported_nor_is_its_derivative():
+    first = slopes(EXPRESSIONS, [a, b])
+    assert {unsupported(e) for e in first} == {""}
+    assert {unsupported(e) for e in slopes(list(first), [a, b])} == {""}
