@@ -59,6 +59,17 @@ def fmu(name: str) -> Path:
     return path
 
 
+def variational_kernel(name: str, tangents: int) -> Kernel:
+    """The compiled component of this name with tangents, from disk if there."""
+
+    def make() -> Component:
+        from .variational import variational
+
+        return variational(component(name), tangents)
+
+    return stored_kernel(f"fmu_{name}_variational_{tangents}", make)
+
+
 def variational_fmu(name: str, tangents: int) -> Path:
     """Path of the FMU of this name with tangents, as `fmu`."""
     stem = f"{name}_variational_{tangents}"
@@ -66,17 +77,17 @@ def variational_fmu(name: str, tangents: int) -> Path:
     if not path.is_file():
         from .export import export_kernel
 
-        def make() -> Component:
-            from .variational import variational
-
-            return variational(component(name), tangents)
-
-        export_kernel(stored_kernel(f"fmu_{stem}", make), path)
+        export_kernel(variational_kernel(name, tangents), path)
     return path
 
 
-def loop(controller: str) -> Component:
-    """The whole closed loop of the plant and the controller of this name, as one component.
+SETPOINT = 0.08  # [m] where a loop goes by itself, so that its default run shows the nominal step
+
+
+def loop(controller: str, plant: str = "plant") -> Component:
+    """The whole closed loop of a plant and a controller of these names, as one component.
+
+    It is called ``<controller>_loop``, and its set-point starts at `SETPOINT`.
 
     Raises
     ------
@@ -84,14 +95,18 @@ def loop(controller: str) -> Component:
     ContractError
         If the two cannot be connected.
     """
+    from dataclasses import replace
+
     from ..solver.connect import connect
 
-    return connect(component("plant"), component(controller))
+    whole = connect(component(plant), component(controller))
+    inputs = tuple(replace(i, start=SETPOINT) if i.role == "reference" else i for i in whole.inputs)
+    return replace(whole, name=f"{controller}_loop", inputs=inputs)
 
 
-def loop_fmu_kernel(controller: str) -> Kernel:
+def loop_fmu_kernel(controller: str, plant: str = "plant") -> Kernel:
     """The compiled closed loop with this controller, from disk if there; raises as `loop` does."""
-    return stored_kernel(f"fmu_loop_{controller}", lambda: loop(controller))
+    return stored_kernel(f"fmu_loop_{plant}_{controller}", lambda: loop(controller, plant))
 
 
 def loop_fmu(controller: str) -> Path:

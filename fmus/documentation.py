@@ -12,16 +12,21 @@ _STYLE = """
 body { font-family: sans-serif; max-width: 60rem; margin: 2rem auto; color: #222 }
 table { border-collapse: collapse; margin: 1rem 0 }
 td, th { border: 1px solid #bbb; padding: .25rem .6rem; text-align: left; vertical-align: top }
-td.equation { border: 0; font-size: 1.1rem; overflow-x: auto }
+mtd { text-align: left }
+p.equation { margin: .6rem 0 .6rem 2rem; text-indent: -2rem; font-size: 1.1rem }
 """
 
 
 def html_page(kernel: Kernel, interface: Interface) -> str:
-    """The page as text; equations are MathML, which browsers show without a script."""
+    """The page as text; equations are MathML, which browsers show without a script.
+
+    Each term of a sum is an element of its own, between which a line may end.
+    """
     equations = "\n".join(
-        f'<tr><td class="equation"><math>{left}</math></td>'
-        f'<td class="equation"><math><mo>=</mo>{right}</math></td></tr>'
-        for left, right in kernel.equations
+        f'<p class="equation"><math>{left}</math> <math><mo>=</mo>{first}</math>'
+        + "".join(f" <math>{term}</math>" for term in more)
+        + "</p>"
+        for left, first, *more in kernel.equations
     )
     rows = {
         causality: "\n".join(
@@ -44,7 +49,7 @@ def html_page(kernel: Kernel, interface: Interface) -> str:
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>{escape(kernel.name)}</title><style>{_STYLE}</style></head><body>\n"
         f"<h1>{escape(kernel.name)}</h1>\n<p>{escape(kernel.description)}.</p>\n"
-        f"<h2>Equations</h2>\n<table>{equations}</table>\n{tables}\n</body></html>\n"
+        f"<h2>Equations</h2>\n{equations}\n{tables}\n</body></html>\n"
     )
 
 

@@ -16,8 +16,8 @@ from ..solver.codegen import generate, hashed_name
 from ..solver.component import Component
 from ..solver.kernel import Kernel
 from . import process_end, runtime
+from .accompanying import accompanying, licence
 from .archive import packed
-from .documentation import html_page
 from .feedback_law import accept_law, report_law
 from .interface import interface_of
 from .made_here import remember
@@ -93,9 +93,7 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
     script = hashed_name(f"slave_{kernel.name}", slave)
     with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
         sources = Path(folder) / "sources"
-        documentation = Path(folder) / "documentation"
         sources.mkdir()
-        documentation.mkdir()
         files = {
             script: slave,
             kernel.module: kernel.source,
@@ -103,20 +101,21 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
         }
         for name, text in files.items():
             (sources / f"{name}.py").write_text(text, encoding="utf-8", newline="\n")
-        (documentation / "index.html").write_text(html_page(kernel, interface), encoding="utf-8")
         built = _build(
             sources / f"{script}.py",
             [sources / f"{name}.py" for name in files if name != script],
-            documentation,
             Path(folder) / f"{kernel.name}.fmu",
         )
-        description = model_description(kernel, interface, __version__)
-        kernel_cache.write_atomically(path, _normalized(built, description))
+        ours = accompanying(kernel, interface, 2) | {
+            "modelDescription.xml": model_description(kernel, interface, __version__),
+            "documentation/licenses/pythonfmu.txt": licence("pythonfmu"),
+        }
+        kernel_cache.write_atomically(path, _normalized(built, ours))
     remember(path)
     return path
 
 
-def _build(script: Path, others: list[Path], documentation: Path, target: Path) -> Path:
+def _build(script: Path, others: list[Path], target: Path) -> Path:
     """Run pythonfmu's builder; leave `sys.path` and `sys.modules` as they were."""
     from pythonfmu import builder
 
@@ -132,7 +131,6 @@ def _build(script: Path, others: list[Path], documentation: Path, target: Path) 
             script,
             dest=target,
             project_files=others,
-            documentation_folder=documentation,
         )
     finally:
         logging.getLogger("pythonfmu").setLevel(level)
@@ -143,9 +141,9 @@ def _build(script: Path, others: list[Path], documentation: Path, target: Path) 
     return Path(built)
 
 
-def _normalized(built: Path, description: bytes) -> bytes:
-    """The FMU's bytes with our model description, fixed order and fixed time stamps."""
+def _normalized(built: Path, ours: dict[str, bytes]) -> bytes:
+    """The FMU's bytes with our files among them, fixed order and fixed time stamps."""
     with zipfile.ZipFile(built) as old:
-        names = sorted(old.namelist(), key=lambda n: (n != "modelDescription.xml", n))
-        files = {name.replace(os.sep, "/"): old.read(name) for name in names}
-    return packed(files | {"modelDescription.xml": description})
+        files = {name.replace(os.sep, "/"): old.read(name) for name in old.namelist()} | ours
+    names = sorted(files, key=lambda n: (n != "modelDescription.xml", n))
+    return packed({name: files[name] for name in names})

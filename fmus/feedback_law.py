@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from ..solver.component import TIME, Component, Input, Mode, Output, symbol
+from ..solver.functions import slope
 from .law_ports import gain_port, rate_port, reference_port
 
 STEP_START = "t_step"
@@ -79,10 +80,10 @@ def _law_values(
     value = sp.sympify(mode.outputs.get(command.name, command.value) if mode else command.value)
     derivatives = {s.name: controller.derivative(s.name) for s in controller.all_states}
     derivatives |= dict(mode.derivatives) if mode else {}
-    rate = sp.diff(value, TIME) + sum(
-        sp.diff(value, symbol(name)) * derivative for name, derivative in derivatives.items()
+    rate = slope(value, TIME) + sum(
+        slope(value, symbol(name)) * derivative for name, derivative in derivatives.items()
     )
-    gains = [sp.diff(value, symbol(y.name)) for y in measurements]
+    gains = [slope(value, symbol(y.name)) for y in measurements]
     return [*gains, *(symbol(y.name) for y in measurements), rate]
 
 

@@ -1,13 +1,15 @@
 """Which FMI variables an exported component has, and where each lives in the FMU's memory.
 
-All numbers of an FMU instance lie in one array: its variables, its state, the solver's memory. A
-value reference is an index into it, so getting, setting, saving and restoring are copies.
+All numbers of an FMU instance lie in one array: its variables, its state, the solver's memory, so
+that saving and restoring are copies. Value references count the variables from 1 in the order of
+the model description, since some hosts take them for that; `Layout.places` says where each lives.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ..solver import stepper
@@ -17,14 +19,23 @@ from .tangent_ports import FRAME_ROLE, SET, SET_ROLE
 TOLERANCE = "solver_tolerance"
 MESSAGE = "message"
 START = "_start"
+TIME = "t"  # as equations call it
 
 
 @dataclass(frozen=True)
 class Variable:
-    """One Real variable; `reference` is its value reference and its place in the memory."""
+    """One Real variable.
+
+    Attributes
+    ----------
+    place : int
+        Its place in the memory.
+    reference : int
+        Its value reference, which is its number in the model description; see `numbered`.
+    """
 
     name: str
-    reference: int
+    place: int
     causality: str
     variability: str
     unit: str
@@ -35,11 +46,25 @@ class Variable:
     nominal: float = 1.0
     feedthrough: tuple[str, ...] = ()
     initially_from: tuple[str, ...] = ()
+    reference: int = 0
+
+
+def numbered(variables: Iterable[Variable], first: int) -> tuple[Variable, ...]:
+    """The variables with value references from `first` on, in their order."""
+    return tuple(replace(v, reference=first + k) for k, v in enumerate(variables))
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Offsets into the memory, and what the runtime must know beside the equations."""
+    """Offsets into the memory, and what the runtime must know beside the equations.
+
+    Attributes
+    ----------
+    places : list of int
+        Place of each value reference; `size`, which is no place, for those that are no number.
+    names : dict of str to int
+        Place of each variable.
+    """
 
     model: str
     inputs: int
@@ -60,6 +85,7 @@ class Layout:
     size: int
     initial: list[float]
     nominal: list[float]
+    places: list[int]
     names: dict[str, int]
     units: dict[str, str]
     ranges: dict[str, list[float | None]]
@@ -70,12 +96,11 @@ class Layout:
 
 @dataclass(frozen=True)
 class Interface:
+    """The Real variables; the String ``message`` has the number behind a component's own."""
+
     variables: tuple[Variable, ...]
     layout: Layout
-
-    @property
-    def message_reference(self) -> int:
-        return self.layout.size
+    message_reference: int
 
 
 def interface_of(kernel: Kernel, model: str) -> Interface:
@@ -112,9 +137,12 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
             )
         )
     states_named = {s.name for s in held_states}
-    internal = {i.name for i in kernel.inputs if i.role == "internal"}  # no FMI variables
+    internal = {i.name for i in kernel.inputs if i.role == "internal"}
+    unnamed = internal | {TIME}  # no FMI variables
+    # what changes between events
+    moving = {s.name for s in kernel.states} | {i.name for i in kernel.inputs} | {TIME}
     for k, o in enumerate(kernel.outputs):
-        discrete = bool(kernel.sample_time) and not o.feedthrough
+        discrete = bool(kernel.sample_time) and moving.isdisjoint(o.uses)
         variables.append(
             Variable(
                 o.name,
@@ -126,7 +154,7 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
                 nominal=o.nominal,
                 feedthrough=tuple(n for n in o.feedthrough if n not in internal),
                 initially_from=tuple(
-                    n + START if n in states_named else n for n in o.uses if n not in internal
+                    n + START if n in states_named else n for n in o.uses if n not in unnamed
                 ),
             )
         )
@@ -142,9 +170,11 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
                 start=p.default,
                 minimum=p.minimum,
                 maximum=p.maximum,
-                nominal=abs(p.default) or 1.0,
+                nominal=p.nominal,
             )
         )
+    # a state's own nominal value scales the solver's absolute tolerance; a start is as its signal
+    shown = {o.uses[0]: o.nominal for o in kernel.outputs if len(o.uses) == 1}
     for k, s in enumerate(held_states):
         variables.append(
             Variable(
@@ -155,7 +185,7 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
                 s.unit,
                 f"initial {s.meaning}",
                 start=s.start,
-                nominal=s.nominal,
+                nominal=shown.get(s.name, s.nominal),
             )
         )
     if n:
@@ -175,8 +205,9 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
         )
     initial = [0.0] * size
     for v in variables:
-        initial[v.reference] = v.start or 0.0
+        initial[v.place] = v.start or 0.0
     initial[tolerance] = DEFAULT_TOLERANCE
+    listed = numbered(variables, 1)
     limited = [v for v in variables if v.causality == "parameter"]
     layout = Layout(
         model=model,
@@ -205,7 +236,8 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
         size=size,
         initial=initial,
         nominal=[s.nominal for s in kernel.states],
-        names={v.name: v.reference for v in variables},
+        places=[size, *(v.place for v in listed), size],
+        names={v.name: v.place for v in variables},
         units={v.name: v.unit for v in variables},
         ranges={
             v.name: [
@@ -215,7 +247,7 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
             for v in limited
         },
     )
-    return Interface(tuple(variables), layout)
+    return Interface(listed, layout, len(listed) + 1)
 
 
 def _frame(kernel: Kernel, states: int, free: int) -> dict[str, int]:

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 from ..solver.kernel import DEFAULT_TOLERANCE, Kernel
 from .interface import MESSAGE, Interface, Variable
-from .units import base_exponents
+from .units import TYPES, type_of, write_units
 
 STOP_TIME, STEP_SIZE = 20.0, 1e-3
 
@@ -51,10 +51,14 @@ def model_description(kernel: Kernel, interface: Interface, version: str) -> byt
         providesDirectionalDerivative="false",
     )
     units = ET.SubElement(root, "UnitDefinitions")
-    for unit in sorted({v.unit for v in interface.variables}):
-        entry = ET.SubElement(units, "Unit", name=unit)
-        powers = {base: str(power) for base, power in base_exponents(unit).items()}
-        ET.SubElement(entry, "BaseUnit", powers)
+    write_units(units, {v.unit for v in interface.variables})
+    types = {type_of(v.unit, v.nominal) for v in interface.variables} - {""}
+    if types:
+        definitions = ET.SubElement(root, "TypeDefinitions")
+        for name in sorted(types):
+            quantity, unit, shown = TYPES[name]
+            kind = ET.SubElement(definitions, "SimpleType", name=name)
+            ET.SubElement(kind, "Real", quantity=quantity, unit=unit, displayUnit=shown)
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="Why a step failed")
     ET.SubElement(categories, "Category", name="logAll", description="All messages")
@@ -80,6 +84,7 @@ def model_description(kernel: Kernel, interface: Interface, version: str) -> byt
         initial="exact",
     )
     ET.SubElement(message, "String", start="")
+    variables[:] = sorted(variables, key=lambda node: int(node.get("valueReference", "0")))
     _write_structure(root, interface)
     ET.indent(root)
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"
@@ -98,7 +103,9 @@ def _write_variable(parent: ET.Element, v: Variable) -> None:
     elif v.causality == "parameter":
         attributes["initial"] = "exact"
     node = ET.SubElement(parent, "ScalarVariable", attributes)
-    real = {"unit": v.unit}
+    declared = type_of(v.unit, v.nominal)
+    real = {"declaredType": declared} if declared else {}
+    real["unit"] = v.unit
     if math.isfinite(v.minimum):
         real["min"] = repr(float(v.minimum))
     if math.isfinite(v.maximum):
@@ -110,7 +117,7 @@ def _write_variable(parent: ET.Element, v: Variable) -> None:
 
 
 def _write_structure(root: ET.Element, interface: Interface) -> None:
-    position = {v.name: k + 1 for k, v in enumerate(interface.variables)}
+    position = {v.name: v.reference for v in interface.variables}
     outputs = [v for v in interface.variables if v.causality == "output"]
 
     def indices(names: tuple[str, ...]) -> str:
@@ -122,7 +129,7 @@ def _write_structure(root: ET.Element, interface: Interface) -> None:
         ET.SubElement(
             listed, "Unknown", index=str(position[v.name]), dependencies=indices(v.feedthrough)
         )
-    ET.SubElement(listed, "Unknown", index=str(len(interface.variables) + 1), dependencies="")
+    ET.SubElement(listed, "Unknown", index=str(interface.message_reference), dependencies="")
     initial = ET.SubElement(structure, "InitialUnknowns")
     for v in outputs:
         ET.SubElement(

@@ -53,6 +53,12 @@ class Description:
         written: exponents, factor, offset.
     message_reference : int, optional
         Value reference of the String output ``message`` in which our FMUs say why a step failed.
+    sampled : bool
+        Whether it says of an output that it changes at instants only.
+    step_size : float, optional
+        Of its default experiment [s].
+    steps_vary : bool
+        Whether its communication steps may be of any length.
     """
 
     guid: str
@@ -62,6 +68,9 @@ class Description:
     message_reference: int | None
     saves_state: bool
     once_per_process: bool
+    sampled: bool = False
+    step_size: float | None = None
+    steps_vary: bool = True
 
     def names(self, causality: str) -> list[str]:
         """Names of the Real variables of a causality."""
@@ -89,8 +98,14 @@ class UnpackedFmu:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def unpack(path: Path | str) -> UnpackedFmu:
+def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     """Check and unpack an FMI 2.0 co-simulation FMU.
+
+    Parameters
+    ----------
+    path : path-like
+    runs_here : bool
+        Whether it must have a binary for this platform.
 
     Raises
     ------
@@ -103,14 +118,17 @@ def unpack(path: Path | str) -> UnpackedFmu:
     except BadArchive as error:
         raise FmuError(f"{path}: {error}") from error
     try:
-        return UnpackedFmu(path, _read(path, folder), folder)
+        description = _read(path, folder)
+        if runs_here:
+            _check_binary(path, folder, description.identifier)
+        return UnpackedFmu(path, description, folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
 
 
 def _read(path: Path, folder: Path) -> Description:
-    from fmpy import platform, read_model_description, sharedLibraryExtension
+    from fmpy import read_model_description
 
     if not (folder / "modelDescription.xml").is_file():
         raise FmuError(f"{path}: holds no modelDescription.xml, so it is no FMU")
@@ -135,14 +153,19 @@ def _read(path: Path, folder: Path) -> Description:
         raise FmuError(
             f"{path}: modelIdentifier is {description.identifier!r}, expected a name in C"
         )
-    binary = f"binaries/{platform}/{description.identifier}{sharedLibraryExtension}"
+    return description
+
+
+def _check_binary(path: Path, folder: Path, identifier: str) -> None:
+    from fmpy import platform, sharedLibraryExtension
+
+    binary = f"binaries/{platform}/{identifier}{sharedLibraryExtension}"
     if not (folder / binary).is_file():
         there = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
         raise FmuError(
             f"{path}: has no binary for this platform, expected {binary}; it has binaries for "
             f"{', '.join(there) or 'none'}"
         )
-    return description
 
 
 def _fmi_version(description: Path) -> str:
@@ -188,7 +211,21 @@ def _described(read: Any) -> Description:
         message,
         bool(read.coSimulation.canGetAndSetFMUstate),
         bool(read.coSimulation.canBeInstantiatedOnlyOncePerProcess),
+        _says_sampled(read),
+        _step_size(read.defaultExperiment),
+        bool(read.coSimulation.canHandleVariableCommunicationStepSize),
     )
+
+
+def _says_sampled(read: Any) -> bool:
+    outputs = [v for v in read.modelVariables if v.causality == "output" and v.type == "Real"]
+    return any(v.variability == "discrete" for v in outputs)
+
+
+def _step_size(experiment: Any) -> float | None:
+    text = experiment.stepSize if experiment is not None else None
+    size = float(text) if text else 0.0
+    return size if math.isfinite(size) and size > 0 else None
 
 
 def unit_name(variable: Any) -> str:

@@ -48,6 +48,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self.end_cleanly(library)
         self.modelName = at["model"]
         self.memory = np.array(at["initial"])
+        self._places = np.array(at["places"])  # by value reference
         self.failure = ""
         self.started = False
         n = len(at["nominal"])
@@ -69,16 +70,17 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         total = math.fsum(values) if all(map(math.isfinite, values)) else math.nan
         if total != total:
             bad = next(k for k, value in enumerate(values) if not math.isfinite(value))
-            names = {reference: name for name, reference in self.layout["names"].items()}
-            self._fail(f"{names.get(vrs[bad], vrs[bad])} was set to {values[bad]}, not a number")
+            names = {place: name for name, place in self.layout["names"].items()}
+            name = names[self._places[vrs[bad]]]
+            self._fail(f"{name} was set to {values[bad]}, not a number")
             return
-        self.memory[vrs] = values
+        self.memory[self._places[vrs]] = values
         self._stale = True
 
     def get_real(self, vrs: list[int]) -> list[float]:
         if self._stale:
             self._compute_outputs()
-        values: list[float] = self.memory[vrs].tolist()
+        values: list[float] = self.memory[self._places[vrs]].tolist()
         return values
 
     def get_string(self, vrs: list[int]) -> list[str]:

@@ -1,7 +1,8 @@
 """Write a closed loop of two FMUs as one .ssp (System Structure and Parameterization 1.0).
 
 Both sides carry their feedback-law ports, so that any master which connects signals runs the loop
-with an error of second order.
+with an error of second order. An annotation names OMSimulator's master: its executable aborts on
+a system without one.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from .. import __version__
+from ..solver.kernel import DEFAULT_TOLERANCE
 from ..solver.kernel_cache import write_atomically
 from .archive import packed
 from .law_ports import gain_port, rate_port, reference_port
@@ -21,12 +23,14 @@ from .system_xml import BASE_UNITS
 PLANT, CONTROLLER = "plant", "controller"
 # One name for both sides' sets: masters that choose a set by name then find both.
 PARAMETERS = "parameters"
+MASTER_STEP = 2e-4  # s; OMSimulator's master at it: iol right to 3e-6 m, nctf to 6e-6 m
 
 _STANDARD = "http://ssp-standard.org/SSP1/"
 _NAMESPACES = {
     "xmlns:ssc": _STANDARD + "SystemStructureCommon",
     "xmlns:ssd": _STANDARD + "SystemStructureDescription",
     "xmlns:ssv": _STANDARD + "SystemStructureParameterValues",
+    "xmlns:oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
 }
 
 _Connection = tuple[str, str, str]  # from element, to element, name of both connectors
@@ -39,7 +43,7 @@ class CannotConnect(ValueError):
 
 @dataclass(frozen=True)
 class _Side:
-    """One element of the system: its Real variables, their units, and the FMU's bytes."""
+    """One element: the variables that can be connectors, their units, and the FMU's bytes."""
 
     name: str
     path: Path
@@ -64,7 +68,7 @@ def export_system(
 
     Ports of the same name meet: the plant's outputs and the controller's inputs, the controller's
     outputs, law ports among them, and the plant's inputs. SSP has no place for a master's step
-    size; the master is told otherwise.
+    size: OMSimulator finds `MASTER_STEP` in its annotation, others are told otherwise.
 
     Parameters
     ----------
@@ -87,7 +91,7 @@ def export_system(
     Raises
     ------
     FmuError
-        If a file is no FMU that can run here.
+        If a file is no FMI 2.0 co-simulation FMU.
     CannotConnect
         If the two do not meet, or the name or a number makes no sense.
     OSError
@@ -118,13 +122,18 @@ def export_system(
 
 
 def _side(name: str, path: Path | str) -> _Side:
-    unpacked = unpack(path)
+    unpacked = unpack(path, runs_here=False)
     unpacked.remove()
     description = unpacked.description
     # An Integer, a Boolean or a String is no signal of this loop, and SSP wants connectors only
     # where something is connected.
-    variables = {v.name: v for v in description.variables if v.type == "Real"}
-    units = {unit: _base_unit(given) for unit, given in description.units.items()}
+    variables = {
+        v.name: v
+        for v in description.variables
+        if v.type == "Real" and v.causality in ("input", "output", "parameter")
+    }
+    used = {v.unit for v in variables.values()}
+    units = {unit: _base_unit(given) for unit, given in description.units.items() if unit in used}
     return _Side(name, Path(path), Path(path).read_bytes(), variables, units)
 
 
@@ -172,7 +181,7 @@ def _connections(plant: _Side, controller: _Side) -> list[_Connection]:
 def _structure(
     name: str, sides: tuple[_Side, _Side], connections: list[_Connection], stop: float
 ) -> bytes:
-    root = _root("ssd:SystemStructureDescription", name, "ssd", "ssc")
+    root = _root("ssd:SystemStructureDescription", name, "ssd", "ssc", "oms")
     # No connectors of the system itself: libcosim and ecos refuse a connection that lacks an
     # element's name on either end. Parameter sets per element: neither reads the system's.
     system = ET.SubElement(root, "ssd:System", name=name)
@@ -189,9 +198,25 @@ def _structure(
             endElement=target,
             endConnector=port,
         )
+    _write_master(system)
     _write_units(root, "ssd:Units", _all_units(sides))
     ET.SubElement(root, "ssd:DefaultExperiment", startTime="0.0", stopTime=repr(float(stop)))
     return _text(root)
+
+
+def _write_master(system: ET.Element) -> None:
+    """OMSimulator's own annotation: its plain master with its step, and the FMUs' tolerance."""
+    annotations = ET.SubElement(system, "ssd:Annotations")
+    annotation = ET.SubElement(annotations, "ssc:Annotation", type="org.openmodelica")
+    inner = ET.SubElement(annotation, "oms:Annotations")
+    information = ET.SubElement(inner, "oms:SimulationInformation")
+    ET.SubElement(
+        information,
+        "oms:FixedStepMaster",
+        description="oms-ma",
+        stepSize=repr(MASTER_STEP),
+        relativeTolerance=repr(DEFAULT_TOLERANCE),
+    )
 
 
 def _write_component(parent: ET.Element, side: _Side) -> None:

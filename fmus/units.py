@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from xml.etree import ElementTree as ET
 
 _SI: dict[str, dict[str, int]] = {
     "1": {},
@@ -17,6 +18,15 @@ _SI: dict[str, dict[str, int]] = {
     "ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
     "H": {"kg": 1, "m": 2, "s": -2, "A": -2},
 }
+DISPLAYED = {"m": {"mm": 1e3, "um": 1e6}, "m/s": {"mm/s": 1e3}}
+"""Factors of the units that people read a unit in: displayed value = factor * value."""
+_SMALL = 1e-4  # [m] lengths with a smaller nominal value are read in micrometres
+TYPES = {
+    "Position": ("Length", "m", "mm"),
+    "Deflection": ("Length", "m", "um"),
+    "Velocity": ("Velocity", "m/s", "mm/s"),
+}
+"""Quantity, unit and display unit of each declared type."""
 _TOKEN = re.compile(r"\s*([A-Za-z]+|\d+|[*/^()]|-)")
 
 
@@ -35,6 +45,23 @@ def base_exponents(unit: str) -> dict[str, int]:
     if tokens:
         raise ValueError(f"unit {unit!r} does not parse at {tokens[0]!r}")
     return {base: power for base, power in result.items() if power}
+
+
+def type_of(unit: str, nominal: float) -> str:
+    """The declared type of a variable; empty if it needs none."""
+    if unit == "m":
+        return "Deflection" if nominal < _SMALL else "Position"
+    return "Velocity" if unit == "m/s" else ""
+
+
+def write_units(parent: ET.Element, names: set[str]) -> None:
+    """Definitions of units by base units, with the units that they are displayed in."""
+    for name in sorted(names):
+        unit = ET.SubElement(parent, "Unit", name=name)
+        powers = {base: str(power) for base, power in base_exponents(name).items()}
+        ET.SubElement(unit, "BaseUnit", powers)
+        for shown, factor in DISPLAYED.get(name, {}).items():
+            ET.SubElement(unit, "DisplayUnit", name=shown, factor=repr(factor))
 
 
 def _product(unit: str, tokens: list[str]) -> dict[str, int]:

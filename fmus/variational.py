@@ -22,6 +22,7 @@ import sympy as sp
 
 from ..solver.codegen import UnsupportedComponent
 from ..solver.component import Component, Input, Output, State, symbol
+from ..solver.functions import slopes
 from .tangent_ports import FRAME, FRAME_ROLE, SET_ROLE, TRACE, set_port, tangent_port
 
 
@@ -68,13 +69,11 @@ def variational(component: Component, tangents: int) -> Component:
     states = _ordered(lawful)
     signals = [i for i in lawful.inputs if i.role != "internal"]
     own = [s.name for s in states]
-    derivatives = sp.Matrix([lawful.derivative(name) for name in own])
     outputs = lawful.all_outputs
-    values = sp.Matrix([sp.sympify(o.value) for o in outputs])
     names = [*own, *(i.name for i in signals)]
     moved = [symbol(name) for name in names]
-    slopes = derivatives.jacobian(moved) if states else sp.zeros(0, len(moved))
-    shown = values.jacobian(moved)
+    rates = slopes([lawful.derivative(name) for name in own], moved)
+    shown = slopes([o.value for o in outputs], moved)
 
     new_states: list[State] = []
     new_inputs: list[Input] = []
@@ -89,7 +88,7 @@ def variational(component: Component, tangents: int) -> Component:
                     name,
                     s.unit,
                     f"tangent {k} of {s.meaning}",
-                    (slopes[row, :] * vector)[0],
+                    (rates[row, :] * vector)[0],
                     start=1.0 if row == k - 1 else 0.0,
                     nominal=s.nominal,
                 )
@@ -135,7 +134,7 @@ def variational(component: Component, tangents: int) -> Component:
             "tangents would have one name, too"
         )
     if states:
-        trace = slopes[:, : len(states)].trace()
+        trace = rates[:, : len(states)].trace()
         meaning = "integral over time of the trace of the Jacobian by the states"
         new_states.append(State(TRACE, "1", meaning, trace))
         new_outputs.append(Output(TRACE, "1", meaning, symbol(TRACE)))

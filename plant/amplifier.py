@@ -12,6 +12,7 @@ import sympy as sp
 from ..solver.component import Component, Parameter, symbol
 
 UNLIMITED = 1e6
+NOMINAL_VOLTAGE = 36.0  # Table 2.1 [V]
 
 PARAMETERS = (
     Parameter(
@@ -22,6 +23,7 @@ PARAMETERS = (
         "36 V nominal in Table 2.1, none in the thesis' simulations",
         minimum=0.0,
         maximum=UNLIMITED,
+        nominal=36.0,
     ),
     Parameter(
         "current_limit",

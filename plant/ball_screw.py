@@ -39,6 +39,7 @@ PARAMETERS = (
         "rotor inertia, reflected through the screw; Table 2.1 gives 4.2e-7, the thesis omits it",
         "Section 3.3",
         minimum=0.0,
+        nominal=4.2e-7,
     ),
 )
 

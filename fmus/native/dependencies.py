@@ -52,10 +52,10 @@ def dependencies_of(model: NativeModel) -> Dependencies:
     columns: dict[str, tuple[int, Variable]] = {
         f"x[{k}]": (k, v) for k, v in enumerate(model.state_variables)
     }
-    by_reference = {v.reference: v for v in model.interface.variables if v.causality == "input"}
+    by_place = {v.place: v for v in model.interface.variables if v.causality == "input"}
     for k in range(inputs):
-        if k in by_reference:
-            columns[f"u[{k}]"] = (states + k, by_reference[k])
+        if k in by_place:
+            columns[f"u[{k}]"] = (states + k, by_place[k])
     kinds = _kinds(model)
 
     def listed(used: set[str], row: int | None) -> list[Dependency]:

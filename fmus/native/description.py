@@ -60,7 +60,7 @@ def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
     assert listed is not None
     assert structure is not None
     nodes = {node.get("name", ""): node for node in listed}
-    index = {name: str(k + 1) for k, name in enumerate(nodes)}
+    index = {v.name: str(v.reference) for v in model.interface.variables}
     for state, derivative in zip(model.state_variables, model.derivatives, strict=True):
         real = nodes[derivative.name].find("Real")
         assert real is not None

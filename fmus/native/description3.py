@@ -9,7 +9,7 @@ from ... import __version__
 from ...solver.kernel import DEFAULT_TOLERANCE
 from ..interface import MESSAGE, START, Variable
 from ..model_description import STEP_SIZE, STOP_TIME
-from ..units import base_exponents
+from ..units import TYPES, type_of, write_units
 from .dependencies import Dependency, dependencies_of
 from .description import TOOL
 from .sources import MAIN, NativeModel, is_intermediate
@@ -78,10 +78,20 @@ def description_of(model: NativeModel, token: str) -> bytes:
         },
     )
     units = ET.SubElement(root, "UnitDefinitions")
-    for unit in sorted({v.unit for v in interface.variables} | {"s"}):
-        entry = ET.SubElement(units, "Unit", name=unit)
-        powers = {base: str(power) for base, power in base_exponents(unit).items()}
-        ET.SubElement(entry, "BaseUnit", powers)
+    write_units(units, {v.unit for v in interface.variables} | {"s"})
+    types = {type_of(v.unit, v.nominal) for v in interface.variables} - {""}
+    if types:
+        definitions = ET.SubElement(root, "TypeDefinitions")
+        for name in sorted(types):
+            quantity, unit, shown = TYPES[name]
+            ET.SubElement(
+                definitions,
+                "Float64Type",
+                name=name,
+                quantity=quantity,
+                unit=unit,
+                displayUnit=shown,
+            )
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="Why a call failed")
     ET.SubElement(
@@ -100,16 +110,6 @@ def description_of(model: NativeModel, token: str) -> bytes:
 def _write_variables(parent: ET.Element, model: NativeModel) -> None:
     interface = model.interface
     derivatives = {d.name: s for d, s in zip(model.derivatives, model.state_variables, strict=True)}
-    ET.SubElement(
-        parent,
-        "Float64",
-        name="time",
-        valueReference=str(interface.layout.time),
-        description="time",
-        causality="independent",
-        variability="continuous",
-        unit="s",
-    )
     for v in interface.variables:
         node = _write_variable(parent, v)
         if v.name in derivatives:
@@ -137,6 +137,17 @@ def _write_variables(parent: ET.Element, model: NativeModel) -> None:
                 variability="continuous",
                 initial="calculated",
             )
+    ET.SubElement(
+        parent,
+        "Float64",
+        name="time",
+        valueReference=str(model.time_reference),
+        description="time",
+        causality="independent",
+        variability="continuous",
+        unit="s",
+    )
+    parent[:] = sorted(parent, key=lambda node: int(node.get("valueReference", "0")))
 
 
 def _write_variable(parent: ET.Element, v: Variable) -> ET.Element:
@@ -149,6 +160,8 @@ def _write_variable(parent: ET.Element, v: Variable) -> ET.Element:
     }
     if v.causality != "input":
         attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"
+    if declared := type_of(v.unit, v.nominal):
+        attributes["declaredType"] = declared
     attributes["unit"] = v.unit
     if math.isfinite(v.minimum):
         attributes["min"] = repr(float(v.minimum))
@@ -177,7 +190,7 @@ def _write_structure(parent: ET.Element, model: NativeModel) -> None:
 
     def dependent(kind: str, at: int, used: list[Dependency]) -> None:
         node = ET.SubElement(parent, kind, valueReference=str(at))
-        time = interface.layout.time
+        time = model.time_reference
         known = sorted((d.known.reference if d.known else time, d.kind) for d in used)
         node.set("dependencies", " ".join(str(reference) for reference, _ in known))
         node.set("dependenciesKind", " ".join(kind for _, kind in known))

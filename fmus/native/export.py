@@ -10,8 +10,8 @@ from pathlib import Path
 from ... import __version__
 from ...solver import kernel_cache
 from ...solver.component import Component
+from ..accompanying import accompanying
 from ..archive import packed
-from ..documentation import html_page
 from ..export import with_law_ports
 from ..made_here import remember
 from . import description, description3
@@ -101,8 +101,7 @@ def write_native(
         kind = PLATFORMS[name]
         library = compiled(name, texts, MAIN[fmi], stem)
         files[f"binaries/{kind.folder[fmi]}/{stem}{kind.suffix}"] = library
-    page = html_page(model.kernel, model.interface)
-    files["documentation/index.html"] = page.encode()
+    files |= accompanying(model.kernel, model.interface, fmi)
     files |= {f"sources/{name}": text.encode() for name, text in sorted(texts.items())}
     kernel_cache.write_atomically(path, packed(files))
     remember(path)

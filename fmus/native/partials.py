@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from ...solver.component import Component, Mode, Output, symbol
+from ...solver.functions import slopes
 
 _NAME = "partial_{}_{}"
 
@@ -83,8 +84,4 @@ def _matrix(component: Component, mode: Mode | None, columns: Sequence[sp.Symbol
         for s, e in zip(component.all_states, component.derivatives, strict=True)
     ]
     rows += [(mode.outputs if mode else {}).get(o.name, o.value) for o in component.all_outputs]
-    if not rows or not columns:
-        return sp.zeros(len(rows), len(columns))
-    slopes = sp.Matrix([sp.sympify(e) for e in rows]).jacobian(list(columns))
-    # of a jump, the slope on either side
-    return slopes.applyfunc(lambda e: e.replace(sp.DiracDelta, lambda *_: sp.Integer(0)))
+    return slopes(rows, columns)

@@ -8,22 +8,20 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 
-from sympy.printing.codeprinter import PrintMethodNotImplementedError
-
-from ...solver.codegen import UnsupportedComponent, generate, hashed_name
+from ...solver.codegen import generate, hashed_name
 from ...solver.component import Component
 from ...solver.kernel import Kernel
 from ...solver.stored import stored_kernel
 from ..catalogue import component, fmu_kernel
 from ..export import with_law_ports
-from ..interface import MESSAGE, Interface, Variable, interface_of
+from ..interface import MESSAGE, Interface, Variable, interface_of, numbered
 from ..variational import variational
 from .partials import Entry, entry_of, partials
 from .translation import functions, in_c, most_events
 
 MAIN = {2: "fmi2.c", 3: "fmi3.c"}
 _PARTS = ("arithmetic.h", "stepper.h", "component.h", "exported.h")
-_EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "kind", "react")
+_EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react")
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,12 @@ class NativeModel:
     @property
     def first_indicator(self) -> int:
         """Value reference of the first event indicator; the others follow."""
-        return self.interface.layout.size + 1 + len(self.kernel.states)
+        return 1 + max(self.interface.message_reference, self.interface.variables[-1].reference)
+
+    @property
+    def time_reference(self) -> int:
+        """Value reference of the time, the last one; FMI 3.0 lists it as a variable."""
+        return self.first_indicator + self.events
 
     @property
     def exchanges(self) -> bool:
@@ -77,14 +80,7 @@ def native_model(component: Component) -> NativeModel:
     UnsupportedComponent
         If this version cannot solve it.
     """
-    kernel = generate(component)
-    try:
-        return _model(kernel, generate(partials(component)))
-    except PrintMethodNotImplementedError as error:
-        raise UnsupportedComponent(
-            f"{component.name}: its partial derivatives cannot be computed by functions of C "
-            f"({str(error).splitlines()[0]}); export it without --native"
-        ) from error
+    return _model(generate(component), generate(partials(component)))
 
 
 def stored_model(name: str, kernel: Kernel, make: Callable[[], Component]) -> NativeModel:
@@ -129,45 +125,55 @@ def variational_model(name: str, tangents: int) -> NativeModel:
     return stored_model(stem, stored_kernel(f"fmu_{stem}", make), make)
 
 
+def with_kernel(model: NativeModel, kernel: Kernel) -> NativeModel:
+    """The model with another kernel that differs in its start values alone."""
+    return _model(kernel, model.partials)
+
+
 def _model(kernel: Kernel, derived: Kernel) -> NativeModel:
     interface = interface_of(kernel, kernel.name)
     outputs = [v for v in interface.variables if v.causality == "output"]
     shown = _states_of_outputs(kernel)
     taken = {v.name for v in interface.variables} | {MESSAGE}
     layout = interface.layout
-    states, own, derivatives = [], [], []
-    for k, s in enumerate(kernel.states):
-        if k in shown:
-            state = outputs[shown.index(k)]
-        else:
-            state = Variable(
-                s.name if s.name not in taken else f"{s.name}_state",
-                layout.states + k,
-                "local",
-                "continuous",
-                s.unit,
-                s.meaning,
-                nominal=s.nominal,
-            )
-            own.append(state)
-        states.append(state)
-        derivatives.append(
-            Variable(
-                f"der({state.name})",
-                layout.size + 1 + k,
-                "local",
-                "continuous",
-                f"{s.unit}/s",
-                f"time derivative of {s.meaning}",
-                nominal=s.nominal,
-            )
+    hidden = [
+        Variable(
+            s.name if s.name not in taken else f"{s.name}_state",
+            layout.states + k,
+            "local",
+            "continuous",
+            s.unit,
+            s.meaning,
+            nominal=s.nominal,
         )
+        for k, s in enumerate(kernel.states)
+        if k not in shown
+    ]
+    own = numbered(hidden, interface.message_reference + 1)
+    of_place = {v.place: v for v in own}
+    states = [
+        outputs[shown.index(k)] if k in shown else of_place[layout.states + k]
+        for k in range(len(kernel.states))
+    ]
+    rates = [
+        Variable(
+            f"der({state.name})",
+            k,
+            "local",
+            "continuous",
+            f"{s.unit}/s",
+            f"time derivative of {s.meaning}",
+            nominal=s.nominal,
+        )
+        for k, (s, state) in enumerate(zip(kernel.states, states, strict=True))
+    ]
+    derivatives = numbered(rates, interface.message_reference + 1 + len(own))
     return NativeModel(
         kernel,
         derived,
         replace(interface, variables=(*interface.variables, *own, *derivatives)),
         tuple(states),
-        tuple(derivatives),
+        derivatives,
     )
 
 
@@ -253,9 +259,7 @@ def _tables(model: NativeModel, token: str) -> str:
         "AT_SAMPLE_TIME": layout.sample_time,
         "MEMORY": layout.size,
         "MESSAGE_REFERENCE": model.interface.message_reference,
-        "FIRST_DERIVATIVE": layout.size + 1,
-        "FIRST_INDICATOR": model.first_indicator,
-        "REFERENCES": model.first_indicator + model.events,
+        "REFERENCES": model.time_reference + 1,
         "CAN_EXCHANGE": int(model.exchanges),
     }
     constants |= {f"FRAME_{key.upper()}": value for key, value in layout.frame.items()}
@@ -264,7 +268,7 @@ def _tables(model: NativeModel, token: str) -> str:
     return "\n".join(
         [
             f"/* What {kernel.name} consists of, generated; offsets are into the array of all its",
-            " * numbers, where a variable's value reference is its place. */",
+            " * numbers. */",
             "#ifndef MODEL_H",
             "#define MODEL_H",
             "",
@@ -287,11 +291,13 @@ def _tables(model: NativeModel, token: str) -> str:
             "        NOTHING, INPUT, PARAMETER, OUTPUT, STATE,",
             "        DERIVATIVE, MESSAGE, CLOCK, INDICATOR",
             "    } what;",
+            "    int place; /* in that array; of a derivative and an indicator, its number */",
             "    const char *name, *unit;",
             "    double low, high;",
             "    int intermediate; /* it can be looked at within a step */",
             "} Variable;",
             "",
+            "/* by value reference */",
             "static const Variable VARIABLES[REFERENCES] = {",
             *(f"    [{line}," for line in _variables(model)),
             "};",
@@ -309,15 +315,15 @@ def _variables(model: NativeModel) -> Iterable[str]:
     for v in model.interface.variables:
         kind = kinds.get(v.causality) or ("STATE" if v.reference in own else "DERIVATIVE")
         yield (
-            f"{v.reference}] = {{{kind}, {_quoted(v.name)}, {_quoted(v.unit)}, "
+            f"{v.reference}] = {{{kind}, {v.place}, {_quoted(v.name)}, {_quoted(v.unit)}, "
             f"{_number(v.minimum)}, {_number(v.maximum)}, {int(is_intermediate(v))}}}"
         )
-    for reference, kind, name in (
-        (model.interface.message_reference, "MESSAGE", MESSAGE),
-        (layout.time, "CLOCK", "time"),
-        *((model.first_indicator + k, "INDICATOR", "indicator") for k in range(model.events)),
+    for reference, kind, place, name in (
+        (model.interface.message_reference, "MESSAGE", 0, MESSAGE),
+        *((model.first_indicator + k, "INDICATOR", k, "indicator") for k in range(model.events)),
+        (model.time_reference, "CLOCK", layout.time, "time"),
     ):
-        yield f'{reference}] = {{{kind}, "{name}", "1", -HUGE_VAL, HUGE_VAL, 0}}'
+        yield f'{reference}] = {{{kind}, {place}, "{name}", "1", -HUGE_VAL, HUGE_VAL, 0}}'
 
 
 def _array(kind: str, name: str, values: Iterable[str]) -> str:

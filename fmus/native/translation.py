@@ -21,6 +21,7 @@ _HEADS = {
     "sample": "void sample(double t, const double *x, const double *u, const double *p, double *d)",
     "indicate": "void indicate(double t, const double *x, const double *u, const double *p, "
     "double *g)",
+    "spread": "void spread(double t, const double *x, const double *u, const double *p, double *s)",
     "kind": "int kind(const double *u, int k)",
     "react": "void react(double t, double *x, double *u, const double *p, int k)",
 }
@@ -137,6 +138,8 @@ def _expression(e: ast.expr, width: int) -> str:
         return f"{inner(e.value)}[{inner(at)}]"
     if isinstance(e, ast.BinOp) and isinstance(e.op, ast.Pow):
         return f"pow({inner(e.left)}, {inner(e.right)})"
+    if isinstance(e, ast.BinOp) and isinstance(e.op, ast.Mod):
+        return f"modulo({inner(e.left)}, {inner(e.right)})"
     if isinstance(e, ast.BinOp) and type(e.op) in _OPERATORS:
         return f"({inner(e.left)} {_OPERATORS[type(e.op)]} {inner(e.right)})"
     if isinstance(e, ast.UnaryOp) and type(e.op) in _OPERATORS:

@@ -330,4 +330,4 @@ def test_ziglang_makes_the_loop_for_windows_too(tmp_path):
     arguments = ["--loop", "nctf", "--native", "--platforms", "linux64,win64"]
     assert main(["export", *arguments, "--out", str(tmp_path)]) == 0
     with zipfile.ZipFile(tmp_path / "nctf_loop.fmu") as archive:
-        assert archive.read("binaries/win64/plant_with_nctf.dll")[:2] == b"MZ"
+        assert archive.read("binaries/win64/nctf_loop.dll")[:2] == b"MZ"

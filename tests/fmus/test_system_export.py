@@ -15,7 +15,9 @@ import pytest
 from fmu_host import opened
 from lxml import etree
 
+from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
+from ballscrew.fmus.native.compilers import compiler_for, own_platform
 from ballscrew.fmus.reading import FmuError
 from ballscrew.fmus.system_export import CannotConnect, export_system
 from ballscrew.orchestration.reference_signal import Reference
@@ -65,6 +67,23 @@ def test_descriptions_and_parameter_sets_are_valid_by_the_standard_s_schemas(sys
         ("resources/controller.ssv", "SystemStructureParameterValues.xsd"),
     ):
         etree.XMLSchema(file=str(SCHEMAS / schema)).assertValid(read_xml(systems[name], file))
+
+
+def test_omsimulator_finds_its_master_where_it_looks_for_it(systems):
+    """Without it, its executable ends with "[NewSystem] internal error"."""
+    oms = "{https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd}"
+    (annotation,) = structure(systems["iol"]).iterfind(
+        "ssd:System/ssd:Annotations/ssc:Annotation", SPACES
+    )
+    assert annotation.get("type") == "org.openmodelica"
+    (master,) = annotation.iterfind(f"{oms}Annotations/{oms}SimulationInformation/*")
+    assert master.tag == oms + "FixedStepMaster"
+    assert master.get("description") == "oms-ma"
+    # it hands this on to the FMUs, whose solvers take it for their own
+    assert (master.get("stepSize"), master.get("relativeTolerance")) == ("0.0002", "1e-08")
+    # it looks for the elements by these letters
+    with zipfile.ZipFile(systems["iol"]) as archive:
+        assert b"<oms:FixedStepMaster" in archive.read("SystemStructure.ssd")
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
@@ -324,6 +343,54 @@ def test_a_stranger_s_master_runs_the_system_as_a_jacobi_master_does(systems, fm
     theirs = course(master, systems[name], 1e-4, 0.02)
     assert ours[-1, 0] > 1e-5  # metres: it moves
     np.testing.assert_allclose(theirs, ours, rtol=1e-9, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def native_system(tmp_path_factory):
+    """What ``ballscrew export --ssp --native`` writes of the linearizing loop."""
+    if not own_platform() or not compiler_for(own_platform()):
+        pytest.skip("needs x86-64 and a C compiler; install one, or the package ziglang")
+    folder = tmp_path_factory.mktemp("native-system")
+    assert main(["export", "--ssp", "--native", "--only", "iol", "--out", str(folder)]) == 0
+    assert [p.name for p in folder.iterdir()] == ["iol.ssp"]
+    return folder / "iol.ssp"
+
+
+def test_a_native_system_is_the_same_system_around_native_fmus(systems, native_system, tmp_path):
+    file = "SystemStructure.ssd"
+    assert etree.tostring(read_xml(native_system, file)) == etree.tostring(
+        read_xml(systems["iol"], file)
+    )
+    with zipfile.ZipFile(native_system) as archive:
+        for side in ("plant", "controller"):
+            path = Path(archive.extract(f"resources/{side}.fmu", tmp_path))
+            with zipfile.ZipFile(path) as fmu:
+                assert "sources/fmi2.c" in fmu.namelist()
+                assert not [n for n in fmu.namelist() if n.endswith(".py")]
+
+
+@pytest.mark.parametrize("master", MASTERS)
+def test_a_stranger_s_master_runs_the_native_system_to_the_same_course(
+    systems, native_system, master
+):
+    readable, native = (course(master, p, 1e-3, 0.05) for p in (systems["iol"], native_system))
+    assert readable[-1, 0] > 1e-5
+    np.testing.assert_allclose(native, readable, rtol=1e-9, atol=1e-9)
+
+
+def test_our_own_command_runs_the_native_system(native_system, tmp_path):
+    out = tmp_path / "out"
+    assert main(["run", "--system", str(native_system), "--stop", "0.5", "--out", str(out)]) == 0
+    truth = run_monolithic("plant", "iol", Reference.constant(0.08), 0.5, 1e-3)
+    table = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True)
+    assert abs(table["x"][-1] - truth.outputs["x"][-1]) < 1e-5
+
+
+def test_a_native_system_can_be_made_for_another_platform(tmp_path):
+    """It needs no binary that runs here; without a compiler for it, the sources are inside."""
+    options = ["--native", "--platforms", "win64", "--only", "pid", "--out", str(tmp_path)]
+    assert main(["export", "--ssp", *options]) == 0
+    assert (tmp_path / "pid.ssp").is_file()
 
 
 @pytest.mark.parametrize("master", MASTERS)

@@ -2,7 +2,7 @@
  * states. Included once, by fmi2.c or fmi3.c, behind model.h and equations.h.
  *
  * There are no globals. All numbers of an instance lie in one array, as in the FMU that pythonfmu
- * makes of the same component: a value reference is an index into it. */
+ * makes of the same component; VARIABLES says where the number of a value reference lies. */
 #ifndef COMPONENT_H
 #define COMPONENT_H
 
@@ -16,6 +16,9 @@
 #define ROUND_OFF 1e-9    /* share of a sampling period within which two times are the same */
 #define MOST_SAMPLES 1e6  /* sample instants in one step */
 #define LONGEST_TEXT 512
+/* of how far an indicator moves where states and inputs move by their nominals */
+#define MARGIN 1e-12
+#define LEAST_MARGIN 1e-300
 
 typedef enum { OK, WARNING, DISCARD, ERROR, FATAL } Status; /* the same in FMI 2 and FMI 3 */
 
@@ -33,10 +36,21 @@ typedef enum {
 #define ALIVE (INSTANTIATED | INITIALIZING | RUNNING)
 #define ANY (ALIVE | TERMINATED)
 
+/* How an event indicator g is watched in model exchange: the host sees g - level. While nothing has
+ * happened that is at least half the margin off zero, so that neither round-off in the states nor an
+ * instant that the host found to the last digits only can hide an event or make one. For events
+ * either way the level is positive while g is low, negative while it is high. */
+typedef struct {
+    double level;
+    double margin;
+    int32_t undecided; /* either way: g was zero, and is on no side yet */
+    int32_t padding;
+} Watch;
+
 /* Everything that decides how an instance goes on. */
 typedef struct {
     double memory[MEMORY];
-    double before[AT_LEAST_1(EVENTS)]; /* model exchange: the indicators when last looked at */
+    Watch watch[AT_LEAST_1(EVENTS)]; /* model exchange */
     int32_t phase;
     int32_t started; /* initialization is over */
     char failure[LONGEST_TEXT]; /* why it cannot go on; empty while all is well */
@@ -166,6 +180,115 @@ static void take_frame(Instance *c)
 #endif
 }
 
+/* -- events of model exchange ------------------------------------------------------------- */
+
+static double margin_of(double spread) { return MARGIN * spread + LEAST_MARGIN; }
+
+/* How far an indicator is past what is to be found; negative while nothing has happened. */
+static double past(const Watch *w, double g) { return w->level < 0.0 ? w->level - g : g - w->level; }
+
+/* Watch the events of a mode that has just begun: those beyond zero are due at once. */
+static void watch_mode(Instance *c)
+{
+    spread(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    for (int k = 0; k < EVENTS; k++) {
+        const double margin = margin_of(c->work.g[k]);
+        c->now.watch[k] = (Watch){margin, margin, 1, 0};
+    }
+}
+
+/* The event that is due; -1 if there is none. `fired` are resets that have happened already. */
+static int due_now(Instance *c, const int *fired)
+{
+    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    for (int k = 0; k < EVENTS; k++) {
+        const Watch *w = &c->now.watch[k];
+        if (!fired[k] && past(w, c->work.g[k]) > -0.5 * w->margin)
+            return k;
+    }
+    return -1;
+}
+
+/* Watch on from here, with every indicator off zero. One that stays positive after its event has to
+ * rise further, or to fall and rise again. */
+static void watch_on(Instance *c, const int *fired)
+{
+    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    spread(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.before);
+    for (int k = 0; k < EVENTS; k++) {
+        Watch *w = &c->now.watch[k];
+        const double g = c->work.g[k], margin = margin_of(c->work.before[k]);
+        const double most = fired[k] ? HUGE_VAL : w->level;
+        if (kind(HELD(c), k) != EITHER) {
+            w->level = larger(margin, smaller(most, g + margin));
+        } else if (fabs(g) > 0.5 * margin) {
+            w->level = g > 0.0 ? -margin : margin;
+            w->undecided = 0;
+        } else {
+            w->level = w->level < 0.0 ? -margin : margin;
+        }
+        w->margin = margin;
+    }
+}
+
+/* Let every event happen that is due at this instant; DONE or CHATTER. */
+static int let_happen(Instance *c)
+{
+    int fired[AT_LEAST_1(EVENTS)] = {0};
+    for (int round = 0; round < MOST_AT_ONCE; round++) {
+        const double mode = MODES > 0 ? HELD(c)[HELD_SIZE - 1] : 0.0;
+        const int k = due_now(c, fired);
+        if (k < 0) {
+            watch_on(c, fired);
+            return DONE;
+        }
+        const int what = kind(HELD(c), k);
+        Watch *w = &c->now.watch[k];
+        if (what == EITHER) {
+            const int decided = !w->undecided;
+            w->level = -w->level;
+            w->undecided = 0;
+            if (!decided)
+                continue;
+        }
+        react(TIME(c), STATES(c), HELD(c), PARAMETERS(c), k);
+        INFO(c)[EVENT_COUNT] += 1;
+        fired[k] = what == RESETS;
+        if (what == CHANGES_MODE || (MODES > 0 && HELD(c)[HELD_SIZE - 1] != mode)) {
+            memset(fired, 0, sizeof fired);
+            watch_mode(c);
+        }
+    }
+    return CHATTER;
+}
+
+/* The indicators as the host sees them go to work.g. */
+static void show_indicators(Instance *c)
+{
+    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    for (int k = 0; k < EVENTS; k++)
+        c->work.g[k] -= c->now.watch[k].level;
+}
+
+/* After a step of the host: whether an event is due that it has not found. */
+static int complete_step(Instance *c)
+{
+    int missed = 0;
+    if (EVENTS == 0)
+        return 0;
+    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    for (int k = 0; k < EVENTS; k++) {
+        Watch *w = &c->now.watch[k];
+        const double g = c->work.g[k];
+        missed |= past(w, g) >= 0.0;
+        if (kind(HELD(c), k) != EITHER)
+            w->level = larger(w->margin, smaller(w->level, g + w->margin));
+        else if (g < -0.5 * w->margin && w->level > 0.0)
+            w->undecided = 0;
+    }
+    return missed;
+}
+
 /* -- life cycle --------------------------------------------------------------------------- */
 
 static void initialize_states(Instance *c)
@@ -256,16 +379,22 @@ static Status begin(Instance *c, int has_tolerance, double tolerance, double sta
 static Status end_initialization(Instance *c)
 {
     const int failed = c->now.failure[0];
-    for (int r = 0; r < MEMORY; r++) {
+    for (int r = 0; r < REFERENCES; r++) {
         const Variable *v = &VARIABLES[r];
-        const double value = c->now.memory[r];
+        const double value = v->what == PARAMETER ? c->now.memory[v->place] : 0.0;
         if (v->what == PARAMETER && (value < v->low || value > v->high))
             fail(c, "parameter %s = %g%s%s is out of its range [%g, %g]", v->name, value,
                  strcmp(v->unit, "1") ? " " : "", strcmp(v->unit, "1") ? v->unit : "", v->low,
                  v->high);
     }
     initialize_states(c);
-    look_before(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->now.before);
+    if (EVENTS > 0 && c->exchange) {
+        int fired[AT_LEAST_1(EVENTS)]; /* what was due has happened */
+        for (int k = 0; k < EVENTS; k++)
+            fired[k] = 1;
+        watch_mode(c);
+        watch_on(c, fired);
+    }
     c->now.started = 1;
     c->stale = 1;
     c->now.phase = c->exchange ? EVENT : STEPPING;
@@ -299,12 +428,12 @@ static Status get_numbers(Instance *c, const uint32_t *references, size_t n, dou
             return refuse(c, "%s cannot be had in an intermediate update; it is not among the "
                              "required intermediate variables", v->name);
         if (v->what == DERIVATIVE) {
-            values[k] = derivatives(c)[references[k] - FIRST_DERIVATIVE];
+            values[k] = derivatives(c)[v->place];
         } else if (v->what == INDICATOR) {
-            indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
-            values[k] = c->work.g[references[k] - FIRST_INDICATOR];
+            show_indicators(c);
+            values[k] = c->work.g[v->place];
         } else {
-            values[k] = c->now.memory[references[k]];
+            values[k] = c->now.memory[v->place];
         }
     }
     return OK;
@@ -327,7 +456,7 @@ static Status set_numbers(Instance *c, const uint32_t *references, size_t n, con
             return fail(c, "%s was set to %g, not a number", v->name, values[k]);
     }
     for (size_t k = 0; k < n; k++)
-        c->now.memory[references[k]] = values[k];
+        c->now.memory[VARIABLES[references[k]].place] = values[k];
     c->stale = 1;
     return OK;
 }
@@ -469,45 +598,12 @@ static Status update_discrete_states(Instance *c, Events *events)
     }
     if (EVENTS > 0) {
         const double count = INFO(c)[EVENT_COUNT];
-        int watched = -1;
-        double side = 0.0;
-        indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
-        for (int k = 0; k < EVENTS; k++) {
-            /* a host may stop where an indicator is zero, which is past it if it was not before */
-            const double g = c->work.g[k], before = c->now.before[k];
-            const int either = kind(HELD(c), k) == EITHER;
-            if (either ? g * before <= 0.0 && before != 0.0 : g == 0.0 && before < 0.0) {
-                const double mode = MODES > 0 ? HELD(c)[HELD_SIZE - 1] : 0.0;
-                react(TIME(c), STATES(c), HELD(c), PARAMETERS(c), k);
-                INFO(c)[EVENT_COUNT] += 1;
-                if (either && (MODES == 0 || HELD(c)[HELD_SIZE - 1] == mode)) {
-                    watched = k;
-                    side = -before;
-                }
-                break; /* what it leads to may have other events */
-            }
-        }
-        if (settle(TIME(c), STATES(c), HELD(c), PARAMETERS(c), &c->work, INFO(c)) != DONE)
+        if (let_happen(c) != DONE)
             return fail(c, "events follow each other without end at t = %.9g s", TIME(c));
-        look_before(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->now.before);
-        if (watched >= 0 && c->now.before[watched] == 0.0)
-            c->now.before[watched] = side;
         events->states_changed = INFO(c)[EVENT_COUNT] != count;
     }
     c->stale = 1;
     return OK;
-}
-
-/* An indicator that was zero when last looked at has a side now. */
-static void complete_step(Instance *c)
-{
-    if (EVENTS == 0)
-        return;
-    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
-    for (int k = 0; k < EVENTS; k++) {
-        if (c->now.before[k] == 0.0)
-            c->now.before[k] = c->work.g[k] > 0.0 ? 1.0 : (c->work.g[k] < 0.0 ? -1.0 : 0.0);
-    }
 }
 
 static Status get_array(Instance *c, const double *from, size_t there, double *values, size_t n,
@@ -534,11 +630,10 @@ static Status get_states(Instance *c, double *values, size_t n)
     return get_array(c, STATES(c), N, values, n, "states");
 }
 
-/* The indicators with the sign that is kept at zero where an event watches both ways. */
 static Status get_indicators(Instance *c, double *values, size_t n)
 {
     refresh(c);
-    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    show_indicators(c);
     return get_array(c, c->work.g, EVENTS, values, n, "event indicators");
 }
 
@@ -562,23 +657,20 @@ static Status set_states(Instance *c, const double *values, size_t n)
 /* Row of the matrix of partial derivatives that belongs to an unknown; -1 if none does. */
 static int row_of(uint32_t reference)
 {
-    if (reference >= FIRST_DERIVATIVE && reference < FIRST_DERIVATIVE + N)
-        return (int)(reference - FIRST_DERIVATIVE);
-    if (reference >= AT_OUTPUTS && reference < AT_OUTPUTS + OUTPUT_COUNT)
-        return (int)(reference - AT_OUTPUTS) + N;
-    return -1;
+    const Variable *v = &VARIABLES[reference < REFERENCES ? reference : 0];
+    return v->what == DERIVATIVE ? v->place : v->what == OUTPUT ? v->place - AT_OUTPUTS + N : -1;
 }
 
 /* Column that belongs to a known, which is a state or an input; -1 if none does. */
 static int column_of(uint32_t reference)
 {
-    if (reference < INPUTS && VARIABLES[reference].what == INPUT)
-        return (int)reference + N;
-    if (reference >= AT_STATES && reference < AT_STATES + N)
-        return (int)(reference - AT_STATES);
-    if (reference >= AT_OUTPUTS && reference < AT_OUTPUTS + OUTPUT_COUNT)
-        return STATE_OF_OUTPUT[reference - AT_OUTPUTS];
-    return -1;
+    const Variable *v = &VARIABLES[reference < REFERENCES ? reference : 0];
+    switch (v->what) {
+    case INPUT: return v->place + N;
+    case STATE: return v->place - AT_STATES;
+    case OUTPUT: return STATE_OF_OUTPUT[v->place - AT_OUTPUTS];
+    default: return -1;
+    }
 }
 
 /* Forward: sensitivities of the unknowns from seeds of the knowns; adjoint: the other way. */
@@ -611,10 +703,12 @@ static Status derivative_product(Instance *c, int adjoint, const uint32_t *unkno
     refresh(c);
     partial(TIME(c), STATES(c), HELD(c), PARAMETERS(c), values);
     for (int k = 0; k < PARTIALS; k++) {
-        if (adjoint)
-            by_column[PARTIAL_AT[k][1]] += values[k] * by_row[PARTIAL_AT[k][0]];
-        else
-            by_row[PARTIAL_AT[k][0]] += values[k] * by_column[PARTIAL_AT[k][1]];
+        const int row = PARTIAL_AT[k][0], column = PARTIAL_AT[k][1];
+        /* what is not asked about may be infinite: it counts only where its seed is not zero */
+        if (adjoint && by_row[row] != 0.0)
+            by_column[column] += values[k] * by_row[row];
+        else if (!adjoint && by_column[column] != 0.0)
+            by_row[row] += values[k] * by_column[column];
     }
     for (size_t k = 0; k < (adjoint ? m : n); k++)
         sensitivity[k] = adjoint ? by_column[column_of(knowns[k])] : by_row[row_of(unknowns[k])];

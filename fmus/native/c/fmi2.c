@@ -259,8 +259,7 @@ NAMED(fmi2CompletedIntegratorStep)(fmi2Component instance, fmi2Boolean no_way_ba
     (void)no_way_back;
     if (!enter_event_mode || !terminate)
         return refuse(c, "a null pointer was given for what follows a step");
-    complete_step(c);
-    *enter_event_mode = 0;
+    *enter_event_mode = complete_step(c);
     *terminate = 0;
     return OK;
 }

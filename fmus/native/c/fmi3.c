@@ -412,8 +412,8 @@ NAMED(fmi3CompletedIntegratorStep)(fmi3Instance instance, fmi3Boolean no_way_bac
     (void)no_way_back;
     if (!enter_event_mode || !terminate)
         return refuse(c, "a null pointer was given for what follows a step");
-    complete_step(c);
-    *enter_event_mode = *terminate = false;
+    *enter_event_mode = complete_step(c) != 0;
+    *terminate = false;
     return OK;
 }
 

@@ -59,7 +59,7 @@ def counts_of_calls(path, name, fmi, library, calls, env=None):
         "states": len(model.kernel.states),
     }
     token = description.guid if fmi == 2 else description.instantiationToken
-    command = [sys.executable, SCRIPT, library, token, fmi, json.dumps(references), 1, calls]
+    command = [sys.executable, SCRIPT, library, token, fmi, json.dumps(references), 2, calls]
     done = subprocess.run(
         [str(word) for word in command],
         capture_output=True,

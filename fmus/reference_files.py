@@ -1,0 +1,144 @@
+"""What the FMI cross-check wants beside an FMU: a reference solution, its options, its inputs."""
+
+from __future__ import annotations
+
+import builtins
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ..solver import kernel_cache
+from ..solver.kernel import Kernel, Model
+from .model_description import STEP_SIZE
+
+STOP, INTERVAL, TOLERANCE = 2.0, 1e-2, 1e-9
+MOST_COLUMNS = 10  # what the cross-check recommends
+_VOLTAGE, _SETPOINT = 5.0, 0.08  # V, m; constant, so that a host may hold or interpolate them
+
+
+def write_reference_files(files: Mapping[str, str], fmu: Path) -> None:
+    """Write what `reference_files` gave beside an FMU.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    for suffix, text in files.items():
+        kernel_cache.write_atomically(fmu.with_name(fmu.stem + suffix), text.encode())
+
+
+def reference_files(kernel: Kernel) -> dict[str, str]:
+    """Text of ``_ref.csv``, ``_ref.opt`` and, if it has inputs to be driven, ``_in.csv``.
+
+    They come from the user's cache where they are there.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        What the FMU holds; it is solved by itself, without the FMU.
+
+    Raises
+    ------
+    IntegrationError, ArithmeticError, ValueError
+        If the solution leaves every bound.
+    """
+    digest = hashlib.sha256((kernel.to_json() + Path(__file__).read_text()).encode()).hexdigest()
+    path = kernel_cache.folder() / "references" / f"{kernel.name}-{digest[:16]}.json"
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        pass  # missing, or half a file from a full disk
+    files = _computed(kernel)
+    try:
+        kernel_cache.write_atomically(path, json.dumps(files).encode())
+    except OSError:
+        return files  # a read-only home costs time, not results
+    return files
+
+
+def _computed(kernel: Kernel) -> dict[str, str]:
+    driven = {i.name: v for i in kernel.inputs if (v := _drive(i.name, i.role)) is not None}
+    driven = {n: v for n, v in driven.items() if v != _starts(kernel)[n]}
+    names = [o.name for o in kernel.outputs][:MOST_COLUMNS]
+    many = kernel.sample_time and kernel.states  # thousands of starts of the solver
+    try:
+        course = _course(kernel if many else _plain(kernel), driven)
+    except ArithmeticError:  # what overflows in a step that is too long is an error in Python only
+        course = _course(kernel, driven)
+    rows = [[t, *(values[n] for n in names)] for t, values in course]
+    options = {
+        "StartTime": 0.0,
+        "StopTime": STOP,
+        "StepSize": STEP_SIZE,
+        "RelTol": TOLERANCE,
+        "OutputIntervalLength": INTERVAL,
+    }
+    files = {
+        "_ref.csv": _table(["time", *names], rows),
+        "_ref.opt": "".join(f"{name}, {value!r}\n" for name, value in options.items()),
+    }
+    if driven:
+        held = [[t, *driven.values()] for t in (0.0, STOP)]
+        files["_in.csv"] = _table(["time", *driven], held)
+    return files
+
+
+def _starts(kernel: Kernel) -> dict[str, float]:
+    return {i.name: i.start for i in kernel.inputs}
+
+
+def _drive(name: str, role: str) -> float | None:
+    """The constant value of an input in the reference; None leaves it at its start."""
+    return _SETPOINT if role == "reference" else _VOLTAGE if name == "u" else None
+
+
+@np.errstate(all="ignore")  # as when compiled
+def _course(kernel: Kernel, driven: dict[str, float]) -> list[tuple[float, dict[str, float]]]:
+    """Time and outputs at each interval; at a sample instant, as they were held up to there."""
+    model = Model(kernel, tolerance=TOLERANCE)
+    for name, value in driven.items():
+        model.set_input(name, value)
+    if kernel.modes:
+        model.settle(0.0)
+    samples = round(INTERVAL / model.sample_time) if kernel.sample_time else 1
+    rows = [(0.0, model.outputs(0.0, model.x))]
+    for k in range(round(STOP / INTERVAL)):
+        for part in range(samples):
+            begin, end = (INTERVAL * (k + (part + more) / samples) for more in (0, 1))
+            if kernel.sample_time:
+                model.sample(begin)
+            if len(model.x):
+                model.advance(begin, end)
+        rows.append((end, model.outputs(end, model.x)))
+    return rows
+
+
+def _plain(kernel: Kernel) -> Kernel:
+    """The kernel with its functions as plain Python: a short run takes less than compiling them."""
+
+    def imported(name: str, *arguments: Any, **options: Any) -> Any:
+        if name == "numba":  # the text does without it where it is not installed
+            raise ImportError(name)
+        return builtins.__import__(name, *arguments, **options)
+
+    space: dict[str, Any] = {
+        "__name__": kernel.module,
+        "__builtins__": {**vars(builtins), "__import__": imported},
+    }
+    exec(compile(kernel.source, kernel.module, "exec"), space)
+    copy = replace(kernel)
+    vars(copy)["functions"] = SimpleNamespace(**space)  # in place of the compiled ones
+    return copy
+
+
+def _table(names: list[str], rows: list[list[float]]) -> str:
+    """As the cross-check wants it: names in double quotes, a comma between, nothing else."""
+    head = ",".join(f'"{name}"' for name in names)
+    return "\n".join([head, *(",".join(repr(float(v)) for v in row) for row in rows)]) + "\n"

@@ -1,0 +1,221 @@
+"""A host of model exchange that is as careless as hosts are allowed to be.
+
+It integrates with the method of co-simulation (`ballscrew.solver.stepper`), so that what is left
+to compare is what the FMU does at events. It leaves round-off on the states after every step, and
+at an event it goes on from just before it, exactly at it, just past it or well past it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import FMU2Model
+from fmpy.fmi3 import FMU3Model
+from scipy.optimize import brentq
+
+from ballscrew.solver import stepper
+
+ROUND_OFF = 2.0**-52
+MOST_EVENTS = 20_000  # in one course
+FIRST_STEP = 1e-5  # s, after an event; solvers begin anew there, and friction is steep near rest
+A, C = np.array(stepper.A), np.array(stepper.C)
+NODES = np.array(stepper.NODES)
+CALLS = {
+    fmi: ("SetTime", "SetContinuousStates", derivatives, "GetEventIndicators")
+    for fmi, derivatives in ((2, "GetDerivatives"), (3, "GetContinuousStateDerivatives"))
+}
+
+
+class ExchangeHost:
+    """One instance, initialized, in continuous-time mode.
+
+    Parameters
+    ----------
+    path : path-like
+    values : mapping of str to float
+        Start values.
+    tolerance : float
+        Relative tolerance of the host's own solver.
+    random : numpy.random.Generator
+        Draws the round-off and where the host stops at an event.
+
+    Attributes
+    ----------
+    x : ndarray
+        The states.
+    z : ndarray
+        The event indicators when continuous time last began.
+    """
+
+    def __init__(self, path: Any, values: Any, tolerance: float, random: np.random.Generator):
+        description = fmpy.read_model_description(str(path))
+        self.fmi = 2 if description.fmiVersion.startswith("2") else 3
+        self.fmu = (FMU2Model if self.fmi == 2 else FMU3Model)(
+            guid=description.guid,
+            unzipDirectory=fmpy.extract(str(path)),
+            modelIdentifier=description.modelExchange.modelIdentifier,
+            instanceName="one",
+        )
+        self.at = {v.name: v.valueReference for v in description.modelVariables}
+        slopes = [v for v in description.modelVariables if v.derivative is not None]
+        self._slopes = [v.valueReference for v in slopes]
+        self._states = [v.derivative.valueReference for v in slopes]
+        self.tolerance, self.random, self.time = tolerance, random, 0.0
+        self.events = 0
+        self._early = False  # the last stop was before an event
+        self.x = np.zeros(len(slopes))
+        self.nominal = np.zeros(len(slopes))
+        self.z = np.zeros(description.numberOfEventIndicators)
+        self._calls = [getattr(self.fmu.dll, f"fmi{self.fmi}{name}") for name in CALLS[self.fmi]]
+        self._buffers = [np.zeros(n) for n in (len(slopes), len(slopes), len(self.z))]
+        self._pointers = [np.ctypeslib.as_ctypes(buffer) for buffer in self._buffers]
+        self.fmu.instantiate()
+        if self.fmi == 2:
+            self.fmu.setupExperiment(startTime=0.0)
+        self.set(values)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        self.update()
+
+    # -- the functions of both versions ------------------------------------------------------
+
+    def set(self, values: Any) -> None:
+        put = self.fmu.setReal if self.fmi == 2 else self.fmu.setFloat64
+        put([self.at[n] for n in values], list(values.values()))
+
+    def get(self, names: list[str]) -> list[float]:
+        take = self.fmu.getReal if self.fmi == 2 else self.fmu.getFloat64
+        return list(take([self.at[n] for n in names]))
+
+    def close(self) -> None:
+        self.fmu.terminate()
+        self.fmu.freeInstance()
+
+    # These three go past fmpy's wrappers, which cost ten times what the FMU does.
+
+    def put_states(self, t: float, x: np.ndarray) -> None:
+        self._buffers[0][:] = x
+        self._calls[0](self.fmu.component, t)
+        self._calls[1](self.fmu.component, self._pointers[0], len(x))
+
+    def slope(self, t: float, x: np.ndarray) -> np.ndarray:
+        self.put_states(t, x)
+        self._calls[2](self.fmu.component, self._pointers[1], len(x))
+        return self._buffers[1]
+
+    def indicators(self, t: float, x: np.ndarray) -> np.ndarray:
+        self.put_states(t, x)
+        self._calls[3](self.fmu.component, self._pointers[2], len(self.z))
+        return self._buffers[2].copy()
+
+    def update(self) -> None:
+        """Let events happen and go on in continuous time; the FMU is in event mode."""
+        self.events += 1
+        if self.events > MOST_EVENTS:
+            raise RuntimeError(f"events without end at t = {self.time:.9g} s")
+        again = True
+        while again:
+            answer = (
+                self.fmu.newDiscreteStates() if self.fmi == 2 else self.fmu.updateDiscreteStates()
+            )
+            again = answer[0]
+        self.fmu.enterContinuousTimeMode()
+        as_c = np.ctypeslib.as_ctypes
+        self.fmu.getContinuousStates(as_c(self.x), len(self.x))
+        self.fmu.getNominalsOfContinuousStates(as_c(self.nominal), len(self.x))
+        self.z = self.indicators(self.time, self.x)
+        self.step = FIRST_STEP
+
+    def jump(self, values: Any) -> None:
+        """Let inputs jump, in event mode."""
+        self.fmu.enterEventMode()
+        self.set(values)
+        self.update()
+
+    # -- solving -----------------------------------------------------------------------------
+
+    def _jacobian(self) -> np.ndarray:
+        n = len(self.x)
+        columns = []
+        for k in range(n):
+            seed = [0.0] * n
+            seed[k] = 1.0
+            more = (n,) if self.fmi == 3 else ()
+            columns.append(
+                self.fmu.getDirectionalDerivative(self._slopes, self._states, seed, *more)
+            )
+        return np.array(columns).T
+
+    def _attempt(self, h: float, jacobian: np.ndarray) -> tuple[np.ndarray, float]:
+        """The states after a step of `h`, and its error in units of the tolerance."""
+        n = len(self.x)
+        inverse = np.linalg.inv(np.eye(n) / (stepper.GAMMA * h) - jacobian)
+        k = np.zeros((stepper.STAGES, n))
+        stage = self.x
+        for s in range(stepper.STAGES):
+            stage = self.x + A[s, :s] @ k[:s]
+            slope = self.slope(self.time + NODES[s] * h, stage)
+            k[s] = inverse @ (slope + C[s, :s] @ k[:s] / h)
+        end = stage + k[-1]
+        scale = self.tolerance * (self.nominal + np.maximum(abs(self.x), abs(end)))
+        return end, float(np.sqrt(np.mean((k[-1] / scale) ** 2)))
+
+    def noise(self) -> np.ndarray:
+        size = ROUND_OFF * (self.nominal + abs(self.x))
+        return size * self.random.normal(size=len(self.x))
+
+    def advance(self, to: float) -> None:
+        """Go to the time `to` with the inputs held."""
+        while self.time < to:
+            h, end, crossed = self._accepted(min(self.step, to - self.time))
+            self.time = to if h >= to - self.time else self.time + h
+            self.x = end + self.noise()
+            self.put_states(self.time, self.x)
+            asks, _ = self.fmu.completedIntegratorStep()
+            if crossed or asks:
+                self.fmu.enterEventMode()
+                self.update()
+            else:
+                self.z = self.indicators(self.time, self.x)
+
+    def _accepted(self, h: float) -> tuple[float, np.ndarray, bool]:
+        """Length and end of a step that meets the tolerance, and whether it ends at an event."""
+        self.slope(self.time, self.x)
+        jacobian = self._jacobian()
+        while True:
+            end, error = self._attempt(h, jacobian)
+            if not error <= 1.0:
+                h *= max(0.1, 0.9 * error**-0.2) if np.isfinite(error) else 0.1
+                continue
+            self.step = h * min(6.0, max(0.2, 0.9 * max(error, 1e-10) ** -0.2))
+            z = self.indicators(self.time + h, end)
+            # as CVODE: an indicator that begins at zero is not looked at before it has a sign
+            crossed = (self.z != 0.0) & (np.sign(z) != np.sign(self.z))
+            if not crossed.any():
+                return h, end, False
+            stop = self._stop(h, jacobian, crossed)
+            end, error = self._attempt(stop, jacobian)
+            if error <= 1.0:
+                return stop, end, True
+            h = 0.5 * stop  # beyond the event other equations hold, which may hide an error
+
+    def _stop(self, h: float, jacobian: np.ndarray, crossed: np.ndarray) -> float:
+        """Where in the step the host stops for the first of the events in it."""
+
+        def past(k: int, part: float) -> float:
+            if part == 0.0:
+                return float(self.z[k])
+            end, _ = self._attempt(part, jacobian)
+            return float(self.indicators(self.time + part, end)[k])
+
+        roots = [
+            brentq(lambda s, k=k: past(k, s), 0.0, h, xtol=1e-17, rtol=1e-15)
+            for k in np.nonzero(crossed)[0]
+        ]
+        root = min(roots)
+        ulp = float(np.spacing(self.time + root))
+        self._early = not self._early and self.random.random() < 0.3
+        away = -1.0 if self._early else self.random.choice([0.0, 1.0, 4.0, 64.0])
+        return float(min(h, max(root + away * ulp, ulp)))
