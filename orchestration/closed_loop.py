@@ -7,23 +7,34 @@ import csv
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
+
+import numpy as np
 
 from ..controllers import CONTROLLERS
 from ..fmus.catalogue import fmu, fmu_kernel
 from ..fmus.interface import TOLERANCE, interface_of
 from ..plant import PLANTS
+from ..plant.amplifier import NOMINAL_VOLTAGE, UNLIMITED
 from ..solver.kernel_cache import write_atomically
 from .coupling import Coupling
-from .isolated import TIME_LIMIT, open_fmu
+from .isolated import TIME_LIMIT, IsolatedParticipant, open_fmu
 from .master import CouplingError, LoopRun, Progress, run_loop
 from .metrics import metrics
+from .parameter_file import ParameterFile
+from .participant import FmuParticipant
+from .parts import label_of, used_parameters
 from .reference_signal import Reference
+from .sampling import UnknownPeriod, sampling_period
 from .whole_loop import run_monolithic
+from .wiring import CONTROLLER, SET_POINT, Wiring, names_on, wire
 
+LIMIT = "voltage_limit"  # the plant's parameter
+ROWS = 10_000  # of a table that are text in memory at a time
+_Fmu = FmuParticipant | IsolatedParticipant
 FIRST_COLUMNS = ("x", "v", "z", "i", "u")
 
 
@@ -53,6 +64,8 @@ class Study:
         Whether FMUs run each in a process of its own. Default: those that are not of the catalogue.
     time_limit : float
         Longest time that one call of an FMU in a process of its own may take [s].
+    told : ParameterFile, optional
+        Where values come from; the written parameter file keeps their intervals and sources.
     """
 
     controller: str
@@ -68,11 +81,17 @@ class Study:
     mapping: Mapping[str, str] | None = None
     isolate: bool | None = None
     time_limit: float = TIME_LIMIT
+    told: ParameterFile | None = None
 
     @property
     def label(self) -> str:
         """What to call the loop in tables and pictures."""
-        return Path(self.controller).stem
+        return label_of(self.controller)
+
+    def parameters(self) -> ParameterFile:
+        """All parameters of plant and controller as they are used."""
+        controllers = {self.controller: self.controller_values or {}}
+        return used_parameters(self.plant, self.plant_values or {}, controllers, self.told)
 
 
 class Labelled(Protocol):
@@ -80,6 +99,7 @@ class Labelled(Protocol):
 
     @property
     def label(self) -> str: ...
+    def parameters(self) -> ParameterFile | None: ...
 
 
 @dataclass(frozen=True)
@@ -126,29 +146,36 @@ class ClosedLoopResult:
             "end_time": float(run.time[-1]),
         }
 
-    def trajectory_csv(self) -> str:
-        """The table of ``trajectory.csv``, numbers with all their digits."""
+    def trajectory_csv(self) -> Iterator[bytes]:
+        """The table of ``trajectory.csv``, numbers with all their digits, piece by piece."""
         run = self.run
         columns = {**run.outputs, **run.commands}
         names = [n for n in FIRST_COLUMNS if n in columns]
         names += [n for n in columns if n not in names]
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["time", *names, "x_d"])
         table = [run.time, *(columns[n] for n in names), run.reference]
-        for row in zip(*(column.tolist() for column in table), strict=True):
-            writer.writerow([repr(value) for value in row])
-        return stream.getvalue()
+        yield _csv_rows([["time", *names, "x_d"]])
+        for first in range(0, len(run.time), ROWS):
+            piece = [column[first : first + ROWS].tolist() for column in table]
+            yield _csv_rows(map(repr, row) for row in zip(*piece, strict=True))
 
     def save(self, folder: Path | str, pictures: bool = True) -> None:
-        """Write trajectory.csv, metrics.json and, unless told otherwise, the pictures."""
+        """Write trajectory.csv, metrics.json, parameters.toml and, by default, the pictures."""
         folder = Path(folder)
-        write_atomically(folder / "trajectory.csv", self.trajectory_csv().encode())
+        write_atomically(folder / "trajectory.csv", self.trajectory_csv())
+        parameters = self.study.parameters()
+        if parameters is not None:
+            parameters.save(folder)
         write_json(folder / "metrics.json", self.figures())
         if pictures:
             from .pictures import save_run_pictures
 
             save_run_pictures(self, folder)
+
+
+def _csv_rows(rows: Iterable[Iterable[str]]) -> bytes:
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue().encode()
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -176,7 +203,10 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
         If a part refuses its initial values.
     """
     if study.coupling is Coupling.MONOLITHIC:
-        return ClosedLoopResult(study, _monolithic(study, progress))
+        run = _monolithic(study, progress)
+        return ClosedLoopResult(
+            study, run, amplifier_notes(run, [LIMIT], study.plant_values or {}, "--limit-voltage ")
+        )
     with contextlib.ExitStack() as opened:
         plant = open_fmu(_file(study.plant, PLANTS), "plant", study.isolate, study.time_limit)
         opened.callback(plant.close)
@@ -185,6 +215,10 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
         opened.callback(controller.close)
         for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
             check_values(side.name, values or {}, side.parameters)
+        wiring = wire(plant, controller, study.mapping)
+        notes = _connection_notes(study, controller, wiring)
+        if study.controller not in CONTROLLERS:
+            notes += _meet_samples(study, plant, controller, wiring)
         run = run_loop(
             plant,
             controller,
@@ -197,9 +231,84 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
             plant_values=study.plant_values,
             controller_values=study.controller_values,
             mapping=study.mapping,
+            wiring=wiring,
             progress=progress,
         )
-    return ClosedLoopResult(study, run)
+        limits = study.plant_values or {}
+        notes += amplifier_notes(run, plant.parameters, limits, "--limit-voltage ")
+    return ClosedLoopResult(study, run, notes)
+
+
+def _connection_notes(study: Study, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:
+    """Notes of inputs that nothing drives, and of one that is taken for the set-point."""
+    starts = {v.name: v.start or 0.0 for v in controller.description.variables}
+    notes = [
+        f"nothing drives the input {name!r} of {study.label}: it stays at {starts[name]:g}; "
+        f"--map {name}=NAME would connect it"
+        for name in wiring.unconnected
+    ]
+    called = names_on(CONTROLLER, wiring.references, study.mapping or {})
+    notes += [
+        f"the input {name!r} of {study.label}, which nothing else drives, is taken for the "
+        f"set-point {SET_POINT}"
+        for name in wiring.references
+        if called[name] != SET_POINT
+    ]
+    return tuple(notes)
+
+
+def _meet_samples(study: Study, plant: _Fmu, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:
+    """Tell a stranger's controller its own sampling period, where it has one; notes of it."""
+    sizes = np.array([plant.nominal(name) for name, _ in wiring.signals])
+    values = study.controller_values or {}
+    try:
+        period = sampling_period(controller, wiring, sizes, values, study.stop, study.step)
+    except UnknownPeriod as error:
+        raise CouplingError(str(error)) from error
+    notes: tuple[str, ...] = ()
+    if period.seconds > 0:
+        controller.sample_time = period.seconds
+        notes += (
+            f"{study.label} is sampled every {period.seconds:g} s, by {period.found}; it is "
+            "coupled so",
+        )
+    size = controller.description.step_size
+    if not controller.description.steps_vary and size != study.step:
+        told = f"of {size:g} s" if size else "all of one length"
+        notes += (
+            f"{study.label} says that its steps have to be {told}; this run and its checks take "
+            "others, so do not rely on the verdict alone",
+        )
+    return notes
+
+
+def amplifier_notes(
+    run: LoopRun, parameters: Iterable[str], values: Mapping[str, float], option: str
+) -> tuple[str, ...]:
+    """A note where a plant with an amplifier is asked for more than the nominal one gives.
+
+    Parameters
+    ----------
+    run : LoopRun
+    parameters : iterable of str
+        Of the plant.
+    values : mapping of str to float
+        Those of its parameters that are not default.
+    option : str
+        What sets the amplifier's limit.
+    """
+    limit = values.get(LIMIT, UNLIMITED)
+    if LIMIT not in parameters or "u" not in run.commands or limit <= NOMINAL_VOLTAGE:
+        return ()
+    peak = float(np.max(np.abs(run.commands["u"])))
+    if not peak > NOMINAL_VOLTAGE or run.stopped:  # how a loop ran away says nothing of amplifiers
+        return ()
+    has = "has no limit" if limit >= UNLIMITED else f"is limited to {limit:g} V"
+    return (
+        f"the peak of {peak:.4g} V is more than the {NOMINAL_VOLTAGE:g} V of the nominal "
+        f"amplifier, and this run {has}; with {option}{NOMINAL_VOLTAGE:g} the motor would get at "
+        f"most {NOMINAL_VOLTAGE:g} V",
+    )
 
 
 def _monolithic(study: Study, progress: Progress | None) -> LoopRun:

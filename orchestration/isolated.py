@@ -9,6 +9,7 @@ step costs few exchanges.
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import signal
@@ -71,9 +72,9 @@ class IsolatedParticipant:
         self._stepping = False
         self._dead = ""
         self._printed = tempfile.TemporaryFile()  # noqa: SIM115 (closed by _ended)
-        self._socket, self._process = _started(self._printed, self._fmu.folder)
+        self._socket, self._process, held = _started(self._printed, self._fmu.folder)
         self._socket.settimeout(time_limit)
-        self._end = weakref.finalize(self, _ended, self._socket, self._process, self._printed)
+        self._end = weakref.finalize(self, _ended, self._process, self._socket, held, self._printed)
         request = {
             "path": str(self._fmu.path),
             "folder": str(self._fmu.folder),
@@ -110,7 +111,8 @@ class IsolatedParticipant:
             If the FMU refuses, or its process does not survive.
         """
         request = json.dumps({"values": dict(values), "stop": stop}).encode()
-        (self.sample_time,) = struct.unpack("<d", self._ask(Request.INITIALIZE, request))
+        (told,) = struct.unpack("<d", self._ask(Request.INITIALIZE, request))
+        self.sample_time = told or self.sample_time
 
     def writer(self, names: Sequence[str]) -> Writer:
         number = self._bind(Request.BIND_WRITER, names)
@@ -156,7 +158,9 @@ class IsolatedParticipant:
             self._tell(Request.RELEASE, state)
 
     def reopened(self) -> IsolatedParticipant:
-        return IsolatedParticipant(self._fmu, self.name, self.time_limit)
+        other = IsolatedParticipant(self._fmu, self.name, self.time_limit)
+        other.sample_time = self.sample_time
+        return other
 
     def close(self) -> None:
         if self._end.alive and not self._dead:
@@ -236,9 +240,16 @@ def open_fmu(
     return IsolatedParticipant(path, name, time_limit)
 
 
-def _started(printed: Any, folder: Path) -> tuple[socket.socket, subprocess.Popen[bytes]]:
-    """A host process, connected; it ends by itself when this process does."""
+def _started(
+    printed: Any, folder: Path
+) -> tuple[socket.socket, subprocess.Popen[bytes], io.FileIO]:
+    """A host process, what it is talked to through, and what it lives as long as.
+
+    The last is the only writing end of a pipe: when it is closed, by the end of this process at the
+    latest, the host ends with all processes that it has started itself.
+    """
     ours, theirs = socket.socketpair()
+    until, held = os.pipe()
     # Its own working directory and no user's modules on the path (-P): what lies around here is
     # none of the FMU's business. This package is found where it is found now, after all else.
     import ballscrew
@@ -246,26 +257,28 @@ def _started(printed: Any, folder: Path) -> tuple[socket.socket, subprocess.Pope
     where = str(Path(ballscrew.__file__).parents[1])
     code = (
         f"import sys; sys.path.append({where!r}); "
+        "from ballscrew.orchestration.end_with_parent import end_when_closed; "
+        f"end_when_closed({until}, whole_group=True); "
         "from ballscrew.orchestration.isolated_host import main; "
         f"main({theirs.fileno()})"
     )
-    with theirs:
+    with theirs, open(until, "rb"):
         process = subprocess.Popen(
             [sys.executable, "-P", "-c", code],
             stdin=subprocess.DEVNULL,
             stdout=printed,
             stderr=printed,
             cwd=folder,
-            pass_fds=[theirs.fileno()],
+            pass_fds=[theirs.fileno(), until],
             start_new_session=True,  # Ctrl-C is the master's to handle
         )
-    return ours, process
+    return ours, process, io.FileIO(held, "w")
 
 
-def _ended(connection: socket.socket, process: subprocess.Popen[bytes], printed: Any) -> None:
-    connection.close()
+def _ended(process: subprocess.Popen[bytes], *files: Any) -> None:
     _kill(process)
-    printed.close()
+    for file in files:
+        file.close()
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

@@ -10,10 +10,8 @@ from __future__ import annotations
 import enum
 import json
 import os
-import select
 import socket
 import struct
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -74,7 +72,6 @@ def _exactly(connection: socket.socket, size: int) -> bytes:
 def main(descriptor: int) -> None:
     """Answer requests until the other side is gone, then end at once."""
     connection = socket.socket(fileno=descriptor)
-    threading.Thread(target=_end_with_master, args=(descriptor,), daemon=True).start()
     host = _Host()
     closed = False
     while not closed:
@@ -94,14 +91,6 @@ def main(descriptor: int) -> None:
         send(connection, answer)
     # Not through the interpreter's end, where a stranger's library may still crash.
     os._exit(0)
-
-
-def _end_with_master(descriptor: int) -> None:
-    """End this process when the master is gone, even while the FMU never returns."""
-    poll = select.poll()
-    poll.register(descriptor, getattr(select, "POLLRDHUP", select.POLLHUP))
-    poll.poll()
-    os._exit(1)
 
 
 class _Host:

@@ -168,6 +168,7 @@ def lyapunov(
     count: int | None = None,
     order: Sequence[int] | None = None,
     label: str = "",
+    progress: Callable[[str], None] | None = None,
 ) -> LyapunovRun:
     """Exponents of a model's motion from its start, and what the motion becomes.
 
@@ -183,6 +184,8 @@ def lyapunov(
         Only the so many largest.
     order : sequence of int, optional
         Order of the states in the first frame; their own if left out.
+    progress : function of a text, optional
+        Told what is being done.
 
     Raises
     ------
@@ -205,6 +208,8 @@ def lyapunov(
                 "motion is a map from sample to sample, whose exponents are not computed here"
             )
         n = len(model.x)
+        if progress:
+            progress(f"exponents over {stop:g} s at tolerance {tolerance * share:g}")
         frame = np.eye(n)[list(order) if order is not None else range(n)]
         run = follow(
             model,
@@ -220,6 +225,8 @@ def lyapunov(
         else:
             onward = make(min(tolerance * JUDGED * share, COARSEST))
             onward.x[:], onward.u[:] = model.x, model.u
+            if progress:
+                progress(f"what the motion becomes after {stop:g} s")
             motion = judge(onward, stop, stop)
         motions.append(motion)
     return LyapunovRun(
@@ -312,6 +319,7 @@ def loop_lyapunov(
     plant_values: Mapping[str, float] | None = None,
     controller_values: Mapping[str, float] | None = None,
     tolerance: float = TOLERANCE,
+    progress: Callable[[str], None] | None = None,
 ) -> LyapunovRun:
     """Exponents of a closed loop of two parts by name; parameters as in `run_loop`.
 
@@ -321,7 +329,8 @@ def loop_lyapunov(
     """
     make = loop_maker(plant, controller, setpoint, plant_values, controller_values)
     order = loop_order(loop_kernel(plant, controller))
-    return lyapunov(make, stop, tolerance, order=order, label=f"{controller} on {plant}")
+    label = f"{controller} on {plant}"
+    return lyapunov(make, stop, tolerance, order=order, label=label, progress=progress)
 
 
 def loop_lyapunov_over_fmus(
@@ -332,6 +341,7 @@ def loop_lyapunov_over_fmus(
     plant: str = "plant",
     plant_values: Mapping[str, float] | None = None,
     controller_values: Mapping[str, float] | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> LyapunovRun:
     """Exponents of a closed loop from its variational FMUs, and their master.
 
@@ -354,7 +364,9 @@ def loop_lyapunov_over_fmus(
     from .tangents_over_fmus import TangentsImpossible, follow_over_fmus
 
     given = (setpoint, plant, plant_values, controller_values)
-    known = loop_lyapunov(controller, stop, *given)
+    known = loop_lyapunov(controller, stop, *given, progress=progress)
+    if progress:
+        progress(f"the FMUs over {stop:g} s")
     count = len(known.names)
     try:
         ours = FmuParticipant(variational_fmu(plant, count), "plant")

@@ -25,11 +25,12 @@ from .march import (
     march,
     set_point,
 )
+from .memory import check_memory
 from .participant import Participant, StepFailed
 from .reference_signal import Reference
 from .structs import Struct, struct
 from .verdict import Verdict, judge
-from .wiring import Wiring, wire
+from .wiring import PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -143,7 +144,7 @@ def run_loop(
     plant, controller : Participant
         Not initialized yet.
     reference : Reference
-        For every input of the controller that the plant does not drive.
+        For the controller's set-point, see `wire`.
     stop, step : float
         End of the run and communication step [s]; for an adaptive run the longest step.
     coupling : Coupling, optional
@@ -154,7 +155,7 @@ def run_loop(
     adaptive : bool
         Let the defect's effect choose the steps.
     mapping : mapping of str to str, optional
-        Names of ports, ``theirs -> ours``.
+        Names of ports, ``theirs -> ours``, see `wire`.
     wiring : Wiring, optional
         Who is connected to whom. Default: ports of the same name, or as mapped; where it is given,
         `mapping` only names the results.
@@ -171,12 +172,14 @@ def run_loop(
         If the parts cannot be coupled so.
     StepFailed
         If a part refuses its parameters or initial values.
+    NotEnoughMemory
+        If the rows of all steps do not fit.
     """
     wiring = wiring or wire(plant, controller, mapping)
     reversible = plant.can_save and controller.can_save
-    ours = dict(mapping or {})
-    names = [ours.get(n, n) for n in plant.outputs]
-    commands = [ours.get(theirs, theirs) for _, theirs in wiring.commands]
+    ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping or {})
+    names = [ours[n] for n in plant.outputs]
+    commands = [ours[theirs] for _, theirs in wiring.commands]
     values = (dict(plant_values or {}), dict(controller_values or {}))
 
     def opened(fresh: bool, corrected: bool, averaged: bool, parts: int = 1) -> RecordedLoop:
@@ -206,6 +209,7 @@ def run_loop(
         companions = [opened(True, not corrections, averaged=not tangent)]
     else:
         companions = [opened(True, False, averaged=tangent, parts=parts) for parts in (2, 4)]
+    _check_room(len(names), len(commands), 1 if reversible else 2, stop / step)
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
     course = Course(reference, len(start), main.loop.outputs, nominal, len(commands))
     try:
@@ -217,6 +221,20 @@ def run_loop(
             companion.loop.controller.close()
     return _concluded(
         course, why, main, companions, reversible, names, commands, chosen, reason, time
+    )
+
+
+def _check_room(outputs: int, commands: int, companions: int, steps: float) -> None:
+    """Refuse a run whose rows do not fit into memory.
+
+    All are there twice while the chunks become whole columns, and the verdict and the pictures
+    make some columns more.
+    """
+    rows = 2 * (outputs * (1 + companions) + commands + 2) + 3 * outputs
+    check_memory(
+        8.0 * rows * steps,
+        f"{steps:.3g} communication steps need",
+        "use a longer --step or a shorter --stop",
     )
 
 
@@ -354,7 +372,7 @@ def march_on(
     pairs = main, *companions
     none = struct(PAIR)
     first, second = [*(pair.record for pair in companions), none.record, none.record][:2]
-    why, most, shown = GOES_ON, 1, 0.0
+    why, most = GOES_ON, 1
     while why == GOES_ON and not done(clock):
         began = perf_counter()
         try:
@@ -367,9 +385,8 @@ def march_on(
         # a chunk is short enough to be interrupted between two, and to tell how far it is
         slow = perf_counter() - began > LONGEST_WAIT
         most = max(1, most // 2) if slow else min(2 * most, CHUNK)
-        if progress and now(clock) - shown >= 0.01 * clock.stop:
-            shown = now(clock)
-            progress(shown)
+        if progress:
+            progress(now(clock))
     return _stop(why, now(clock), main, course.nominal)
 
 
@@ -405,12 +422,16 @@ def _concluded(
     if not reversible:
         contraction = _grid_contraction(outputs, *others)
     failure = why.reason or next((p.failure for p in companions if p.failure), "")
+    smaller = "use a smaller --step"
+    if coupling is not Coupling.TANGENT:
+        smaller += ", or --coupling tangent where both sides support it"
+    smaller += f"; this run had steps of {clock.longest_used:g} s"
     verdict = judge(
         names,
         outputs,
         others[0],
         contraction,
-        clock.longest_used,
+        smaller,
         safety=1.0 if main.loop.corrected and main.loop.averaged else 2.0,
         failure=failure,
         advice=why.advice,

@@ -116,7 +116,7 @@ class FmuParticipant:
     def __init__(self, source: Path | str | UnpackedFmu, name: str) -> None:
         self._fmu, self._clean = opened_source(self, source)
         self.name = name
-        description = self._fmu.description
+        description = self.description
         self._real = {v.name: v for v in description.variables if v.type == "Real"}
         self._numbers = {v.name: v for v in description.variables}
         self.inputs: Sequence[str] = description.names("input")
@@ -286,7 +286,9 @@ class FmuParticipant:
         self._free_state(self._component, ctypes.addressof(state))
 
     def reopened(self) -> FmuParticipant:
-        return FmuParticipant(self._fmu, self.name)
+        other = FmuParticipant(self._fmu, self.name)
+        other.sample_time = self.sample_time
+        return other
 
     def close(self) -> None:
         if not self._open:

@@ -13,11 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..solver.kernel_cache import write_atomically
+from .thinning import rows_over_plane, rows_over_time
 
 if TYPE_CHECKING:
     from .closed_loop import ClosedLoopResult
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MOST_POINTS = 20_000  # of a curve as lines in an SVG; beyond, it is an image inside
+SHADES = 256  # of the colours along a phase portrait
 DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (7, 2)), ":")
 STYLE: Any = {
     "axes.grid": True,
@@ -83,9 +86,7 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
         if "x" in run.outputs:
             figure, ((axes,),) = new_figure(1, 1, (8, 4.2))
             _draw_course(axes, run.time, run.outputs["x"], "x", 0, "position")
-            axes.plot(
-                run.time, run.reference * 1e2, color="#555555", lw=1, ls=":", label="set-point"
-            )
+            _draw_set_point(axes, run, label="set-point")
             axes.set_title(title)
             axes.legend(loc="best")
             write_figure(figure, folder, "position")
@@ -121,10 +122,17 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
 
 def _draw_course(axes: Any, time: Any, values: Any, name: str, colour: int, label: str) -> None:
     _, factor, _ = _axis(name)
-    axes.plot(time, values * factor, color=COLOURS[colour % len(COLOURS)], label=label)
+    shown = rows_over_time(time, values)
+    style = {"color": COLOURS[colour % len(COLOURS)], "label": label}
+    axes.plot(time[shown], values[shown] * factor, **style)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(_label(name))
     axes.margins(x=0.01)
+
+
+def _draw_set_point(axes: Any, run: Any, **style: Any) -> None:
+    shown = rows_over_time(run.time, run.reference)
+    axes.plot(run.time[shown], run.reference[shown] * 1e2, color="#555555", lw=1, ls=":", **style)
 
 
 def _draw_phase(figure: Any, axes: Any, run: Any) -> None:
@@ -133,17 +141,25 @@ def _draw_phase(figure: Any, axes: Any, run: Any) -> None:
     error = (run.outputs["x"] - run.reference) * 1e2
     speed = run.outputs["v"] * 1e2
     points = np.column_stack([error, speed])
-    lines = LineCollection(
-        list(np.stack([points[:-1], points[1:]], axis=1)),
-        cmap="viridis",
-        linewidths=2.4,
-        capstyle="round",
-    )
     # colours span the motion, not the rest after it
     span = np.maximum(np.ptp(points, axis=0), 1e-12)
     moved = np.cumsum(np.hypot(*(np.diff(points, axis=0) / span).T))
     motion_end = run.time[int(np.searchsorted(moved, 0.999 * moved[-1])) + 1]
-    lines.set_array(run.time[:-1])
+    shown = rows_over_plane(points)
+    begins = run.time[shown][:-1]
+    # one line for as long as its colour is the same
+    shade = np.minimum(begins / motion_end * SHADES, SHADES - 1).astype(int)
+    ends = [*np.flatnonzero(np.diff(shade)) + 1, len(shade)]
+    strokes = list(zip([0, *ends[:-1]], ends, strict=True))
+    lines = LineCollection(
+        [points[shown[begin : end + 1]] for begin, end in strokes],
+        cmap="viridis",
+        linewidths=2.4,
+        capstyle="round",
+        joinstyle="round",
+        rasterized=len(shown) > MOST_POINTS,
+    )
+    lines.set_array(begins[[begin for begin, _ in strokes]])
     lines.set_clim(0.0, motion_end)
     axes.add_collection(lines)
     axes.autoscale_view()
@@ -168,27 +184,38 @@ def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -
             label = result.study.label
             if not result.trusted:
                 label += " (not converged)"
-            style = {
-                "color": COLOURS[k % len(COLOURS)],
-                "ls": DASHES[k % len(DASHES)],
-                "label": label,
-            }
-            position.plot(run.time, run.outputs["x"] * 1e2, **style)
+            style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}
             distance = np.maximum(np.abs(run.outputs["x"] - run.reference) * 1e6, 1e-3)
-            fine.semilogy(run.time, distance, **style)
-            voltage.plot(run.time, run.commands["u"], **style)
+            for axes, values in (
+                (position, run.outputs["x"] * 1e2),
+                (fine, distance),
+                (voltage, run.commands["u"]),
+            ):
+                shown = rows_over_time(run.time, values)
+                name = label if axes is position else "_nolegend_"
+                axes.plot(run.time[shown], values[shown], label=name, **style)
+            peak = int(np.argmax(np.abs(run.commands["u"])))
+            voltage.plot(
+                run.time[peak],
+                run.commands["u"][peak],
+                "o",
+                color=style["color"],
+                label=f"{run.commands['u'][peak]:.1f} V at {run.time[peak]:.3g} s",
+            )
             settled = result.figures().get("settling_time_2pct")
             ends.append(1.6 * settled if settled else run.time[-1])
         run = results[0].run
-        position.plot(run.time, run.reference * 1e2, color="#555555", lw=1, ls=":")
+        _draw_set_point(position, run)
         position.set_ylabel(_label("x"))
         position.set_title("Controllers on the same axis")
-        position.legend(loc="lower right")
+        fine.set_yscale("log")
         fine.set_ylabel("distance to the set-point\n[µm], 1 nm at least")
         voltage.set_ylabel(_label("u"))
         voltage.set_xlabel("time [s]")
-        for axes in (position, voltage):
-            axes.set_xlim(0, min(max(ends), run.time[-1]))
-        fine.set_xlim(0, run.time[-1])
+        end = min(max(ends), run.time[-1])
+        for axes in (position, fine, voltage):
+            axes.set_xlim(-0.02 * end, end)  # what happens at once stands apart from the frame
+        for axes, title in ((position, ""), (voltage, "peak")):  # beside the curves, never over
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title)
         figure.align_ylabels()
         write_figure(figure, folder, "comparison")

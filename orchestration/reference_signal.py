@@ -43,15 +43,18 @@ class Reference:
             If the file is missing or is not such a table.
         """
         try:
-            with open(path, newline="", encoding="utf-8") as stream:
+            with open(path, newline="", encoding="utf-8-sig") as stream:
                 rows = list(csv.reader(stream))
-        except (OSError, UnicodeDecodeError) as error:
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise BadReference(f"{path}: cannot be read: {error}") from error
         header = [name.strip() for name in rows[0]] if rows else []
         if "time" not in header or "x_d" not in header:
             raise BadReference(
                 f"{path}: has the columns {', '.join(header) or 'none'}, expected time and x_d"
             )
+        for name in ("time", "x_d"):
+            if header.count(name) > 1:
+                raise BadReference(f"{path}: the column {name!r} is there twice, expected once")
         columns = [header.index("time"), header.index("x_d")]
         points = []
         for number, row in enumerate(rows[1:], start=2):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -25,7 +25,9 @@ from ..solver.kernel import Kernel, Model
 from ..solver.kernel_cache import write_atomically
 from ..solver.spectrum import follow, follow_returns
 from .closed_loop import write_json
+from .memory import check_memory
 from .motion import Kind, Motion, judge
+from .run_folder import write_run
 from .whole_loop import loop_kernel
 
 if TYPE_CHECKING:
@@ -43,7 +45,10 @@ TIGHTER = 0.1
 CHECKED = 0.05  # share of the cells away from borders that is computed again
 LAST = 0.1  # share of the run over which the oscillation is measured
 HALVINGS = 8  # of a border's width
+PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
+MOST_BYTES = 10**30  # counts on the command line have any number of digits
 PARTS = "map.parts"  # folder of what is done while the map is not
+TABLE, BORDERS = "map.parquet", "borders.csv"
 SETPOINT, DESIGN = "setpoint", "design"
 _BITS = 1.0 / math.log(2.0)
 
@@ -115,7 +120,14 @@ class MapStudy:
         Raises
         ------
         BadMap
+        NotEnoughMemory
+            If the tables and pictures of so many cells do not fit.
         """
+        check_memory(
+            float(min(PER_CELL * self.cells, MOST_BYTES)),
+            f"{self.x.count} x {self.y.count} cells need",
+            "map fewer points, or one part after another",
+        )
         if _kernel(self).discrete:
             raise BadMap(
                 f"{self.controller} holds its command between samples; maps of sampled loops are "
@@ -299,7 +311,7 @@ def run_cell(study: MapStudy, x: float, y: float, tolerance: float) -> Cell:
     return Cell(motion.kind, error, growth / study.stop * _BITS, swing)
 
 
-def run_chunk(study: MapStudy, cells: list[int], tolerance: float) -> Columns:
+def run_chunk(study: MapStudy, cells: Sequence[int], tolerance: float) -> Columns:
     """Run some cells; their columns, as they go into the table."""
     columns: Columns = {
         "cell": list(cells),
@@ -336,6 +348,8 @@ class MapSummary:
         it changed.
     borders : int
         Borders found by refinement; 0 without.
+    notes : tuple of str
+        What the user should know beside, of the files; not in ``map.json``.
     """
 
     study: MapStudy
@@ -345,6 +359,7 @@ class MapSummary:
     random_checked: int
     random_disagreed: int
     borders: int
+    notes: tuple[str, ...] = ()
 
     def figures(self) -> dict[str, Any]:
         rate = self.random_disagreed / self.random_checked if self.random_checked else None
@@ -369,11 +384,12 @@ def make_map(
     resume: bool = False,
     refine: bool = False,
     progress: Progress | None = None,
+    beside: Callable[[Path], object] | None = None,
 ) -> MapSummary:
     """Compute a map, or finish one, and write it.
 
     Writes ``map.parquet``, ``map.json``, ``map.png`` and ``map.svg``, with `refine` also
-    ``borders.csv``, into `folder`.
+    ``borders.csv``, into `folder`, all at once. `beside` may add files to the folder it is given.
 
     Raises
     ------
@@ -382,24 +398,45 @@ def make_map(
     OSError
         If the results cannot be written.
     """
+    parts = folder / PARTS
     finished = _claim(study, folder, resume)
+    new = finished is None
     if finished is None:
-        finished = _complete(study, folder, workers, progress)
-    if refine and not (folder / "borders.csv").is_file():
-        table = _load(folder, "map.parquet")
+        finished = _complete(study, parts, workers, progress)
+    borders = None
+    if refine and (new or not (folder / BORDERS).is_file()):
+        table = _load(parts, TABLE) if new else _finished(folder)
         verdicts = np.array(_codes(table.column("verdict").to_pylist()), dtype=np.int8)
-        found = _refine(study, verdicts, folder, workers, progress)
+        borders, found = _refine(study, verdicts, workers, progress)
         finished = replace(finished, borders=found)
-    write_json(folder / "map.json", finished.figures())
-    return finished
+
+    def write(stage: Path) -> None:
+        if new:
+            from .map_pictures import save_map_picture
+
+            (parts / TABLE).replace(stage / TABLE)
+            save_map_picture(study, stage)
+            if beside:
+                beside(stage)
+        if borders is not None:
+            (stage / BORDERS).write_text(borders, encoding="utf-8")
+        write_json(stage / "map.json", finished.figures())
+
+    notes: list[str] = []
+    if new or borders is not None:
+        notes = write_run(folder, write, adds=not new)
+    if parts.is_dir():
+        for part in parts.iterdir():
+            part.unlink()
+        parts.rmdir()
+    return replace(finished, notes=tuple(notes))
 
 
 def _complete(
-    study: MapStudy, folder: Path, workers: Workers, progress: Progress | None
+    study: MapStudy, parts: Path, workers: Workers, progress: Progress | None
 ) -> MapSummary:
-    """Compute what is missing, then make one table of all."""
-    parts = folder / PARTS
-    plain = _chunks(study.cells, "c", [list(range(study.cells))])
+    """Compute what is missing, then make one table of all, among the parts."""
+    plain = _chunks(study.cells, "c", [range(study.cells)])
     _compute(study, parts, plain, study.tolerance, workers, progress)
     verdicts = np.array(
         [k for name in plain for k in _codes(_load(parts, name).column("verdict").to_pylist())],
@@ -418,11 +455,11 @@ def _complete(
         checked |= dict(zip(table.column("cell").to_pylist(), codes, strict=True))
     changed = {cell for cell, code in checked.items() if code != verdicts[cell]}
     by_chance = set(some.tolist())
-    _merge(parts, list(plain), checked, changed, folder)
+    _merge(parts, list(plain), checked, changed)
     verdicts[sorted(changed)] = _CODE[Kind.UNDECIDED]
     kinds = list(Kind)
     found, counts = np.unique(verdicts, return_counts=True)
-    summary = MapSummary(
+    return MapSummary(
         study,
         {kinds[k].value: int(n) for k, n in zip(found, counts, strict=True)},
         len(checked),
@@ -431,14 +468,6 @@ def _complete(
         len(changed & by_chance),
         0,
     )
-    from .map_pictures import save_map_picture
-
-    save_map_picture(study, folder)
-    write_json(folder / "map.json", summary.figures())
-    for part in parts.iterdir():
-        part.unlink()
-    parts.rmdir()
-    return summary
 
 
 _CODE = {kind: k for k, kind in enumerate(Kind)}
@@ -446,6 +475,17 @@ _CODE = {kind: k for k, kind in enumerate(Kind)}
 
 def _codes(verdicts: list[str]) -> list[int]:
     return [_CODE[Kind(v)] for v in verdicts]
+
+
+# keys of map.json in the order of the summary's attributes
+SUMMARY = (
+    "verdicts",
+    "checked_tighter",
+    "disagreed",
+    "checked_at_random",
+    "disagreed_at_random",
+    "borders",
+)
 
 
 def _claim(study: MapStudy, folder: Path, resume: bool) -> MapSummary | None:
@@ -467,21 +507,18 @@ def _claim(study: MapStudy, folder: Path, resume: bool) -> MapSummary | None:
         if "verdicts" in found:
             finished = found
     if finished is not None:
-        return MapSummary(
-            study,
-            finished["verdicts"],
-            finished["checked_tighter"],
-            finished["disagreed"],
-            finished["checked_at_random"],
-            finished["disagreed_at_random"],
-            finished["borders"],
-        )
+        try:
+            return MapSummary(study, *(finished[name] for name in SUMMARY))
+        except KeyError as error:
+            raise BadMap(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
+    if resume and not (folder / PARTS).is_dir():
+        raise BadMap(f"{folder} holds no map to go on with; leave out --resume to begin one")
     (folder / PARTS).mkdir(parents=True, exist_ok=True)
     write_json(folder / PARTS / "study.json", {"fingerprint": own})
     return None
 
 
-def _chunks(cells: int, head: str, groups: list[list[int]]) -> dict[str, list[int]]:
+def _chunks(cells: int, head: str, groups: Sequence[Sequence[int]]) -> dict[str, Sequence[int]]:
     """Names of chunks and the cells in them, in order."""
     width = len(str(cells))
     named = {}
@@ -494,12 +531,12 @@ def _chunks(cells: int, head: str, groups: list[list[int]]) -> dict[str, list[in
 def _compute(
     study: MapStudy,
     parts: Path,
-    chunks: Mapping[str, list[int]],
+    chunks: Mapping[str, Sequence[int]],
     tolerance: float,
     workers: Workers,
     progress: Progress | None,
 ) -> None:
-    missing = {name: cells for name, cells in chunks.items() if not (parts / name).is_file()}
+    missing = {name: cells for name, cells in chunks.items() if not _whole(parts / name, cells)}
     total = sum(map(len, chunks.values()))
     done = total - sum(map(len, missing.values()))
     tasks = ((name, (study, cells, tolerance)) for name, cells in missing.items())
@@ -508,6 +545,17 @@ def _compute(
         done += len(columns["cell"])
         if progress:
             progress(done, total)
+
+
+def _whole(part: Path, cells: Sequence[int]) -> bool:
+    """Whether a chunk is there and holds its cells; a disk may have lost the end of it."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return bool(pq.read_table(part)["cell"].to_pylist() == list(cells))
+    except (OSError, pa.ArrowInvalid):
+        return False
 
 
 def _schema(columns: Columns) -> pa.Schema:
@@ -532,6 +580,17 @@ def _load(parts: Path, name: str) -> pa.Table:
     return pq.read_table(parts / name)
 
 
+def _finished(folder: Path) -> pa.Table:
+    import pyarrow as pa
+
+    try:
+        return _load(folder, "map.parquet")
+    except (OSError, pa.ArrowInvalid) as error:
+        raise BadMap(
+            f"{folder / 'map.parquet'} is damaged; remove the folder and compute the map again"
+        ) from error
+
+
 def _border_cells(verdicts: npt.NDArray[np.int8]) -> npt.NDArray[np.int64]:
     """Flat indices of the cells that have a neighbour of another verdict."""
     edge = np.zeros(verdicts.shape, dtype=bool)
@@ -548,13 +607,12 @@ def _merge(
     names: list[str],
     checked: Mapping[int, int],
     changed: set[int],
-    folder: Path,
 ) -> None:
     """One table of all chunks, in the order of the cells, a chunk in memory at a time."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    target, half = folder / "map.parquet", parts / "merged"
+    half = parts / (TABLE + ".part")
     writer = None
     for name in names:
         columns = _load(parts, name).to_pydict()
@@ -569,7 +627,7 @@ def _merge(
         writer.write_table(pa.table(columns, schema=schema))
     if writer:
         writer.close()
-    half.replace(target)
+    half.replace(parts / TABLE)
 
 
 # -- borders ------------------------------------------------------------------------------------
@@ -616,10 +674,10 @@ def _border_tasks(study: MapStudy, verdicts: npt.NDArray[np.int8]) -> Iterator[t
 def _refine(
     study: MapStudy,
     verdicts: npt.NDArray[np.int8],
-    folder: Path,
     workers: Workers,
     progress: Progress | None,
-) -> int:
+) -> tuple[str, int]:
+    """The table of borders as text, and how many there are."""
     tasks = list(_border_tasks(study, verdicts))
     rows = {}
     for name, row in workers.map(run_border, iter(tasks)):
@@ -633,8 +691,7 @@ def _refine(
         lines.append(
             ",".join(f"{row[c]:.12g}" if isinstance(row[c], float) else row[c] for c in header)
         )
-    write_atomically(folder / "borders.csv", ("\n".join(lines) + "\n").encode())
-    return len(tasks)
+    return "\n".join(lines) + "\n", len(tasks)
 
 
 # -- the stuck regime ---------------------------------------------------------------------------

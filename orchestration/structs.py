@@ -15,6 +15,9 @@ from llvmlite import ir
 from numba import carray, njit, types
 from numba.extending import intrinsic
 
+from ..solver.writable_cache import ready
+
+ready()
 Vector = npt.NDArray[np.float64]
 _Function = TypeVar("_Function")
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..solver.kernel_cache import write_atomically
 from .closed_loop import ClosedLoopResult, Study, run_study, write_json
+from .parameter_file import ParameterFile
 
 COLUMNS = (
     "controller",
@@ -36,6 +38,22 @@ class SwapResult:
     def trusted(self) -> bool:
         return all(result.trusted for result in self.results)
 
+    def parameters(self) -> ParameterFile:
+        """Those of the plant and of all controllers."""
+        files = [p for r in self.results if (p := r.study.parameters()) is not None]
+        controllers = {name: values for file in files for name, values in file.controllers.items()}
+        return replace(files[0], controllers=controllers)
+
+    @property
+    def trajectories(self) -> list[str]:
+        """A file's name for each result, by its label; numbered where two have the same."""
+        labels = [result.study.label for result in self.results]
+        before = [labels[:k].count(label) for k, label in enumerate(labels)]
+        return [
+            os.fsdecode(f"trajectory_{label}{f'_{n + 1}' if n else ''}.csv".encode())
+            for label, n in zip(labels, before, strict=True)
+        ]
+
     def comparison_csv(self) -> str:
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")
@@ -46,8 +64,18 @@ class SwapResult:
         return stream.getvalue()
 
     def save(self, folder: Path | str, pictures: bool = True) -> None:
-        """Write comparison.csv, comparison.json and, unless told otherwise, one picture."""
+        """Write comparison.csv, comparison.json, trajectories, parameters.toml and a picture.
+
+        Parameters
+        ----------
+        folder : path-like
+        pictures : bool
+            Whether to write the picture.
+        """
         folder = Path(folder)
+        self.parameters().save(folder)
+        for name, result in zip(self.trajectories, self.results, strict=True):
+            write_atomically(folder / name, result.trajectory_csv())
         write_atomically(folder / "comparison.csv", self.comparison_csv().encode())
         write_json(folder / "comparison.json", [result.figures() for result in self.results])
         if pictures:
@@ -57,22 +85,17 @@ class SwapResult:
 
 
 def swap(
-    study: Study,
-    controllers: Sequence[str],
-    progress: Callable[[str, float], None] | None = None,
+    studies: Sequence[Study], progress: Callable[[str, float], None] | None = None
 ) -> SwapResult:
-    """Run the same study with each controller.
+    """Run studies that differ in their controllers, one after the other.
 
     Parameters
     ----------
-    study : Study
-        Its own controller is ignored.
-    controllers : sequence of str
-        Names or paths.
-    progress : function (controller, time), optional
+    studies : sequence of Study
+    progress : function (label, time), optional
     """
     results = []
-    for controller in controllers:
-        told = None if progress is None else (lambda t, name=controller: progress(name, t))
-        results.append(run_study(replace(study, controller=controller), told))
+    for study in studies:
+        told = None if progress is None else (lambda t, name=study.label: progress(name, t))
+        results.append(run_study(study, told))
     return SwapResult(tuple(results))

@@ -17,12 +17,19 @@ from ..fmus.system_reading import (
     SystemStructure,
     read_system,
 )
-from .closed_loop import BadParameter, ClosedLoopResult, check_values
+from .closed_loop import (
+    LIMIT,
+    BadParameter,
+    ClosedLoopResult,
+    amplifier_notes,
+    check_values,
+)
 from .coupling import Coupling
 from .group import Feed, Group
 from .isolated import TIME_LIMIT, IsolatedParticipant, open_fmu
 from .master import Progress, run_loop
 from .participant import FmuParticipant, Participant
+from .parts import readable
 from .reference_signal import Reference
 from .wiring import Wiring
 
@@ -69,7 +76,10 @@ class SystemStudy:
     @property
     def label(self) -> str:
         """What to call the loop in tables and pictures."""
-        return Path(self.system).stem
+        return readable(Path(self.system).stem)
+
+    def parameters(self) -> None:
+        """None: the elements of an .ssp are the file's own, and it says their values itself."""
 
 
 def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLoopResult:
@@ -121,8 +131,12 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
             wiring=loop.wiring,
             progress=progress,
         )
+        limit = f"--set {loop.plant_name}.{LIMIT}="
+        amplifier = amplifier_notes(
+            run, fmus[loop.plant_name].parameters, values[loop.plant_name], limit
+        )
     notes = [f"{name} names nothing in the system and was ignored" for name in system.ignored]
-    return ClosedLoopResult(study, run, tuple(notes))
+    return ClosedLoopResult(study, run, (*notes, *amplifier))
 
 
 def _values(system: SystemStructure, study: SystemStudy, fmus: Fmus) -> dict[str, dict[str, float]]:

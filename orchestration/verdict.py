@@ -57,7 +57,7 @@ def judge(
     run: Vector,
     companion: Vector,
     contraction: float,
-    step: float,
+    smaller: str,
     safety: float = 2.0,
     failure: str = "",
     advice: str = "",
@@ -71,8 +71,8 @@ def judge(
     run, companion : ndarray, shape (k, n)
         Outputs at the communication points; rows may end early where something failed.
     contraction : float
-    step : float
-        Communication step [s], for the advice.
+    smaller : str
+        What to do about a defect that is too large.
     safety : float
         Factor on the estimate: 1 where the companion is the worse of the two, so that the
         difference is larger than the run's own error; 2 where it is the better.
@@ -89,10 +89,6 @@ def judge(
     share = np.where(scale > 0, difference / np.where(scale > 0, scale, 1), 0.0)
     estimate = dict(zip(names, difference.tolist(), strict=True))
     worst = int(np.argmax(np.where(np.isfinite(share), share, np.inf)))
-    smaller = (
-        "use a smaller --step, or --coupling tangent where both sides support it; "
-        f"this run had steps of {step:g} s"
-    )
     if failure:
         return Verdict(False, failure, advice, estimate, contraction)
     if np.isfinite(contraction) and contraction > WORST_CONTRACTION:

@@ -15,6 +15,7 @@ from ..solver.stored import stored_kernel
 from .coupling import Coupling
 from .march import RUNAWAY
 from .master import LoopRun, Progress, step_that_meets
+from .memory import check_memory
 from .reference_signal import Reference
 from .verdict import ACCURACY, Verdict
 
@@ -71,8 +72,15 @@ def run_monolithic(
     ------
     KeyError
         For a parameter that does not exist.
+    NotEnoughMemory
+        If the rows of all steps do not fit.
     """
     kernel = loop_kernel(plant, controller)
+    check_memory(
+        8.0 * (5 * len(kernel.outputs) + 6) * stop / step,  # two courses, times, what is drawn
+        f"{stop / step:.3g} communication steps need",
+        "use a longer --step or a shorter --stop",
+    )
     values = {PLANT + k: v for k, v in (plant_values or {}).items()}
     values |= {CONTROLLER + k: v for k, v in (controller_values or {}).items()}
     tight = _simulate(kernel, values, TIGHT, reference, stop, step, progress)
@@ -85,7 +93,7 @@ def run_monolithic(
         time=tight.time,
         outputs={n: tight.outputs[n] for n in signals},
         commands={n: tight.outputs[n] for n in commands},
-        reference=np.array([reference.at(t) for t in tight.time]),
+        reference=np.interp(tight.time, reference.times, reference.values),
         coupling=Coupling.MONOLITHIC,
         coupling_reason="as asked",
         corrected=False,
@@ -121,7 +129,7 @@ def _simulate(
     step = step_that_meets(period, step)
     points = int(np.ceil(stop / step - _ROUND_OFF))
     times = np.minimum(np.arange(points + 1) * step, stop)
-    rows = []
+    table = np.empty((points + 1, len(kernel.outputs)))
     nominal = np.array([o.nominal for o in kernel.outputs])
     inputs = [i.name for i in kernel.inputs if i.role == "reference"]
     stopped = ""
@@ -134,10 +142,10 @@ def _simulate(
         model.set_input("t_step", t)
         if period > 0 and abs(t / period - round(t / period)) < _ROUND_OFF:
             model.sample(t)
-        rows.append(list(model.outputs(t, model.x).values()))
-        left = np.abs(rows[-1]) > RUNAWAY * nominal
-        if not np.isfinite(rows[-1]).all() or left.any():
-            name = kernel.outputs[int(np.argmax(np.abs(rows[-1]) / nominal))].name
+        table[k] = list(model.outputs(t, model.x).values())
+        left = np.abs(table[k]) > RUNAWAY * nominal
+        if not np.isfinite(table[k]).all() or left.any():
+            name = kernel.outputs[int(np.argmax(np.abs(table[k]) / nominal))].name
             stopped = f"the loop runs away: {name} leaves every bound at t = {t:.6g} s"
             break
         if k == points:
@@ -149,9 +157,9 @@ def _simulate(
             break
         if progress and k % max(1, points // 100) == 0:
             progress(float(t))
-    table = np.array(rows)
+    table = table[: k + 1]
     names = [o.name for o in kernel.outputs]
-    return _Course(times[: len(rows)], {n: table[:, k] for k, n in enumerate(names)}, stopped)
+    return _Course(times[: len(table)], {n: table[:, k] for k, n in enumerate(names)}, stopped)
 
 
 def _verdict(tight: _Course, loose: _Course, names: list[str]) -> Verdict:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
 from .participant import Participant
+
+PLANT, CONTROLLER = "plant", "controller"
+SET_POINT = "x_d"
+COLUMNS = ("time", SET_POINT)  # of the results, beside the plant's
 
 
 class WiringError(ValueError):
@@ -23,9 +27,12 @@ class Wiring:
     commands : tuple of (controller output, plant input)
     signals : tuple of (plant output, controller input)
     references : tuple of str
-        Controller inputs that nothing drives: set-points.
+        Controller inputs that take the set-point: the one called ``x_d``, else the only one that
+        nothing drives.
     accepts_law, reports_law : bool
         Whether the plant has the law's inputs, the controller its outputs.
+    unconnected : tuple of str
+        Controller inputs that nothing drives and that stay at their start values.
     """
 
     commands: tuple[tuple[str, str], ...]
@@ -33,6 +40,7 @@ class Wiring:
     references: tuple[str, ...]
     accepts_law: bool
     reports_law: bool
+    unconnected: tuple[str, ...] = ()
 
     def plant_law(self) -> list[str]:
         """The plant's inputs beside the commands, in the order in which a law is written.
@@ -62,32 +70,33 @@ def wire(
     ----------
     mapping : mapping of str to str, optional
         ``theirs -> ours``: names of a stranger's ports to the names they meet on the other side.
+        ``plant.theirs`` and ``controller.theirs`` are of one side alone.
 
     Raises
     ------
     WiringError
-        If the plant's command or every measurement of the controller stays unmatched.
+        If the plant's command or every measurement of the controller stays unmatched, a name of
+        the mapping is no port, two ports would have one name, or the set-point is not told.
     """
     mapping = dict(mapping or {})
-    known = {*plant.inputs, *plant.outputs, *controller.inputs, *controller.outputs}
-    for theirs in mapping:
-        if theirs not in known:
-            raise WiringError(f"--map: neither side has a port {theirs!r}{_near(theirs, known)}")
-
-    def ours(name: str) -> str:
-        return mapping.get(name, name)
-
-    plant_outputs = {ours(n): n for n in plant.outputs}
+    _check_mapping(plant, controller, mapping)
+    on_plant = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
+    on_controller = names_on(CONTROLLER, [*controller.inputs, *controller.outputs], mapping)
+    plant_outputs = {on_plant[n]: n for n in plant.outputs}
     law = {
         port
         for command in plant.inputs
         for y in plant.outputs
         for port in (gain_port(command, y), reference_port(command, y), rate_port(command))
     }
-    needed = {ours(n): n for n in plant.inputs if n not in law}
-    commands = tuple((n, needed[ours(n)]) for n in controller.outputs if ours(n) in needed)
+    needed = {on_plant[n]: n for n in plant.inputs if n not in law}
+    commands = tuple(
+        (n, needed[on_controller[n]]) for n in controller.outputs if on_controller[n] in needed
+    )
     signals = tuple(
-        (plant_outputs[ours(n)], n) for n in controller.inputs if ours(n) in plant_outputs
+        (plant_outputs[on_controller[n]], n)
+        for n in controller.inputs
+        if on_controller[n] in plant_outputs
     )
     driven = {theirs for _, theirs in commands}
     missing = [n for n in needed.values() if n not in driven]
@@ -103,13 +112,58 @@ def wire(
             f"{', '.join(controller.inputs) or 'none'}, the plant's outputs are "
             f"{', '.join(plant.outputs)}; use --map theirs=ours"
         )
-    free = tuple(n for n in controller.inputs if n not in {c for _, c in signals})
-    wiring = Wiring(commands, signals, free, False, False)
+    free = [n for n in controller.inputs if n not in {c for _, c in signals}]
+    goals = [n for n in free if on_controller[n] == SET_POINT] or free
+    if len(goals) > 1:
+        raise WiringError(
+            f"{controller.name} has the inputs {', '.join(goals)} that nothing of {plant.name} "
+            f"drives; say which is the set-point, as --map {goals[0]}={SET_POINT}"
+        )
+    unconnected = tuple(n for n in free if n not in goals)
+    wiring = Wiring(commands, signals, tuple(goals), False, False, unconnected)
     return replace(
         wiring,
         accepts_law=set(wiring.plant_law()) <= set(plant.inputs),
         reports_law=set(wiring.controller_law()) <= set(controller.outputs),
     )
+
+
+def names_on(side: str, ports: Iterable[str], mapping: Mapping[str, str]) -> dict[str, str]:
+    """What the ports of a side are called here."""
+    return {n: mapping.get(f"{side}.{n}", mapping.get(n, n)) for n in ports}
+
+
+def _check_mapping(plant: Participant, controller: Participant, mapping: Mapping[str, str]) -> None:
+    """Make sure that every name is a port, and that no port takes the name of another."""
+    ports = {
+        PLANT: [*plant.outputs, *plant.inputs],
+        CONTROLLER: [*controller.inputs, *controller.outputs],
+    }
+    for theirs in mapping:
+        side, _, own = theirs.partition(".")
+        if theirs in ports[PLANT] or theirs in ports[CONTROLLER]:
+            continue
+        if side not in ports:
+            everything = {*ports[PLANT], *ports[CONTROLLER]}
+            raise WiringError(
+                f"--map: neither side has a port {theirs!r}{_near(theirs, everything)}"
+            )
+        if own not in ports[side]:
+            raise WiringError(f"--map: {side} has no port {own!r}{_near(own, ports[side])}")
+    for side, group, taken in (
+        (PLANT, ports[PLANT], COLUMNS),
+        (CONTROLLER, controller.inputs, ()),
+        (CONTROLLER, controller.outputs, ()),
+    ):
+        called = names_on(side, group, mapping)
+        for theirs, ours in called.items():
+            others = [n for n, name in called.items() if name == ours and n != theirs]
+            if ours != theirs and (others or ours in taken):
+                whose = f"{side}'s port {others[0]!r}" if others else "a column of the results"
+                raise WiringError(
+                    f"--map {theirs}={ours} would hide {whose}, which has that name; map one of "
+                    "them to a name that is free"
+                )
 
 
 def _near(name: str, names: object) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import islice
 from typing import Any, Protocol
+
+from .end_with_parent import pool
 
 AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
 
@@ -44,12 +47,12 @@ class Processes:
             return
         from concurrent.futures.process import BrokenProcessPool
 
-        with ProcessPoolExecutor(self.count) as pool:
+        with pool(self.count) as workers:
             waiting: dict[Future[Any], str] = {}
             try:
                 while True:
                     for name, arguments in islice(tasks, self.count * AHEAD - len(waiting)):
-                        waiting[pool.submit(function, *arguments)] = name
+                        waiting[workers.submit(function, *arguments)] = name
                     if not waiting:
                         return
                     done, _ = wait(waiting, return_when=FIRST_COMPLETED)
@@ -60,7 +63,7 @@ class Processes:
                     "a worker process ended unexpectedly; finish the map with --resume"
                 ) from error
             except GeneratorExit:
-                pool.shutdown(wait=False, cancel_futures=True)
+                workers.shutdown(wait=False, cancel_futures=True)
                 raise
 
 
@@ -86,6 +89,7 @@ class Dask:
                 "--dask needs Dask's scheduler: pip install 'ballscrew[dask]'"
             ) from None
         try:
+            _answers(address, timeout)
             self.client = Client(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise WorkersLost(f"no Dask scheduler answers at {address}: {error}") from None
@@ -112,6 +116,19 @@ class Dask:
 
     def close(self) -> None:
         self.client.close()
+
+
+def _answers(address: str, timeout: float) -> None:
+    """Make sure that somebody listens there: a client that fails is noisy and slow to end.
+
+    Raises
+    ------
+    OSError, ValueError
+    """
+    from distributed.comm.addressing import get_address_host_port
+
+    host, port = get_address_host_port(address)
+    socket.create_connection((host, port), timeout).close()
 
 
 def _named(function: Callable[..., Any], name: str, arguments: tuple[Any, ...]) -> tuple[str, Any]:

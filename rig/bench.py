@@ -20,11 +20,13 @@ from ..solver.kernel import IntegrationError, Kernel, Model, ParameterInfo
 from ..solver.stored import stored_kernel
 from .calibration import POINTS, Calibration, calibrate
 from .instruments import SAMPLE_TIME, filter_lag
+from .parameters import used_by_trial, values_for
 from .record import TrialRecord
 from .trials import FORCE, VELOCITY, Trial, trials_named
 from .wiring import COMMAND, PLANT, REFERENCE, WIRINGS
 
 if TYPE_CHECKING:
+    from ..orchestration.parameter_file import ParameterFile
     from ..solver.component import Component
 
 Vector = npt.NDArray[np.float64]
@@ -118,6 +120,7 @@ def run_trial(
     noise: Noise | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[[float], None] | None = None,
+    told: ParameterFile | None = None,
 ) -> TrialRecord:
     """Run one trial and record it.
 
@@ -137,6 +140,8 @@ def run_trial(
         Of the solver, relative.
     progress : function of time [s], optional
         Called now and then.
+    told : ParameterFile, optional
+        Values, over which `parameters` win.
 
     Returns
     -------
@@ -144,13 +149,13 @@ def run_trial(
 
     Raises
     ------
-    UnknownTrial, UnknownLaw, BadRig
+    UnknownTrial, UnknownLaw, BadRig, BadParameters
         For names and values that make no sense.
     IntegrationError
         If the motion cannot be computed.
     """
     trial = one_trial(trial)
-    setup = set_up(trial, law, parameters, seed, noise or Noise())
+    setup = set_up(trial, law, parameters, seed, noise or Noise(), told)
     return finish(setup, *_run(setup, tolerance, progress), tolerance)
 
 
@@ -184,6 +189,8 @@ class Setup:
         Start values of discrete states, as ``part.state``.
     external : dict of str to ndarray, shape (m,)
         Signals from outside at each sample: noise and reference.
+    used : ParameterFile
+        The parameters as a file, without what the seed drew.
     """
 
     trial: Trial
@@ -194,6 +201,7 @@ class Setup:
     starts: dict[str, float]
     external: dict[str, Vector]
     calibration: Calibration | None
+    used: ParameterFile
 
     def values_of(self, part: str) -> dict[str, float]:
         """Parameters and start values of one part, under its own names."""
@@ -204,20 +212,26 @@ class Setup:
 
 
 def set_up(
-    trial: Trial, law: str, parameters: Mapping[str, float] | None, seed: int, noise: Noise
+    trial: Trial,
+    law: str,
+    parameters: Mapping[str, float] | None,
+    seed: int,
+    noise: Noise,
+    told: ParameterFile | None = None,
 ) -> Setup:
     """Draw the trial's random numbers, calibrate its sensor, and collect all parameters.
 
     Raises
     ------
-    UnknownLaw, BadRig
+    UnknownLaw, BadRig, BadParameters
     """
     drawn = draw(trial, seed, noise)
     known = {f"{PLANT}.{p.name}": p for p in plant_kernel(law).parameters}
     known |= {_dotted(trial.control, p.name): p for p in program_kernel(trial.control).parameters}
     for fixed in ("sample_time", *_CALIBRATED):
         known.pop(fixed, None)
-    given = {
+    given = values_for(told, law, trial.control, known) if told else {}
+    given |= {
         name if "." in name else f"{PLANT}.{name}": float(value)
         for name, value in (parameters or {}).items()
     }
@@ -247,7 +261,8 @@ def set_up(
         "capacitance_noise": drawn.capacitance,
         REFERENCE[trial.control]: trial.reference(),
     }
-    return Setup(trial, law, seed, noise, values, starts, external, calibration)
+    used = used_by_trial(law, known, given, told)
+    return Setup(trial, law, seed, noise, values, starts, external, calibration, used)
 
 
 _CALIBRATED = tuple(f"capacitance_sensor.c{k}" for k in range(3))
@@ -432,6 +447,7 @@ def finish(
         settings,
         notes,
         setup.calibration if trial.fine else None,
+        setup.used,
     )
 
 

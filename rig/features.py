@@ -9,11 +9,9 @@ from it, as their files say. Where each came from stands in ``features.json``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..orchestration.closed_loop import write_json
+from ..orchestration.end_with_parent import pool
 from ..plant import LAWS
 from ..plant.law import UnknownLaw
 from .bench import plant_kernel, run_trial
@@ -319,6 +318,7 @@ def feature_table(
     laws: Sequence[str] | None = None,
     processes: int = 1,
     identified: Mapping[str, Identified] | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> FeatureTable:
     """Run all experiments on several laws and decide.
 
@@ -330,6 +330,8 @@ def feature_table(
         How many to share the laws among.
     identified : mapping of str to Identified, optional
         By law.
+    progress : function of a text, optional
+        Told how many laws are done.
 
     Returns
     -------
@@ -345,12 +347,23 @@ def feature_table(
     if unknown:
         raise UnknownLaw(f"no friction law {unknown[0]!r}; there are {', '.join(LAWS)}")
     values = [identified[name].values if name in identified else None for name in names]
+    found: list[Observations] = []
+
+    def collect(seen: Iterable[Observations]) -> None:
+        for one in seen:
+            found.append(one)
+            if progress:
+                progress(f"{len(found)} of {len(names)} laws")
+
+    # the last ones of the list take longest
+    names.reverse()
+    values.reverse()
     if processes > 1 and len(names) > 1:
-        with ProcessPoolExecutor(min(processes, len(names)), get_context("spawn")) as pool:
-            # the last ones of the list take longest
-            found = list(pool.map(observe, reversed(names), reversed(values)))[::-1]
+        with pool(min(processes, len(names))) as workers:
+            collect(workers.map(observe, names, values))
     else:
-        found = [observe(name, given) for name, given in zip(names, values, strict=True)]
+        collect(map(observe, names, values))
+    found.reverse()
     return FeatureTable(
         {s.law: s for s in found},
         {s.law: judge(s) for s in found},

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..fmus.export import export
 from ..fmus.interface import TOLERANCE as SOLVER_TOLERANCE
 from ..orchestration.closed_loop import write_json
+from ..orchestration.parameter_file import ParameterFile
 from ..orchestration.participant import FmuParticipant
 from ..plant import law as laws
 from ..solver.kernel_cache import write_atomically
@@ -78,12 +79,13 @@ def export_trial(
     seed: int = 0,
     noise: Noise | None = None,
     tolerance: float = TOLERANCE,
+    told: ParameterFile | None = None,
 ) -> list[Path]:
     """Write the rig as `export_rig` does, and all that one trial gives its parts.
 
     ``values.json`` holds the parameters and start values of every part, ``outside.csv`` over time
     [s] what comes from outside: noise and reference. With them and ``wiring.json`` any master can
-    repeat the trial.
+    repeat the trial. ``parameters.toml`` is the rig's parameter file; of `told` it has the values.
 
     Returns
     -------
@@ -92,13 +94,13 @@ def export_trial(
 
     Raises
     ------
-    UnknownTrial, UnknownLaw, BadRig
+    UnknownTrial, UnknownLaw, BadRig, BadParameters
         For names and values that make no sense; before anything is written.
     OSError
         If a file cannot be written.
     """
     trial = one_trial(trial)
-    setup = set_up(trial, law, parameters, seed, noise or Noise())
+    setup = set_up(trial, law, parameters, seed, noise or Noise(), told)
     folder = Path(folder)
     fmus = export_rig(folder, law)
     names = [*(part.name for part in WIRINGS[trial.control].parts), PLANT]
@@ -115,7 +117,7 @@ def export_trial(
     np.savetxt(stream, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
     write_atomically(folder / "outside.csv", stream.getvalue().encode())
     others = [folder / name for name in ("wiring.json", "values.json", "outside.csv")]
-    return [*fmus.values(), *others]
+    return [*fmus.values(), *others, setup.used.save(folder)]
 
 
 def _values(setup: Setup, name: str, tolerance: float) -> dict[str, float]:

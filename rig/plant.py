@@ -18,7 +18,11 @@ from ..solver.component import Component, ForceTerm, Output, symbol
 
 ROTOR_INERTIA = 4.2e-7  # kg*m^2, Table 2.1
 _SET_HERE = {
-    "Jm": (ROTOR_INERTIA, "Table 2.1"),
+    "Jm": (
+        ROTOR_INERTIA,
+        "Table 2.1; the plants of ballscrew run, swap, lyapunov, map and diagnose have 0 unless a "
+        "parameter file or --set says otherwise",
+    ),
     "voltage_limit": (36.0, "Table 2.1: nominal voltage of the motor"),
     "current_limit": (5.0, "Maxon ADS 50/5: 5 A continuous"),
 }

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..orchestration.closed_loop import write_json
+from ..orchestration.parameter_file import ParameterFile
 from ..solver.kernel_cache import write_atomically
 from .calibration import Calibration
 from .trials import Trial
@@ -44,6 +45,8 @@ class TrialRecord:
         Why parts of the record are not to be believed; empty if all are.
     calibration : Calibration or None
         Of the capacitance sensor.
+    used : ParameterFile
+        The parameters as a file, without what the seed drew.
     """
 
     trial: Trial
@@ -54,6 +57,7 @@ class TrialRecord:
     settings: dict[str, Any]
     notes: list[str]
     calibration: Calibration | None
+    used: ParameterFile
 
     def description(self) -> dict[str, Any]:
         """What goes into ``trial.json``."""
@@ -84,7 +88,7 @@ class TrialRecord:
         return about
 
     def save(self, folder: Path | str) -> None:
-        """Write ``record.csv``, ``truth.csv``, ``trial.json`` and ``record.png`` into `folder`.
+        """Write the record, the truth, ``trial.json``, ``parameters.toml`` and a picture.
 
         Raises
         ------
@@ -95,6 +99,7 @@ class TrialRecord:
         folder.mkdir(parents=True, exist_ok=True)
         write_atomically(folder / "truth.csv", _csv(self.truth))
         write_json(folder / "trial.json", self.description())
+        self.used.save(folder)
         write_atomically(folder / "record.png", self.plot())
         write_atomically(folder / "record.csv", _csv(self.record))
 

@@ -4,6 +4,7 @@ import json
 import math
 
 import numpy as np
+import provenance
 import pytest
 import synthetic_laws as synthetic
 
@@ -50,6 +51,8 @@ def test_each_criterion_finds_what_was_built_in_and_nothing_else(made, what):
 def test_what_was_built_in_is_decided_with_room_to_spare(made, what):
     margins = {name: cell.margin for name, cell in made(what).items()}
     assert min(margins.values()) > LEAST_MARGIN, margins
+    stored = provenance.stored("criteria")["laws"][what]["found"]
+    assert margins == pytest.approx({f: cell["margin"] for f, cell in stored.items()}, rel=1e-2)
 
 
 @pytest.mark.parametrize("feature", FEATURES)

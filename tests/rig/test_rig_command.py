@@ -20,8 +20,8 @@ def rig(*arguments):
 
 def test_one_trial_goes_into_the_folder_itself(tmp_path, capsys):
     assert rig("2.4/1", "--law", "lugre", "--seed", 2, "--out", tmp_path / "new") == 0
-    files = sorted(p.name for p in (tmp_path / "new").iterdir())
-    assert files == ["record.csv", "record.png", "trial.json", "truth.csv"]
+    files = sorted(p.name for p in (tmp_path / "new").glob("[!.]*"))
+    assert files == ["parameters.toml", "record.csv", "record.png", "trial.json", "truth.csv"]
     about = json.loads((tmp_path / "new" / "trial.json").read_text())
     assert (about["law"], about["seed"], about["name"]) == ("lugre", 2, "2.4/1")
     assert "2.4/1" in capsys.readouterr().out
@@ -29,7 +29,7 @@ def test_one_trial_goes_into_the_folder_itself(tmp_path, capsys):
 
 def test_several_trials_get_a_folder_each(tmp_path):
     assert rig("2.11", "loading-rate/20", "2.11-1", "--out", tmp_path) == 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["2.11-01", "loading-rate-20"]
+    assert sorted(p.name for p in tmp_path.glob("[!.]*")) == ["2.11-01", "loading-rate-20"]
 
 
 def test_parameters_of_all_parts_can_be_set(tmp_path):
@@ -49,8 +49,8 @@ def test_a_record_past_an_instruments_range_ends_with_one_and_says_why(tmp_path,
 def test_a_trial_is_exported_instead_of_run(tmp_path, capsys):
     assert rig("2.8/3", "--export", "--out", tmp_path) == 0
     printed = capsys.readouterr().out.split()
-    assert sorted(printed) == sorted(str(p) for p in tmp_path.iterdir())
-    names = {p.name for p in tmp_path.iterdir()}
+    assert sorted(printed) == sorted(str(p) for p in tmp_path.glob("[!.]*"))
+    names = {p.name for p in tmp_path.glob("[!.]*")}
     assert names >= {"plant.fmu", "force_pid.fmu", "wiring.json", "values.json", "outside.csv"}
     assert "record.csv" not in names
 

@@ -1,0 +1,102 @@
+"""How much memory is left, so that what needs more is refused before it begins."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+_CGROUPS = Path("/sys/fs/cgroup")
+
+
+class NotEnoughMemory(ValueError):
+    """A request needs more memory than there is; the message says how much, and what to do."""
+
+
+def check_memory(needed: float, what: str, remedy: str) -> None:
+    """Refuse what would run out of memory.
+
+    Parameters
+    ----------
+    needed : float
+        Estimated need [bytes].
+    what, remedy : str
+        What needs it, and what to do; both become parts of one line.
+
+    Raises
+    ------
+    NotEnoughMemory
+    """
+    room = available_memory()
+    if room is not None and needed > room:
+        raise NotEnoughMemory(
+            f"{what}, about {_shown(needed)} of memory, and {_shown(room)} are available; {remedy}"
+        )
+
+
+def available_memory() -> int | None:
+    """Bytes that this process can still have; None where the system does not say."""
+    rooms = [*_of_the_machine(), *_of_the_cgroups(), *_of_the_process()]
+    return max(0, min(rooms)) if rooms else None
+
+
+def _shown(size: float) -> str:
+    return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
+
+
+def _of_the_machine() -> Iterator[int]:
+    for line in _lines(Path("/proc/meminfo")):
+        name, _, value = line.partition(":")
+        if name == "MemAvailable":
+            yield 1024 * int(value.split()[0])
+
+
+def _of_the_cgroups() -> Iterator[int]:
+    """What the control groups of this process leave it, those around them included."""
+    for line in _lines(Path("/proc/self/cgroup")):
+        _, kinds, path = line.split(":", 2)
+        version_2 = not kinds
+        if not version_2 and "memory" not in kinds.split(","):
+            continue
+        top = _CGROUPS if version_2 else _CGROUPS / "memory"
+        names = ("memory.max", "memory.current")
+        if not version_2:
+            names = ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        group = top / path.strip("/")
+        for place in (group, *(p for p in group.parents if p.is_relative_to(top))):
+            limit, used = (_number(place / name) for name in names)
+            if limit is not None and used is not None:
+                yield limit - used + _reclaimable(place)
+
+
+def _reclaimable(group: Path) -> int:
+    """What the system takes back from kept files when a group is short of memory."""
+    for line in _lines(group / "memory.stat"):
+        name, _, value = line.partition(" ")
+        if name in ("inactive_file", "total_inactive_file"):
+            return int(value)
+    return 0
+
+
+def _of_the_process() -> Iterator[int]:
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    pages = _lines(Path("/proc/self/statm"))
+    if limit != resource.RLIM_INFINITY and pages:
+        yield limit - int(pages[0].split()[0]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _number(path: Path) -> int | None:
+    """The number in a file; None where there is no file, or the word ``max``."""
+    lines = _lines(path)
+    return int(lines[0]) if lines and lines[0].isdigit() else None
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return []

@@ -1,0 +1,384 @@
+"""The parameter file: values with intervals, units and sources, one form for all commands.
+
+`docs/parameters.md` describes it. This module alone reads and writes it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ..fmus.interface import START, TOLERANCE
+from ..fmus.units import base_exponents
+from ..plant import LAWS
+from ..solver.component import Parameter
+from ..solver.kernel import ParameterInfo
+from ..solver.kernel_cache import write_atomically
+
+FORMAT = "ballscrew-parameters 1"
+FILE_NAME = "parameters.toml"
+BALL_SCREW, DRIVE, FMU = "ball_screw", "drive", "fmu"
+KINDS = (BALL_SCREW, DRIVE, FMU)
+DEFAULT_LAW = "modified_lugre"
+_KEYS = (
+    "format",
+    "kind",
+    "law",
+    "plant",
+    "found",
+    "controller",
+    "rig",
+    "tolerance",
+    "not_identified",
+)
+_VALUE_KEYS = ("value", "unit", "interval", "source")
+_FORMER = {
+    "parameters": "the table of the plant's values is called [plant]",
+    "plant": 'what kind of plant it is says the key kind, as in kind = "drive"',
+}
+
+
+class BadParameters(ValueError):
+    """The parameter file makes no sense; the message says where, why and what to do."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """One parameter's value.
+
+    Attributes
+    ----------
+    value : float
+        SI.
+    unit : str
+        Empty: not said.
+    interval : tuple of two floats, optional
+        95 %; an end may be infinite.
+    source : str
+        Where the value comes from.
+    """
+
+    value: float
+    unit: str = ""
+    interval: tuple[float, float] | None = None
+    source: str = ""
+
+
+Values = Mapping[str, Value]
+Known = Mapping[str, ParameterInfo] | Mapping[str, Parameter]
+
+
+@dataclass(frozen=True)
+class ParameterFile:
+    """What a parameter file says.
+
+    Attributes
+    ----------
+    path : Path or None
+        Where it was read.
+    kind : {"ball_screw", "drive", "fmu"}
+        What the plant is: ours with a motor, a body on which ``gain*u`` acts, or anybody's FMU.
+    law : str
+        Friction law; empty where the file does not say it.
+    plant : mapping of str to Value
+    found : mapping of str to Value
+        Of forces that were found in measured data and that the plain plant does not have.
+    controllers, rig : mapping of str to mapping of str to Value
+        By controller, and by part of the rig.
+    tolerance : mapping of str to float
+        Relative doubt of values of the plant that `diagnose` may adjust.
+    not_identified : mapping of str to str
+        Parameters that records do not tell, and why.
+    """
+
+    path: Path | None = None
+    kind: str = BALL_SCREW
+    law: str = ""
+    plant: Values = field(default_factory=dict)
+    found: Values = field(default_factory=dict)
+    controllers: Mapping[str, Values] = field(default_factory=dict)
+    rig: Mapping[str, Values] = field(default_factory=dict)
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    not_identified: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def plant_name(self) -> str:
+        """The plant of the catalogue that the file describes.
+
+        Raises
+        ------
+        BadParameters
+            If it describes none.
+        """
+        if self.kind != BALL_SCREW:
+            raise BadParameters(
+                f"{self.path}: kind is {self.kind!r}, which is no plant of the catalogue; say "
+                "which plant the values are for, as --plant FMU"
+            )
+        law = self.law or DEFAULT_LAW
+        return "plant" if law == DEFAULT_LAW else f"plant_{law}"
+
+    def plant_values(
+        self, known: Known, others: Collection[str] = ()
+    ) -> tuple[dict[str, float], list[str]]:
+        """Values for a plant, checked, and the names that it has no use for.
+
+        Where the file has Fc and not Fs, the break-away force is Fc.
+
+        Parameters
+        ----------
+        known : mapping of str to ParameterInfo
+            The plant's parameters.
+        others : collection of str
+            Parameters of the plant that the file describes; one that is not `known` is left aside.
+
+        Raises
+        ------
+        BadParameters
+        """
+        use = {n: v for n, v in self.plant.items() if n in known or n not in others}
+        found = {n: v for n, v in self.found.items() if n in known}
+        values = checked(use, known, f"{self.path}: [plant]")
+        values |= checked(found, known, f"{self.path}: [found]")
+        for coulomb in [n for n in values if n in ("Fc", "Fc_pos", "Fc_neg")]:
+            breakaway = coulomb.replace("Fc", "Fs")
+            if breakaway in known:
+                values.setdefault(breakaway, values[coulomb])
+        return values, [n for n in (*self.plant, *self.found) if n not in values]
+
+    def controller_values(self, name: str, known: Known) -> dict[str, float]:
+        """Values for the controller of this name, checked; raises `BadParameters`."""
+        where = f"{self.path}: [controller.{name}]"
+        return checked(self.controllers.get(name, {}), known, where)
+
+    def text(self) -> str:
+        """The file's text, TOML."""
+        import tomli_w
+
+        data: dict[str, Any] = {"format": FORMAT, "kind": self.kind}
+        data |= {"law": self.law} if self.law else {}
+        data |= {"plant": _tables(self.plant)}
+        data |= {"found": _tables(self.found)} if self.found else {}
+        for key, groups in (("controller", self.controllers), ("rig", self.rig)):
+            if any(groups.values()):
+                data[key] = {name: _tables(values) for name, values in groups.items() if values}
+        data |= {"tolerance": dict(self.tolerance)} if self.tolerance else {}
+        reasons = {name: _written(reason) for name, reason in self.not_identified.items()}
+        data |= {"not_identified": reasons} if reasons else {}
+        return tomli_w.dumps(data)
+
+    def save(self, folder: Path | str) -> Path:
+        """Write ``parameters.toml`` into `folder`; raises OSError if it cannot be written."""
+        path = Path(folder) / FILE_NAME
+        write_atomically(path, self.text().encode())
+        return path
+
+
+def _tables(values: Values) -> dict[str, dict[str, Any]]:
+    tables = {}
+    for name, v in values.items():
+        table: dict[str, Any] = {"value": float(v.value)}
+        table |= {"unit": v.unit} if v.unit else {}
+        table |= {"interval": [float(end) for end in v.interval]} if v.interval else {}
+        table |= {"source": _written(v.source)} if v.source else {}
+        tables[name] = table
+    return tables
+
+
+def _written(text: str) -> str:
+    """The text with letters of a file's name that the locale does not know as UTF-8 has them."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
+def used(known: Known, values: Mapping[str, float], told: Values, source: str) -> dict[str, Value]:
+    """All parameters of a part with the values that they had, as a parameter file lists them.
+
+    Initial states and the solver's tolerance are listed only where they were given.
+
+    Parameters
+    ----------
+    known : mapping of str to ParameterInfo
+    values : mapping of str to float
+        Those that were given.
+    told : mapping of str to Value
+        What a parameter file said; whatever still has its value keeps its interval and source.
+    source : str
+        Of values that no file told.
+    """
+    found = {}
+    for name, p in known.items():
+        if name in values:
+            said = told.get(name)
+            kept = said is not None and said.value == values[name]
+            value = said if said is not None and kept else Value(values[name], source=source)
+            found[name] = replace(value, unit=p.unit)
+        elif not name.endswith(START) and name != TOLERANCE and math.isfinite(p.default):
+            found[name] = Value(p.default, p.unit, None, p.source)
+    return found
+
+
+# -- reading ---------------------------------------------------------------------------------
+
+
+def read_parameters(path: Path | str) -> ParameterFile:
+    """Read a parameter file; which parameters there are is checked where they are used.
+
+    Raises
+    ------
+    BadParameters
+        With one line that says what cannot be used and why.
+    """
+    path = Path(path)
+    data = _toml(path)
+    for key, hint in _FORMER.items():
+        if key in data and not (key == "plant" and isinstance(data[key], dict)):
+            raise BadParameters(f"{path}: has {key!r} as older versions did; {hint}")
+    _known(f"{path}:", data, _KEYS)
+    if data.get("format", FORMAT) != FORMAT:
+        raise BadParameters(f"{path}: format is {data['format']!r}, expected {FORMAT!r}")
+    kind = _choice(path, "kind", data.get("kind", BALL_SCREW), KINDS)
+    law = _choice(path, "law", data["law"], LAWS) if "law" in data else ""
+    reasons = _table(path, "not_identified", data.get("not_identified", {}))
+    return ParameterFile(
+        path,
+        kind,
+        law,
+        _values(path, "plant", data.get("plant", {})),
+        _values(path, "found", data.get("found", {})),
+        _groups(path, "controller", data.get("controller", {})),
+        _groups(path, "rig", data.get("rig", {})),
+        {
+            name: _number(path, f"[tolerance] {name}", value)
+            for name, value in _table(path, "tolerance", data.get("tolerance", {})).items()
+        },
+        {name: str(reason) for name, reason in reasons.items()},
+    )
+
+
+def checked(values: Values, known: Known, where: str) -> dict[str, float]:
+    """The plain numbers of values whose names, units and ranges fit.
+
+    Raises
+    ------
+    BadParameters
+        The message begins with `where`.
+    """
+    _known(where, values, known)
+    for name, v in values.items():
+        p = known[name]
+        if v.unit and p.unit and not _same(v.unit, p.unit):
+            raise BadParameters(f"{where} {name} has the unit {v.unit!r}, expected {p.unit!r}")
+        if not p.minimum <= v.value <= p.maximum:
+            raise BadParameters(
+                f"{where} {name} is {v.value:g} {p.unit}, expected {p.minimum:g} to "
+                f"{p.maximum:g} ({p.meaning})"
+            )
+    return {name: v.value for name, v in values.items()}
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise BadParameters(f"{path} cannot be read: {error.strerror or error}") from error
+    except RecursionError:
+        raise BadParameters(f"{path} is no parameter file: it is nested too deep") from None
+    except ValueError as error:  # of TOML, of UTF-8, or an integer of too many digits
+        raise BadParameters(f"{path} is no TOML file: {error}") from error
+
+
+def _table(path: Path, name: str, given: Any) -> dict[str, Any]:
+    if not isinstance(given, dict):
+        raise BadParameters(f"{path}: {name} is {given!r}, expected a table [{name}]")
+    return given
+
+
+def _groups(path: Path, key: str, given: Any) -> dict[str, Values]:
+    groups = _table(path, key, given)
+    return {name: _values(path, f"{key}.{name}", values) for name, values in groups.items()}
+
+
+def _values(path: Path, table: str, given: Any) -> dict[str, Value]:
+    return {
+        name: _value(path, f"[{table}] {name}", value)
+        for name, value in _table(path, table, given).items()
+    }
+
+
+def _value(path: Path, where: str, given: Any) -> Value:
+    if not isinstance(given, dict):
+        return Value(_number(path, where, given))
+    _known(f"{path}: {where}:", given, _VALUE_KEYS)
+    if "value" not in given:
+        raise BadParameters(f"{path}: {where} has no value; write {where.split()[-1]}.value = ...")
+    value = _number(path, where, given["value"])
+    for key in ("unit", "source"):
+        if not isinstance(given.get(key, ""), str):
+            raise BadParameters(f"{path}: {where}: {key} is {given[key]!r}, expected a text")
+    interval = given.get("interval")
+    if interval is not None:
+        interval = _interval(path, where, interval, value)
+    return Value(value, given.get("unit", ""), interval, given.get("source", ""))
+
+
+def _interval(path: Path, where: str, given: Any, value: float) -> tuple[float, float]:
+    numbers = isinstance(given, list) and len(given) == 2 and all(map(_is_number, given))
+    if not numbers or not given[0] <= value <= given[1]:
+        raise BadParameters(
+            f"{path}: {where}: the interval is not of the form [low, high] with the value "
+            f"{value:g} between them"
+        )
+    try:
+        return float(given[0]), float(given[1])
+    except OverflowError:
+        raise BadParameters(f"{path}: {where}: the interval reaches beyond 1e308") from None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _number(path: Path, where: str, given: Any) -> float:
+    shown = ""
+    try:
+        number = float(given) if _is_number(given) else math.nan
+    except OverflowError:  # a whole number that no float holds
+        number, shown = math.inf, "a number beyond 1e308"
+    if not math.isfinite(number):
+        raise BadParameters(
+            f"{path}: {where} is {shown or repr(given)}, expected a finite number in SI units"
+        )
+    return number
+
+
+def _known(where: str, given: Iterable[str], names: Iterable[str]) -> None:
+    names = list(names)
+    for name in given:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+            hint = (
+                f", did you mean {' or '.join(near)}?"
+                if near
+                else f"; there are {', '.join(names)}"
+            )
+            raise BadParameters(f"{where} there is no {name!r}{hint}")
+
+
+def _choice(path: Path, key: str, value: Any, names: Iterable[str]) -> str:
+    names = list(names)
+    if not isinstance(value, str) or value not in names:
+        raise BadParameters(f"{path}: {key} is {value!r}, expected one of {', '.join(names)}")
+    return value
+
+
+def _same(one: str, other: str) -> bool:
+    """Whether two units are the same, however they are written."""
+    try:
+        return one == other or base_exponents(one) == base_exponents(other)
+    except ValueError:
+        return False

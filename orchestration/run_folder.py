@@ -1,0 +1,189 @@
+"""A folder holds the results of one run: all of them or none, and nothing of the run before.
+
+Results are first written into a hidden folder inside. A list of them, put in place by one renaming,
+is the instant from which on the folder holds the new run: what is then left to do, to rename each
+file to its place and to remove what only the run before wrote, is finished by whoever comes next if
+this process is killed. The list stays, with a digest of each file, and so tells our files from the
+user's: a file that is not as we wrote it is never removed or overwritten.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+HIDDEN = ".ballscrew"
+KEPT = ".kept"
+_STAGE, _NEXT, _WRITTEN = "next", "next.json", "written.json"
+
+Files = dict[str, str]
+"""Digests by path, relative to the folder."""
+
+
+def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -> list[str]:
+    """Write the results of a run in place of those of the run before.
+
+    Parameters
+    ----------
+    folder : Path
+    write : function (Path) -> None
+        Writes all files into the folder that it is given.
+    adds : bool
+        Whether they belong to the run whose results the folder holds already.
+
+    Returns
+    -------
+    list of str
+        What the user should know: which files of theirs have another name now.
+
+    Raises
+    ------
+    OSError
+        If something cannot be written. Before the results are complete, the folder stays as it was.
+    """
+    hidden = folder / HIDDEN
+    hidden.mkdir(parents=True, exist_ok=True)
+    with _locked(hidden):
+        notes = _settle(folder)
+        stage = hidden / _STAGE
+        stage.mkdir()
+        try:
+            write(stage)
+            files = {
+                path.relative_to(stage).as_posix(): _digest(path) or ""
+                for path in sorted(stage.rglob("*"))
+                if path.is_file()
+            }
+            if adds:
+                files = written_files(folder) | files
+            listed = hidden / (_NEXT + ".part")
+            listed.write_text(json.dumps(files, indent=1), encoding="utf-8")
+        except Exception:
+            shutil.rmtree(stage, ignore_errors=True)
+            raise
+        os.replace(listed, hidden / _NEXT)
+        return notes + _settle(folder)
+
+
+def settle(folder: Path) -> list[str]:
+    """Finish or take back what a killed process left half done.
+
+    Returns
+    -------
+    list of str
+        As `write_run`.
+
+    Raises
+    ------
+    OSError
+    """
+    hidden = folder / HIDDEN
+    if not (hidden / _STAGE).exists() and not (hidden / _NEXT).exists():
+        return []
+    with _locked(hidden):
+        return _settle(folder)
+
+
+def written_files(folder: Path) -> Files:
+    """What the last run wrote into a folder."""
+    return _listed(folder / HIDDEN / _WRITTEN)
+
+
+def changed_since(folder: Path, instant: float) -> bool:
+    """Whether a folder's run was written after an instant, as `time.time` counts."""
+    listed = folder / HIDDEN / _WRITTEN
+    return listed.is_file() and listed.stat().st_mtime >= instant
+
+
+def _settle(folder: Path) -> list[str]:
+    hidden = folder / HIDDEN
+    stage = hidden / _STAGE
+    moved: list[str] = []
+    if (hidden / _NEXT).exists():
+        files, before = _listed(hidden / _NEXT), written_files(folder)
+        for name, digest in files.items():
+            if not (stage / name).exists():
+                continue  # in its place already
+            moved += _make_way(folder, name, {before.get(name, digest), digest})
+            target = folder / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(stage / name, target)
+        for name in before.keys() - files.keys():
+            if _digest(folder / name) == before[name]:
+                _remove(folder, name)
+        os.replace(hidden / _NEXT, hidden / _WRITTEN)
+    if stage.exists():
+        shutil.rmtree(stage)
+    if not moved:
+        return []
+    return [
+        f"{', '.join(moved)} in {folder} {'is' if len(moved) == 1 else 'are'} not as ballscrew "
+        f"wrote {'it' if len(moved) == 1 else 'them'}; kept, with {KEPT} after the name"
+    ]
+
+
+def _make_way(folder: Path, name: str, ours: set[str]) -> list[str]:
+    """Rename what stands in a result's place, or in that of its folders, and is not ours."""
+    moved = []
+    for place in (*Path(name).parents, Path(name)):
+        there = folder / place
+        fits = _digest(there) in ours if place == Path(name) else there.is_dir()
+        if os.path.lexists(there) and not fits:
+            os.rename(there, _free_name(there))
+            moved.append(place.as_posix())
+    return moved
+
+
+def _remove(folder: Path, name: str) -> None:
+    """Remove a file, and the folders that hold nothing after that."""
+    path = folder / name
+    path.unlink()
+    with contextlib.suppress(OSError):
+        while (path := path.parent) != folder:
+            path.rmdir()
+
+
+def _free_name(path: Path) -> Path:
+    names = (f"{path.name}{KEPT}{k or ''}" for k in range(10**6))
+    return next(p for n in names if not os.path.lexists(p := path.with_name(n)))
+
+
+def _digest(path: Path) -> str | None:
+    """Digest of a file; none of what is no file."""
+    if not path.is_file() or path.is_symlink():
+        return None
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _listed(path: Path) -> Files:
+    """A list of files; empty where there is none that we wrote."""
+    try:
+        files = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        return {}
+    if not isinstance(files, dict):
+        return {}
+    return {n: d for n, d in files.items() if isinstance(d, str) and _is_inside(n)}
+
+
+def _is_inside(name: str) -> bool:
+    return not name.startswith("/") and ".." not in Path(name).parts
+
+
+@contextlib.contextmanager
+def _locked(hidden: Path) -> Iterator[None]:
+    """Keep other processes from writing here meanwhile; a process that ends keeps nobody."""
+    descriptor = os.open(hidden, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # a file system that has no locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,70 @@
+"""Which rows of a long run a picture needs: as many as it can show, with every peak among them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+Vector = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+
+COLUMNS = 2000  # of a picture: more than twice as many as it has pixels across
+
+
+def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows:
+    """Rows of a course to draw: of each column the first, the last, the least and the greatest.
+
+    Parameters
+    ----------
+    time, values : ndarray, shape (n,)
+        Times rise.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        In order; at most four for each column, and all where there are not more.
+    """
+    if len(time) <= 4 * columns:
+        return np.arange(len(time))
+    edges = np.linspace(time[0], time[-1], columns + 1)[1:-1]
+    begins = np.unique([0, *np.searchsorted(time, edges), len(time)])
+    kept = [
+        row
+        for begin, end in pairwise(begins)
+        for row in (
+            begin,
+            begin + int(np.argmin(values[begin:end])),
+            begin + int(np.argmax(values[begin:end])),
+            end - 1,
+        )
+    ]
+    return np.unique(kept)
+
+
+def rows_over_plane(points: npt.NDArray[np.float64], cells: int = COLUMNS) -> Rows:
+    """Rows of a curve to draw: where it enters and leaves the cells of a grid, and its extremes.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+    cells : int
+        Along each side of the grid.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        In order; what is left out is within a cell of what is kept.
+    """
+    if len(points) <= 2:
+        return np.arange(len(points))
+    low = points.min(axis=0)
+    span = np.maximum(points.max(axis=0) - low, np.finfo(float).tiny)
+    cell = ((points - low) / span * cells).astype(np.int64)
+    moved = np.any(cell[1:] != cell[:-1], axis=1)
+    kept = np.zeros(len(points), dtype=bool)
+    kept[1:] |= moved
+    kept[:-1] |= moved
+    kept[[0, -1, *points.argmin(axis=0), *points.argmax(axis=0)]] = True
+    return np.flatnonzero(kept)

@@ -1,0 +1,92 @@
+"""Processes end with the one that started them, whatever they are doing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from strangers import proportional
+
+PARENT_OF_ONE_THAT_HOLDS_THE_INTERPRETER = """
+import ctypes, os, time
+from ballscrew.orchestration.end_with_parent import end_when_closed
+until, held = os.pipe()
+child = os.fork()
+if child == 0:
+    os.close(held)
+    end_when_closed(until)
+    print(os.getpid(), flush=True)
+    ctypes.PyDLL(None).sleep(60)  # keeps the interpreter's lock: no Python code can run meanwhile
+time.sleep(60)
+"""
+
+PARENT_OF_A_STRANGER = """
+import sys, time
+from ballscrew.orchestration.isolated import IsolatedParticipant
+one = IsolatedParticipant(sys.argv[1], "one")
+one.initialize({}, 1.0)
+one.step(0.0, 1.0)
+one.reader(["u"])()
+"""
+
+
+def lives(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def first_line(stream):
+    line = stream.readline()
+    assert line
+    return line.strip()
+
+
+def ends_within(seconds, processes):
+    deadline = time.monotonic() + seconds
+    while any(lives(p) for p in processes) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return not any(lives(p) for p in processes)
+
+
+@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
+def test_a_child_in_code_that_holds_the_interpreter_ends_with_its_parent(ending):
+    with subprocess.Popen(
+        [sys.executable, "-c", PARENT_OF_ONE_THAT_HOLDS_THE_INTERPRETER], stdout=subprocess.PIPE
+    ) as parent:
+        child = int(first_line(parent.stdout))
+        time.sleep(0.3)
+        assert lives(child)
+        parent.send_signal(ending)
+        parent.wait(10)
+        assert ends_within(5.0, [child])
+
+
+def test_a_hanging_fmu_and_what_it_started_end_with_the_master(tmp_path):
+    hang = proportional(
+        tmp_path,
+        "Hang",
+        head="import ctypes, os, pathlib, subprocess\n",
+        in_step="started = subprocess.Popen(['sleep', '300'])\n"
+        f"        pathlib.Path({str(tmp_path)!r}, 'pids').write_text("
+        "f'{os.getpid()} {started.pid} ')\n"
+        "        ctypes.PyDLL(None).sleep(300)",
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", PARENT_OF_A_STRANGER, str(hang)], cwd=tmp_path
+    ) as master:
+        deadline = time.monotonic() + 60
+        while not (tmp_path / "pids").is_file() or (tmp_path / "pids").read_text()[-1:] != " ":
+            assert master.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        fmu, started = map(int, (tmp_path / "pids").read_text().split())
+        assert lives(fmu)
+        assert lives(started)
+        os.kill(master.pid, signal.SIGKILL)
+        master.wait(10)
+        assert ends_within(5.0, [fmu, started])

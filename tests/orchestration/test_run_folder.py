@@ -1,0 +1,203 @@
+"""A folder holds the old run or the new one, whole, whenever a process is killed."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballscrew.orchestration import run_folder
+from ballscrew.orchestration.run_folder import HIDDEN, settle, write_run
+
+OLD = {"table.csv": "old table", "phase.png": "old phase", "one/record.csv": "old record"}
+NEW = {"table.csv": "new table", "figures.json": "new figures", "two/record.csv": "new record"}
+THEIRS = {"notes.txt": "mine", "one/mine.txt": "mine, too", "figures.json": "mine of that name"}
+MOVED = {("figures.json.kept" if n == "figures.json" else n): t for n, t in THEIRS.items()}
+
+
+class Killed(BaseException):
+    """In place of the signal, at an instant of our choice."""
+
+
+def put(files):
+    def write(folder):
+        for name, text in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text)
+
+    return write
+
+
+def held(folder):
+    """Everything that a user sees."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_text()
+        for path in folder.rglob("*")
+        if path.is_file() and HIDDEN not in path.parts
+    }
+
+
+@pytest.fixture
+def used(tmp_path):
+    """A folder with an earlier run and files of the user's."""
+    folder = tmp_path / "out"
+    assert write_run(folder, put(OLD)) == []
+    put(THEIRS)(folder)
+    return folder
+
+
+def test_the_results_of_a_run_take_the_place_of_the_last_and_the_users_files_stay(used):
+    notes = write_run(used, put(NEW))
+    assert held(used) == NEW | MOVED
+    assert len(notes) == 1
+    assert "figures.json" in notes[0]
+
+
+def test_a_result_that_the_user_changed_is_neither_removed_nor_overwritten(used):
+    (used / "phase.png").write_text("painted over")
+    (used / "table.csv").write_text("a row added")
+    write_run(used, put(NEW))
+    assert held(used) == NEW | MOVED | {
+        "phase.png": "painted over",
+        "table.csv.kept": "a row added",
+    }
+
+
+def test_two_kept_files_of_one_name_both_stay(used):
+    write_run(used, put(NEW))
+    (used / "figures.json").write_text("mine again")
+    write_run(used, put(NEW))
+    assert held(used) == NEW | MOVED | {"figures.json.kept1": "mine again"}
+
+
+def test_a_folder_and_a_link_and_a_file_in_a_results_place_stay(tmp_path):
+    (tmp_path / "out" / "table.csv").mkdir(parents=True)
+    (tmp_path / "out" / "two").write_text("a file where a folder goes")
+    (tmp_path / "elsewhere").write_text("mine")
+    (tmp_path / "out" / "figures.json").symlink_to(tmp_path / "elsewhere")
+    write_run(tmp_path / "out", put(NEW))
+    assert (tmp_path / "out" / "table.csv").read_text() == "new table"
+    assert (tmp_path / "out" / "table.csv.kept").is_dir()
+    assert (tmp_path / "out" / "two.kept").read_text() == "a file where a folder goes"
+    assert (tmp_path / "out" / "figures.json.kept").is_symlink()
+    assert (tmp_path / "elsewhere").read_text() == "mine"
+
+
+def test_what_is_added_belongs_to_the_run_that_is_there(used):
+    write_run(used, put({"borders.csv": "b"}), adds=True)
+    assert held(used) == OLD | THEIRS | {"borders.csv": "b"}
+    write_run(used, put(NEW))
+    assert held(used) == NEW | MOVED
+
+
+def test_results_that_cannot_be_written_leave_the_folder_as_it_was(used):
+    def write(folder):
+        put(NEW)(folder)
+        raise OSError("no space left")
+
+    with pytest.raises(OSError, match="no space"):
+        write_run(used, write)
+    assert held(used) == OLD | THEIRS
+    assert os.listdir(used / HIDDEN) == ["written.json"]
+
+
+@pytest.mark.parametrize("text", ["", "[1]", '{"../notes.txt": "0", "/etc/hosts": "0", "a": 1}'])
+def test_a_damaged_list_removes_nothing(used, text):
+    (used / HIDDEN / "written.json").write_text(text)
+    write_run(used, put(NEW))
+    kept = {"table.csv.kept": OLD["table.csv"]}
+    assert held(used) == OLD | NEW | MOVED | kept
+
+
+def test_whatever_call_is_the_last_the_folder_holds_one_run_after_the_next_start(
+    used, tmp_path, monkeypatch
+):
+    """Each call that changes the disk, in turn, is the one before or at which all ends."""
+    calls = [(os, n) for n in ("replace", "rename", "unlink", "mkdir", "rmdir", "open")]
+    originals = {name: getattr(module, name) for module, name in calls}
+    outcomes = []
+    for last in range(1000):
+        folder = tmp_path / f"copy{last}"
+        shutil.copytree(used, folder)
+        left = [last]
+
+        def counted(name, left=left):
+            def call(*arguments, **options):
+                if left[0] == 0:
+                    raise Killed
+                left[0] -= 1
+                return originals[name](*arguments, **options)
+
+            return call
+
+        with monkeypatch.context() as patched:
+            for module, name in calls:
+                patched.setattr(module, name, counted(name))
+            try:
+                write_run(folder, put(NEW))
+                killed = False
+            except Killed:
+                killed = True
+        settle(folder)
+        seen = held(folder)
+        assert seen in (OLD | THEIRS, NEW | MOVED)
+        outcomes.append("old" if seen == OLD | THEIRS else "new")
+        assert settle(folder) == []
+        if not killed:
+            break
+    assert outcomes == sorted(outcomes, reverse=True)  # old up to one instant, new from then on
+    assert outcomes.count("old") > 5
+    assert outcomes.count("new") > 5
+
+
+WRITES_WITHOUT_END = """
+import sys
+from pathlib import Path
+from ballscrew.orchestration.run_folder import write_run
+def put(word):
+    def write(folder):
+        for k in range(12):
+            (folder / f"{word}{k}").write_text(word * 2000)
+            (folder / f"both{k}").write_text(word * 2000)
+    return write
+while True:
+    for word in ("even", "odd"):
+        write_run(Path(sys.argv[1]), put(word))
+        print(word, flush=True)
+"""
+
+
+def test_a_kill_at_any_instant_leaves_one_run_whole_after_the_next_start(tmp_path):
+    random = np.random.default_rng(16)
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "mine").write_text("mine")
+    halves = 0
+    for _ in range(12):
+        process = subprocess.Popen(
+            [sys.executable, "-c", WRITES_WITHOUT_END, str(folder)],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        process.stdout.readline()
+        time.sleep(random.uniform(0.0, 0.05))
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        halves += bool(set(os.listdir(folder / HIDDEN)) - {"written.json"})
+        settle(folder)
+        seen = held(folder)
+        assert seen.pop("mine") == "mine"
+        (word,) = {text[: len(text) // 2000] for text in seen.values()}
+        assert seen == {f"{n}{k}": word * 2000 for n in (word, "both") for k in range(12)}
+    assert halves > 3  # most instants are in the middle of something
+
+
+def test_the_module_keeps_no_file_of_its_own_but_the_list(used):
+    write_run(used, put(NEW))
+    assert os.listdir(used / HIDDEN) == [run_folder._WRITTEN]
+    assert Path(used / HIDDEN / run_folder._WRITTEN).is_file()
