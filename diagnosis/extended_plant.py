@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import sympy as sp
 
+from ..orchestration.parameter_file import BALL_SCREW, DRIVE, ParameterFile, Value
+from ..plant.amplifier import PARAMETERS as AMPLIFIER
 from ..plant.amplifier import with_amplifier
 from ..plant.ball_screw import bare_ball_screw
 from ..plant.classical import with_sticking
 from ..plant.direct_drive import bare_direct_drive, with_command_limit
 from ..plant.law import law
 from ..solver.component import Component, Parameter, symbol
-from ..solver.kernel_cache import write_atomically
 from .along_record import LAWS
 from .causes import CAUSES
 from .causes.presliding_hysteresis import bristled
@@ -23,6 +25,8 @@ from .drive_model import DriveModel, curve_of
 NAME = "extended_plant"
 BELIEVED = "believed, adjusted to measured data"
 FOUND = "found in measured data"
+
+_Number = TypeVar("_Number")
 
 _SLOWEST = sp.Float("1e-5")  # speed at which a sliding curve is taken instead of at rest [m/s]
 
@@ -86,7 +90,7 @@ def extended_plant(
         )
     values: dict[str, float] = {}
     for _, own in found:
-        values |= _last_record(own)
+        values |= last_record(own)
     if "presliding_hysteresis" in names:
         model = bristled(model, values["sigma0"])
     make = bare_ball_screw if model.has_motor else bare_direct_drive
@@ -111,8 +115,10 @@ def extended_plant(
     return _with_defaults(plant, values, FOUND)
 
 
-def write_extended_plant(component: Component, folder: Path | str) -> WrittenPlant:
-    """Write an extended plant as an FMU and its values as a file that `read_believed` reads.
+def write_extended_plant(
+    component: Component, folder: Path | str, values: ParameterFile | None = None
+) -> WrittenPlant:
+    """Write an extended plant as an FMU and its values as a parameter file.
 
     Parameters
     ----------
@@ -120,6 +126,8 @@ def write_extended_plant(component: Component, folder: Path | str) -> WrittenPla
         Made by `extended_plant`.
     folder : path-like
         Made if it is not there; each file is replaced as a whole or not at all.
+    values : ParameterFile, optional
+        With intervals and sources. Default: that of `parameter_file`.
 
     Returns
     -------
@@ -135,44 +143,40 @@ def write_extended_plant(component: Component, folder: Path | str) -> WrittenPla
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     fmu = export(component, folder / f"{NAME}.fmu")
-    parameters = folder / "parameters.toml"
-    write_atomically(parameters, parameter_file(component).encode())
-    return WrittenPlant(fmu, parameters)
+    return WrittenPlant(fmu, (values or parameter_file(component)).save(folder))
 
 
-def parameter_file(component: Component) -> str:
-    """The values of an extended plant as TOML, SI."""
+def parameter_file(component: Component) -> ParameterFile:
+    """The values of an extended plant, those of forces that were found apart."""
     kind, law_name = _described(component)
-    make = bare_ball_screw if kind == "ball_screw" else bare_direct_drive
+    make = bare_ball_screw if kind == BALL_SCREW else bare_direct_drive
     own = {p.name for p in make(law(law_name)).all_parameters}
-    parameters = component.all_parameters
-    lines = [f'plant = "{kind}"', f'law = "{law_name}"', "", "[parameters]"]
-    lines += _rows(p for p in parameters if p.name in own)
-    found = [p for p in parameters if p.source == FOUND]
-    if found:
-        lines += ["", "[found]", *_rows(found)]
-    return "\n".join(lines) + "\n"
-
-
-def _rows(parameters: Iterable[Parameter]) -> list[str]:
-    return [f"{p.name} = {p.default!r}  # {p.unit}: {p.meaning}" for p in parameters]
+    own |= {p.name for p in AMPLIFIER}
+    values = {p.name: Value(p.default, p.unit, None, p.source) for p in component.all_parameters}
+    found = {p.name for p in component.all_parameters if p.source == FOUND and p.name not in own}
+    return ParameterFile(
+        kind=kind,
+        law=law_name,
+        plant={n: v for n, v in values.items() if n in own},
+        found={n: v for n, v in values.items() if n in found},
+    )
 
 
 def _described(component: Component) -> tuple[str, str]:
     """Kind and law of an extended plant, by the parameters that it has."""
-    kind = "ball_screw" if "kt" in {p.name for p in component.all_parameters} else "drive"
+    kind = BALL_SCREW if "kt" in {p.name for p in component.all_parameters} else DRIVE
     (friction,) = (t for t in component.terms if t.name == "friction")
     names = [p.name for p in friction.parameters]
     return kind, next(n for n in LAWS if [p.name for p in law(n)(symbol("v")).parameters] == names)
 
 
-def _last_record(values: Mapping[str, float]) -> dict[str, float]:
+def last_record(values: Mapping[str, _Number]) -> dict[str, _Number]:
     """The values without their records' numbers, of the last record where each has its own."""
 
     def number(key: str) -> int:
         return int(key.partition(".")[2] or 0)
 
-    return {key.partition(".")[0]: float(values[key]) for key in sorted(values, key=number)}
+    return {key.partition(".")[0]: values[key] for key in sorted(values, key=number)}
 
 
 def _with_defaults(plant: Component, values: Mapping[str, float], source: str) -> Component:

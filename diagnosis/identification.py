@@ -13,7 +13,9 @@ import numpy.typing as npt
 from scipy.stats import chi2
 
 from ..orchestration.closed_loop import write_json
-from ..solver.kernel_cache import write_atomically
+from ..orchestration.parameter_file import ParameterFile, Value
+from ..plant.law import law as friction_law
+from ..solver.component import ForceTerm, symbol
 from .along_record import LAWS, Course, Fit, fit_along, lay_out
 from .bliman_sorine_map import NoSolution, map_points, read_points
 from .dahl_fit import fit_dahl
@@ -56,6 +58,8 @@ class Identification:
     doubts : tuple of str
         Why the result is not to be believed; empty if it is.
     notes : tuple of str
+    told : ParameterFile or None
+        What was known of the drive before; goes into the result's parameter file.
     """
 
     law: str
@@ -70,6 +74,7 @@ class Identification:
     unexplained: float
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
+    told: ParameterFile | None = None
 
     @property
     def believed(self) -> bool:
@@ -98,16 +103,26 @@ class Identification:
             "notes": list(self.notes),
         }
 
-    def parameter_file(self) -> str:
-        """TOML text with a table ``[plant]``; what is not identified stands there as a comment."""
-        lines = [f"# {self.law}, identified from {len(self.records)} records; SI units", "[plant]"]
-        for name, i in self.parameters.items():
-            line = f"{name} = {i.value!r}"
-            if i.identified:
-                lines.append(f"{line}  # {i.unit}, {_bounds(i)}")
-            else:
-                lines.append(f"# {line}  # {i.unit}, not identified: {i.because}")
-        return "\n".join(lines) + "\n"
+    def parameter_file(self) -> ParameterFile:
+        """The law's values with their intervals; of `told`, what these records do not tell.
+
+        What is not identified has no value, unless `told` has one, and stands in a table with
+        the reason.
+        """
+        given = self.told or ParameterFile()
+        names = ", ".join(r.name for r in self.records)
+        another = given.law not in ("", self.law)
+        replaced = {p.name for p in _law_of(given.law).parameters} if another else set()
+        values = {n: v for n, v in given.plant.items() if n not in replaced}
+        values |= {
+            name: Value(i.value, i.unit, _bounds(i), f"identified from {names}")
+            for name, i in self.parameters.items()
+            if i.identified
+        }
+        reasons = {n: i.because for n, i in self.parameters.items() if not i.identified}
+        return replace(
+            given, path=None, law=self.law, plant=values, found={}, not_identified=reasons
+        )
 
     def save(self, folder: Path | str) -> None:
         """Write ``identified.json``, ``parameters.toml`` and the pictures into `folder`.
@@ -122,17 +137,24 @@ class Identification:
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "identified.json", self.to_dict())
-        write_atomically(folder / "parameters.toml", self.parameter_file().encode())
+        self.parameter_file().save(folder)
         save_pictures(self, folder)
 
 
-def _bounds(i: Interval) -> str:
-    low = "-" if i.low is None else f"{i.low:.6g}"
-    high = "-" if i.high is None else f"{i.high:.6g}"
-    return f"95 % within {low} .. {high}"
+def _bounds(i: Interval) -> tuple[float, float]:
+    """The interval's ends; one that is not known is infinite."""
+    low = -math.inf if i.low is None else i.low
+    high = math.inf if i.high is None else i.high
+    return min(low, i.value), max(high, i.value)
 
 
-def identify(records: Sequence[Record], law: str) -> Identification:
+def _law_of(name: str) -> ForceTerm:
+    return friction_law(name)(symbol("v"))
+
+
+def identify(
+    records: Sequence[Record], law: str, told: ParameterFile | None = None
+) -> Identification:
     """Identify a law's parameters from records.
 
     Parameters
@@ -140,6 +162,8 @@ def identify(records: Sequence[Record], law: str) -> Identification:
     records : sequence of Record
     law : str
         One of `LAWS`.
+    told : ParameterFile, optional
+        What is known of the drive beside; the result's parameter file keeps it.
 
     Raises
     ------
@@ -213,6 +237,7 @@ def identify(records: Sequence[Record], law: str) -> Identification:
         unexplained=unexplained,
         doubts=tuple(doubts),
         notes=tuple(notes),
+        told=told,
     )
 
 

@@ -10,6 +10,7 @@ import csv
 import difflib
 import json
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -227,7 +228,7 @@ def _read_about(path: Path) -> dict[str, Any]:
         return {}
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise BadRecord(f"{path}: is no JSON: {error}") from error
     if not isinstance(data, dict):
         raise BadRecord(f"{path}: expected a JSON object with the trial's description")
@@ -240,7 +241,7 @@ def _lags(about: Mapping[str, Any]) -> dict[str, float]:
         raise BadRecord("trial.json: expected `lags` to give a number of seconds by column")
     try:
         return {str(k): float(v) for k, v in lags.items()}
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise BadRecord(
             "trial.json: expected `lags` to give a number of seconds by column"
         ) from None
@@ -264,7 +265,7 @@ def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]
         (a, b), (rest,), rank, _ = np.linalg.lstsq(inverse, points, rcond=None)
         if rank < 2 or b <= 0 or c2 == 0:
             raise ValueError
-    except (KeyError, TypeError, ValueError, IndexError, np.linalg.LinAlgError):
+    except (ArithmeticError, LookupError, TypeError, ValueError, np.linalg.LinAlgError):
         raise BadRecord(
             "trial.json: expected `calibration` with `polynomial_m_per_pF` (three numbers), "
             "`displacement_m` and `capacitance_F` (as many as were taken, all different)"
@@ -282,7 +283,10 @@ def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]
 def _rig_mass(about: Mapping[str, Any]) -> float:
     parameters = about.get("parameters")
     if isinstance(parameters, Mapping) and isinstance(parameters.get("plant.m"), int | float):
-        return float(parameters["plant.m"])
+        mass = parameters["plant.m"]
+        if not 0 < mass <= sys.float_info.max:
+            raise BadRecord("trial.json: expected `plant.m` to be a finite mass above 0 kg")
+        return float(mass)
     return 1.0
 
 

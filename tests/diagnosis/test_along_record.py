@@ -238,9 +238,10 @@ def test_what_the_thesis_trials_cannot_tell_is_said_with_a_trial_that_would_do(t
     assert "would do" in result.parameters["Vs_neg"].would_do
     for name, i in result.parameters.items():
         assert (i.low or 0.0) <= truth[name] <= (i.high or math.inf), name
-    text = result.parameter_file()
-    assert "\n# sigma1_pos = " in text
-    assert "\nFc_neg = " in text
+    file = result.parameter_file()
+    assert "sigma1_pos" not in file.plant
+    assert "delay between force and motion" in file.not_identified["sigma1_pos"]
+    assert file.plant["Fc_neg"].value == result.parameters["Fc_neg"].value
 
 
 def test_the_trials_that_would_do_do(thesis_trials):

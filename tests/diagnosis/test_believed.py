@@ -8,9 +8,9 @@ from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.extended_plant import extended_plant, parameter_file
 
 EMPS = """
-plant = "drive"
+kind = "drive"
 law = "classical"
-[parameters]
+[plant]
 m = 95.11
 gain = 35.15
 offset = -3.16
@@ -52,7 +52,7 @@ def test_a_drive_without_a_motor_and_without_a_break_away_force(written):
 
 
 def test_each_direction_has_its_own_break_away_force(written):
-    text = 'law = "directional_lugre"\n[parameters]\nFc_pos = 1.5\nFs_neg = 3.0\nFc_neg = 1.2'
+    text = 'law = "directional_lugre"\n[plant]\nFc_pos = 1.5\nFs_neg = 3.0\nFc_neg = 1.2'
     model = read_believed(written(text))
     assert (model.values["Fs_pos"], model.values["Fs_neg"]) == (1.5, 3.0)
 
@@ -68,17 +68,20 @@ def test_another_law_takes_what_it_knows_of_the_file(written):
     ("text", "said"),
     [
         ('plan = "drive"', "there is no 'plan', did you mean plant"),
-        ('plant = "rocket"', "plant is 'rocket', expected one of ball_screw, drive"),
-        ("law = 3", "law is 3, expected one of lugre"),
-        ("[parameters]\nFcc = 1.0", r"\[parameters\] there is no 'Fcc', did you mean Fc"),
-        ("[parameters]\nFc = '1'", r"Fc is '1', expected a finite number in SI units"),
-        ("[parameters]\nFc = true", "Fc is True, expected a finite number"),
-        ("[parameters]\nFc = inf", "Fc is inf, expected a finite number"),
-        ("[parameters]\nm = -1", "m is -1 kg, expected 1e-06 to inf .mass of the block"),
-        ("parameters = 3", r"parameters is 3, expected a table \[parameters\]"),
+        ('kind = "rocket"', "kind is 'rocket', expected one of ball_screw, drive"),
+        ('kind = "fmu"', "kind is 'fmu', expected one of ball_screw, drive: a diagnosis needs"),
+        ("law = 3", "law is 3, expected one of classical"),
+        ("[plant]\nFcc = 1.0", r"\[plant\] there is no 'Fcc', did you mean Fc"),
+        ("[plant]\nFc = '1'", r"Fc is '1', expected a finite number in SI units"),
+        ("[plant]\nFc = true", "Fc is True, expected a finite number"),
+        ("[plant]\nFc = inf", "Fc is inf, expected a finite number"),
+        ("[plant]\nm = -1", "m is -1 kg, expected 1e-06 to inf .mass of the block"),
+        ("found = 3", r"found is 3, expected a table \[found\]"),
+        ("[parameters]\nm = 1", r"older versions did; the table .* is called \[plant\]"),
+        ('plant = "drive"', 'as in kind = "drive"'),
         ("[tolerance]\nKv = 0.1", "Kv, which is never adjusted; leave it out"),
         ("[tolerance]\nm = 3", "the tolerance of m is 3, expected a share of its value"),
-        ('plant = "drive"\n[parameters]\nR = 2', r"\[parameters\] there is no 'R'"),
+        ('kind = "drive"\n[plant]\nR = 2', r"\[plant\] there is no 'R'"),
         ("m = = 3", "is no TOML file"),
     ],
 )
@@ -97,16 +100,16 @@ def test_a_missing_file_is_one_line(tmp_path):
 @pytest.mark.parametrize("kind", ["ball_screw", "drive"])
 @pytest.mark.parametrize("law", LAWS)
 def test_an_extended_plants_file_is_read_back(written, kind, law):
-    model = read_believed(written(f'plant = "{kind}"\nlaw = "{law}"\n[parameters]\nm = 0.1234567'))
+    model = read_believed(written(f'kind = "{kind}"\nlaw = "{law}"\n[plant]\nm = 0.1234567'))
     found = [("load_bias", {"load": 0.3}), ("unmodelled_inertia", {"m": 1.0 / 3.0})]
-    again = read_believed(written(parameter_file(extended_plant(model, found))))
+    again = read_believed(written(parameter_file(extended_plant(model, found)).text()))
     assert again == model.changed({"m": 1.0 / 3.0})
 
 
 def test_bristles_found_under_the_classical_law_are_a_law_of_the_file(written):
     believed = read_believed(written(EMPS))
     plant = extended_plant(believed, [("presliding_hysteresis", {"sigma0": 1e6})])
-    again = read_believed(written(parameter_file(plant)))
+    again = read_believed(written(parameter_file(plant).text()))
     assert again.law == "modified_lugre"
     assert again.values["sigma0"] == 1e6
     assert isinstance(again, DriveModel)

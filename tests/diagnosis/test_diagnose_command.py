@@ -12,6 +12,9 @@ import pytest
 from diagnosed import run
 from hidden_cases import draw_case, write_case
 
+from ballscrew.orchestration.parameter_file import read_parameters
+from ballscrew.orchestration.run_folder import write_run
+
 pytestmark = pytest.mark.xdist_group("diagnosis")  # one diagnosis is made once
 
 FILES = {
@@ -27,7 +30,7 @@ FILES = {
 
 def test_a_hidden_load_is_named_and_everything_is_written(diagnosed):
     assert diagnosed.code == 0
-    assert {p.name for p in diagnosed.folder.iterdir()} == FILES
+    assert {p.name for p in diagnosed.folder.glob("[!.]*")} == FILES
     assert diagnosed.result["verdict"] == "explained"
     assert [c["name"] for c in diagnosed.result["causes"]] == ["load_bias"]
 
@@ -69,9 +72,12 @@ def test_the_extended_plant_runs_in_the_closed_loop(diagnosed, tmp_path):
 def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_path):
     files = write_case(draw_case(("none",), 3), tmp_path / "data")
     out = tmp_path / "out"
-    out.mkdir()
-    for name in ("diagnosis.json", "extended_plant.fmu", "parameters.toml"):
-        (out / name).write_text("of another record")
+
+    def another_run(folder):
+        for name in ("diagnosis.json", "extended_plant.fmu", "parameters.toml"):
+            (folder / name).write_text("of another record")
+
+    write_run(out, another_run)
     given = ("diagnose", files.record, "--params", files.parameters, "--out", out, "--json")
     code, printed, _ = run(*given)
     assert code == 0
@@ -80,7 +86,7 @@ def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_pat
     assert told["verdict"] == "none"
     assert told["causes"] == []
     assert not (out / "extended_plant.fmu").exists()
-    assert not (out / "parameters.toml").exists()
+    assert read_parameters(out / "parameters.toml").found == {}
     assert "No cause was named" in (out / "report.html").read_text()
 
 
@@ -93,7 +99,7 @@ def test_structure_that_no_cause_has_gives_exit_code_one(tmp_path):
     assert "without a name: structure that lives with position" in printed
     assert "next experiment: " in printed
     assert "  ballscrew rig " in printed
-    assert {p.name for p in out.iterdir()} == FILES - {"extended_plant.fmu", "parameters.toml"}
+    assert {p.name for p in out.glob("[!.]*")} == FILES - {"extended_plant.fmu"}
     assert 'class="shape"' in (out / "report.html").read_text()
 
 

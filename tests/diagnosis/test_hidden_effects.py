@@ -206,7 +206,7 @@ def test_a_case_holds_what_it_says(effects, tmp_path):
     assert np.abs(read[:, 2] - x).max() < 1e-9
     believed = tomllib.loads(files.parameters.read_text())
     assert believed["law"] == case.law
-    assert believed["parameters"] == case.believed
+    assert believed["plant"] == case.believed
     written = files.record.read_text()[:200] + files.parameters.read_text()
     assert not any(name in written for name in [*SIZES, *OUTSIDE, "none"])
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import tomllib
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from synthetic_records import record_of, sine_velocity
 
 from ballscrew.cli import BadRequest
 from ballscrew.identify_command import NAMES, add_parser
+from ballscrew.orchestration.parameter_file import read_parameters
 
 DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}
 
@@ -58,8 +58,13 @@ def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, 
     assert any(
         "nothing is said of filters" in line for line in told["friction_estimation"][data[0]]
     )
-    plant = tomllib.loads((tmp_path / "parameters.toml").read_text())["plant"]
-    assert plant["sigma"] == told["parameters"]["sigma"]["value"]
+    file = read_parameters(tmp_path / "parameters.toml")
+    assert file.law == "dahl"
+    for name in DAHL:
+        entry, written = told["parameters"][name], file.plant[name]
+        assert (written.value, written.unit) == (entry["value"], entry["unit"])
+        assert written.interval == (entry["low"], entry["high"])
+        assert data[0] in written.source
     for stem in ("friction_map", "residuals"):
         assert (tmp_path / f"{stem}.png").stat().st_size > 5000
         assert "<svg" in (tmp_path / f"{stem}.svg").read_text()[:2000]
@@ -78,6 +83,9 @@ def test_a_law_that_is_not_in_the_records_gives_exit_code_one(data, tmp_path, ca
     code = run(*data, "--law", "lugre", "--out", str(tmp_path), *STRANGER)
     assert code == 1
     assert "sigma1 cannot be identified from these trials, because" in capsys.readouterr().err
+    file = read_parameters(tmp_path / "parameters.toml")
+    assert "sigma1" not in file.plant
+    assert file.not_identified["sigma1"]
 
 
 def test_bad_requests_are_one_line(data, tmp_path):
@@ -87,7 +95,8 @@ def test_bad_requests_are_one_line(data, tmp_path):
         ((data[0], "--law", "dahl", *STRANGER[:6]), "--unit x=mm"),
         (("none.csv", "--law", "dahl"), "no such file"),
         ((data[0], "--law", "dahl", *STRANGER, "--mass", "heavy"), "expected a number"),
-        ((data[0], "--law", "dahl", *STRANGER, "--unit", "x=inch"), "expected one of"),
+        ((data[0], "--law", "dahl", *STRANGER[:6], "--unit", "x=inch"), "expected one of m, cm"),
+        ((data[0], "--law", "dahl", *STRANGER, "--unit", "x=inch"), "given as mm and as inch"),
     ):
         with pytest.raises(BadRequest) as caught:
             run(*arguments, "--out", str(tmp_path))

@@ -412,7 +412,7 @@ def write_case(case: HiddenCase, folder: Path) -> CaseFiles:
     table = np.stack(list(case.record.values()), 1)
     header = ",".join(case.record)
     np.savetxt(files.record, table, fmt="%.9g", delimiter=",", header=header, comments="")
-    lines = [f'law = "{case.law}"', "", "[parameters]"]
+    lines = [f'law = "{case.law}"', "", "[plant]"]
     lines += [f"{name} = {value!r}" for name, value in case.believed.items()]
     files.parameters.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return files

@@ -1,0 +1,179 @@
+"""Commands that take long, started from a shell's point of view, and all processes that they own.
+
+Every process inherits the environment of the one that started it: a mark in there finds all of
+them, whatever session or parent they have by then.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+BALLSCREW = Path(sys.executable).with_name("ballscrew")
+_MARK = "BALLSCREW_TESTS_MARK"
+_TICKS = os.sysconf("SC_CLK_TCK")
+
+COMMANDS = {
+    "run": "run --controller nctf --stop 4000",
+    "run_isolated": "run --controller nctf --stop 4000 --isolate",
+    "run_monolithic": "run --controller nctf --stop 200000 --step 1 --coupling monolithic",
+    "swap": "swap --controllers iol nctf --stop 4000 --isolate",
+    "lyapunov": "lyapunov --controller nctf --stop 20000",
+    "lyapunov_fmu": "lyapunov --controller nctf --stop 2000 --via fmu",
+    "map": "map --controller iol --x sigma0_hat=66965.89:66969.24:90 "
+    "--y sigma1_hat=339:367:90 --workers 2",
+    "rig": "rig 2.8 2.4 --law lugre",
+    "identify": "identify {data}/trial --law lugre",
+    "diagnose": "diagnose {data}/axis.csv",
+    "features": "features",
+}
+WITH_CHILDREN = ("run_isolated", "swap", "map", "features")
+
+
+def write_data(folder: Path) -> None:
+    """The files that some of the commands read: a rig's record, and one of an axis."""
+    from ballscrew.rig.bench import run_trial
+    from ballscrew.rig.trials import TRIALS
+
+    run_trial(TRIALS["2.4/7"], "lugre").save(folder / "trial")
+    t = np.arange(0.0, 20.0, 2e-3)
+    x = 0.02 * np.sin(0.7 * t) + 0.01 * np.sin(2.3 * t)
+    v = np.gradient(x, t)
+    u = 3.0 * np.sign(v) + 40.0 * v
+    table = np.column_stack([t, u, x])
+    np.savetxt(folder / "axis.csv", table, delimiter=",", header="time,u,x", comments="")
+
+
+class Command:
+    """A command that runs.
+
+    Parameters
+    ----------
+    name : str
+        Of `COMMANDS`.
+    data, out : Path
+        What `write_data` wrote, and the folder for results.
+    """
+
+    def __init__(self, name: str, data: Path, out: Path) -> None:
+        self._start(COMMANDS[name].format(data=data).split(), out)
+
+    @classmethod
+    def of(cls, words: list[str], out: Path) -> Command:
+        """Another command than those of `COMMANDS`."""
+        command = cls.__new__(cls)
+        command._start(words, out)
+        return command
+
+    def _start(self, words: list[str], out: Path) -> None:
+        self._mark = uuid.uuid4().hex
+        self.process = subprocess.Popen(
+            [str(BALLSCREW), *words, "--out", str(out)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            # a shell that starts the tests in the background has them ignore SIGINT
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+            env=os.environ | {_MARK: self._mark},
+        )
+
+    def processes(self) -> dict[int, float]:
+        """Its processes that live, with the processor time of each [s]."""
+        found = {}
+        wanted = f"{_MARK}={self._mark}".encode()
+        for folder in Path("/proc").iterdir():
+            if not folder.name.isdigit():
+                continue
+            try:
+                if wanted not in (folder / "environ").read_bytes().split(b"\0"):
+                    continue
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            except OSError:  # another user's, or gone
+                continue
+            if fields[0] != "Z":
+                found[int(folder.name)] = (int(fields[11]) + int(fields[12])) / _TICKS
+        return found
+
+    def wait_until_it_answers(self) -> None:
+        """Wait out the interpreter's own start, before which no code of the command has run."""
+        interrupt = 1 << (signal.SIGINT - 1)
+        while True:
+            status = Path(f"/proc/{self.process.pid}/status").read_text()
+            if int(status.partition("SigBlk:")[2].split()[0], 16) & interrupt:
+                return
+            time.sleep(0.001)
+
+    def wait_until_busy(self, seconds: float, children: int = 0, patience: float = 120.0) -> None:
+        """Wait until its processes have used some processor time, and it has some children."""
+        self.wait_until_it_answers()
+        deadline = time.monotonic() + patience
+        while True:
+            running = self.processes()
+            if len(running) > children and sum(running.values()) >= seconds:
+                return
+            assert self.process.poll() is None, "the command ended by itself"
+            assert time.monotonic() < deadline, "the command does nothing"
+            time.sleep(0.02)
+
+    def left_after(self, seconds: float) -> dict[int, float]:
+        """Its processes that still live after some seconds; returns as soon as there are none."""
+        deadline = time.monotonic() + seconds
+        while (left := self.processes()) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        return left
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a command ended.
+
+    Attributes
+    ----------
+    code : int
+    seconds : float
+        From the signal to the end of the process that the user sees.
+    said : str
+        On standard error.
+    left : dict of int to float
+        Processes that live five seconds later.
+    """
+
+    code: int
+    seconds: float
+    said: str
+    left: dict[int, float]
+
+    def fault(self) -> str:
+        """What is wrong with it, if it was interrupted; empty if nothing."""
+        lines = self.said.splitlines()
+        if self.code != 130:
+            return f"exit code {self.code}: {self.said}"
+        if self.seconds > 2.0:
+            return f"took {self.seconds:.2f} s"
+        if len(lines) != 1 or not lines[0].startswith("ballscrew: interrupted after "):
+            return f"said {self.said!r}"
+        return f"{len(self.left)} processes left" if self.left else ""
+
+
+def interrupted(command: Command, number: int) -> Ending:
+    """Send a signal to a command and see how it ends."""
+    begin = time.monotonic()
+    command.process.send_signal(number)
+    _, said = command.process.communicate(timeout=60)
+    seconds = time.monotonic() - begin
+    return Ending(command.process.returncode, seconds, said, command.left_after(5.0))
+
+
+def seen_in(folder: Path) -> dict[str, bytes]:
+    """What a user sees in a folder."""
+    return {p.name: p.read_bytes() for p in folder.glob("[!.]*") if p.is_file()}
