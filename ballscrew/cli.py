@@ -7,12 +7,14 @@ early; 2 the request makes no sense, with one line on standard error that says w
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import math
 import os
 import sys
+import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -27,16 +29,22 @@ from . import (
     native_command,
     rig_command,
 )
+from .arguments import NEGATIVE_NUMBER, out_folder
 from .controllers import CONTROLLERS
+from .params_option import add_params, bad_parameters, baked, params_values, read_params
 from .plant import PLANTS
+from .sides import check_labels, labels_of, mappings, meant, sided
+from .supervision import tell, tell_folder, tell_kept
 
 if TYPE_CHECKING:
     from .orchestration.closed_loop import Study
+    from .orchestration.parameter_file import ParameterFile
     from .orchestration.reference_signal import Reference
     from .orchestration.system import SystemStudy
 
 TRUSTED, NOT_TRUSTED, BAD_REQUEST = 0, 1, 2
 LONGEST_LINE = 600  # characters of a complaint; what a stranger's file says may be endless
+SHORTEST = 1e-9  # motion [s]
 COUPLINGS = ("jacobi", "gauss-seidel", "tangent", "monolithic")
 
 _EXAMPLES = """examples:
@@ -54,6 +62,7 @@ _RUN_EXAMPLES = """examples:
   ballscrew run --controller mine.fmu --map position=x --map voltage=u --out out
   ballscrew run --controller iol --coupling monolithic --out reference
   ballscrew run --system loop.ssp --set plant.sigma0=6e4 --out out
+  ballscrew run --controller pid --params out/identified/parameters.toml --out out/pid
 """
 
 
@@ -62,29 +71,55 @@ class BadRequest(ValueError):
 
 
 class _Parser(argparse.ArgumentParser):
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._negative_number_matcher = NEGATIVE_NUMBER
+
     def error(self, message: str) -> NoReturn:
         raise BadRequest(f"{message}; see {self.prog} --help")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
+    # pictures go into files, so that a choice of windows, good or bad, decides nothing
+    os.environ["MPLBACKEND"] = "agg"
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name may have letters that a terminal has not
+            stream.reconfigure(errors="backslashreplace")
     try:
         options = _parser().parse_args(arguments)
-        return int(options.action(options))
+        code = int(options.action(options))
+        print(end="", flush=True)
+        return code
     except BadRequest as error:
         return _complain(str(error))
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _forget_output()
         return NOT_TRUSTED
+    except MemoryError:
+        return _complain("memory ran out; ask for less at a time, such as a longer --step")
+    except OSError as error:
+        _forget_output()
+        where = f"{error.filename}: " if error.filename else "output cannot be written: "
+        return _complain(f"{where}{error.strerror or error}")
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
 
 
+def _forget_output() -> None:
+    """Leave what cannot be printed, or Python tries once more at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def _complain(message: str) -> int:
     line = " ".join(message.split())
     if len(line) > LONGEST_LINE:
-        line = f"{line[:LONGEST_LINE]} ..."
+        half = LONGEST_LINE // 2
+        line = f"{line[:half]} ... {line[-half:]}"
     print(f"ballscrew: {line}", file=sys.stderr)
     return BAD_REQUEST
 
@@ -109,14 +144,15 @@ def _parser() -> argparse.ArgumentParser:
         "  ballscrew export --loop iol --native --out loops\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    export.add_argument("--out", required=True, type=Path, metavar="DIR")
+    export.add_argument("--out", required=True, type=out_folder, metavar="DIR")
     export.add_argument(
         "--only", nargs="+", metavar="NAME", help=f"some of {', '.join([*PLANTS, *CONTROLLERS])}"
     )
     export.add_argument(
         "--ssp",
         action="store_true",
-        help="instead, write one .ssp per closed loop: both FMUs, wired, with a parameter set",
+        help="instead, write one .ssp per closed loop: both FMUs, wired, with a parameter set; "
+        "with --native, of native FMUs",
     )
     export.add_argument(
         "--loop",
@@ -131,11 +167,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     export.add_argument(
         "--tangents",
-        default="5",
         metavar="N",
         help="with --variational: tangents, as many as the loop has states (default 5)",
     )
     native_command.add_options(export.add_argument)
+    add_params(export.add_argument, "its values become the FMUs' start values")
     export.set_defaults(action=_export)
 
     run = commands.add_parser(
@@ -197,14 +233,17 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="SIDE.NAME=VALUE",
-        help="a parameter, such as plant.sigma0=6e4 or controller.sigma0_hat=66966",
+        help="a parameter, such as plant.sigma0=6e4 or controller.sigma0_hat=66966; of one of "
+        "several controllers by its name, as iol.sigma0_hat=66966 or, of hand.fmu, hand.Kp=3",
     )
+    add_params(add)
     add(
         "--map",
         action="append",
         default=[],
         metavar="THEIRS=OURS",
-        help="a stranger's port and the one it meets",
+        help="a stranger's port and the one it meets; of one of several controllers by its name, "
+        "as hand.pos=x",
     )
     add("--limit-voltage", metavar="V", help="amplifier voltage limit; 36 V is nominal")
     add("--limit-current", metavar="A", help="amplifier current limit")
@@ -215,11 +254,10 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--time-limit",
-        default="60",
         metavar="SECONDS",
         help="for any one call of an FMU in a process of its own (default 60)",
     )
-    add("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
+    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
     add("--json", action="store_true", help="print the figures as JSON")
 
 
@@ -229,62 +267,113 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
 def _export(options: argparse.Namespace) -> int:
     whole = options.ssp or options.loop is not None
     known = [*CONTROLLERS] if whole else [*PLANTS, *CONTROLLERS]
-    names = options.only or known
     if options.loop is not None:
-        names = [options.loop]
         for other in ("only", "ssp", "variational"):
             if getattr(options, other):
                 raise BadRequest(f"--loop and --{other}: expected one of them")
+    told = read_params(options)
+    names = _export_names(options, told, known)
     for name in names:
         if name not in known:
             what = "closed loop" if whole else "component"
             raise BadRequest(f"no {what} {name!r}; there are {', '.join(known)}")
     if options.variational and options.ssp:
         raise BadRequest("--variational and --ssp: expected one of them")
-    tangents = _whole("--tangents", options.tangents, 1, 12)
+    if options.tangents is not None and not options.variational:
+        raise BadRequest("--tangents makes no sense without --variational")
+    tangents = _whole("--tangents", options.tangents or "5", 1, 12)
     native_command.check(options)
     _prepare(options.out)
+    if options.native and options.ssp:
+        return native_command.export_systems(options, names, told)
     if options.native:
-        return native_command.export(options, names, tangents)
-    from .fmus.catalogue import fmu, loop_fmu, variational_fmu
-    from .fmus.system_export import export_system
+        return native_command.export(options, names, tangents, told)
     from .solver.codegen import UnsupportedComponent
     from .solver.component import ContractError
-    from .solver.kernel_cache import write_atomically
 
     for name in names:
-        if options.ssp:
-            target = options.out / f"{name}.ssp"
-            loop = (fmu("plant"), fmu(name), target)
-            _write(partial(export_system, *loop, name=name))
-            print(target)
-            continue
-        if options.variational:
-            target = options.out / f"{name}_variational.fmu"
-            try:
-                data = variational_fmu(name, tangents).read_bytes()
-            except UnsupportedComponent as error:
-                if options.only:
-                    raise BadRequest(str(error)) from error
-                print(f"left out: {error}", file=sys.stderr)
-                continue
-        elif options.loop:
-            target = options.out / f"{name}_loop.fmu"
-            try:
-                data = loop_fmu(name).read_bytes()
-            except (ContractError, UnsupportedComponent) as error:
+        tell_export(names, name)
+        kind = "_variational" if options.variational else "_loop" if options.loop else ""
+        target = options.out / (f"{name}.ssp" if options.ssp else f"{name}{kind}.fmu")
+        try:
+            _export_one(options, name, tangents, told, target)
+        except (ContractError, UnsupportedComponent) as error:
+            if options.only or options.loop:
                 raise BadRequest(str(error)) from error
-        else:
-            target = options.out / f"{name}.fmu"
-            data = fmu(name).read_bytes()
-        _write(partial(write_atomically, target, data))
+            print(f"left out: {error}", file=sys.stderr)
+            continue
         print(target)
     return TRUSTED
 
 
+def _export_names(
+    options: argparse.Namespace, told: ParameterFile | None, known: list[str]
+) -> list[str]:
+    """What to export; of a parameter file the one plant that it describes, if none is named."""
+    if options.loop is not None:
+        return [options.loop]
+    if options.only:
+        return list(options.only)
+    if told is None or options.ssp:
+        return known
+    with bad_parameters():
+        return [told.plant_name, *CONTROLLERS]
+
+
+def _export_one(
+    options: argparse.Namespace,
+    name: str,
+    tangents: int,
+    told: ParameterFile | None,
+    target: Path,
+) -> None:
+    """Write one FMU or .ssp with the start values of a parameter file, or the nominal ones."""
+    from .fmus import catalogue
+    from .fmus.export import export_kernel
+    from .fmus.system_export import export_system
+    from .solver.kernel_cache import write_atomically
+
+    with bad_parameters():
+        plant = told.plant_name if told and (options.ssp or options.loop) else "plant"
+    if options.ssp:
+        with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
+
+            def side(part: str) -> Path:
+                if told is None:
+                    return catalogue.fmu(part)
+                kernel = baked(told, part, catalogue.fmu_kernel(part))
+                return export_kernel(kernel, Path(folder) / f"{part}.fmu")
+
+            _write(partial(export_system, side(plant), side(name), target, name=name))
+        return
+    if options.variational:
+        kernel = catalogue.variational_kernel(name, tangents)
+    elif options.loop:
+        kernel = catalogue.loop_fmu_kernel(name, plant)
+    else:
+        kernel = catalogue.fmu_kernel(name)
+    if told:
+        kernel = baked(told, name, kernel, loop=bool(options.loop))
+        _write(lambda: export_kernel(kernel, target))
+    else:
+        if options.variational:
+            made = catalogue.variational_fmu(name, tangents)
+        else:
+            made = catalogue.loop_fmu(name) if options.loop else catalogue.fmu(name)
+        _write(partial(write_atomically, target, made.read_bytes()))
+    if not options.variational:
+        native_command.add_reference(kernel, target)
+
+
+def tell_export(names: Sequence[str], name: str) -> None:
+    """Say how far an export is; each of its files stands by itself."""
+    tell(f"{names.index(name)} of {len(names)} files written, at {name}")
+    tell_kept("each file that is there is whole")
+
+
 def _run(options: argparse.Namespace) -> int:
-    study = _system_study(options) if options.system else _study(options, options.controller)
-    _prepare(options.out)
+    study = _system_study(options) if options.system else _studies(options, [options.controller])[0]
+    _prepare(options.out, [options.params, options.reference])
     from .orchestration.closed_loop import Study, finite_or_null, run_study
 
     if isinstance(study, Study):
@@ -296,7 +385,7 @@ def _run(options: argparse.Namespace) -> int:
         progress = _Progress(study.stop)
         result = _guarded(lambda: run_system(study, progress))
     progress.finish()
-    _write(lambda: result.save(options.out))
+    _save(options.out, result.save)
     figures = result.figures()
     if options.json:
         print(json.dumps(finite_or_null(figures)))
@@ -314,21 +403,27 @@ def _run(options: argparse.Namespace) -> int:
 def _swap(options: argparse.Namespace) -> int:
     for name in options.controllers:
         _check_part("--controllers", name, CONTROLLERS)
-    study = _study(options, options.controllers[0])
-    _prepare(options.out)
+        if options.controllers.count(name) > 1:
+            raise BadRequest(f"--controllers has {name} twice; expected each once")
+    check_labels(options.controllers)
+    studies = _studies(options, options.controllers)
+    _prepare(options.out, [options.params, options.reference])
     from .orchestration.closed_loop import finite_or_null
     from .orchestration.swap import swap
 
-    progress = _Progress(study.stop)
-    result = _guarded(lambda: swap(study, options.controllers, lambda name, t: progress(t, name)))
+    progress = _Progress(studies[0].stop)
+    result = _guarded(lambda: swap(studies, lambda name, t: progress(t, name)))
     progress.finish()
-    _write(lambda: result.save(options.out))
+    _save(options.out, result.save)
     if options.json:
         print(json.dumps(finite_or_null([r.figures() for r in result.results])))
     else:
         print(_table([r.figures() for r in result.results]))
-        print(f"comparison.csv, comparison.json, comparison.png and .svg in {options.out}")
+        files = ["comparison.csv", "comparison.json", "comparison.png and .svg", "parameters.toml"]
+        print(f"{', '.join([*files, *result.trajectories])} in {options.out}")
     for r in result.results:
+        for note in r.notes:
+            print(f"note: {r.study.label}: {note}", file=sys.stderr)
         if not r.trusted:
             figures = r.figures()
             print(
@@ -345,6 +440,7 @@ def _guarded(action: Any) -> Any:
     from .fmus.system_reading import BadSystem
     from .orchestration.closed_loop import BadParameter
     from .orchestration.master import CouplingError
+    from .orchestration.memory import NotEnoughMemory
     from .orchestration.participant import StepFailed
     from .orchestration.wiring import WiringError
 
@@ -355,6 +451,7 @@ def _guarded(action: Any) -> Any:
         BadSystem,
         WiringError,
         CouplingError,
+        NotEnoughMemory,
         BadParameter,
         UnknownComponent,
         StepFailed,
@@ -370,9 +467,27 @@ def _write(action: Any) -> None:
         raise BadRequest(f"cannot write{where}: {error.strerror or error}") from error
 
 
-def _prepare(folder: Path) -> None:
-    """Make the output folder before any work is done, so that a bad one costs nothing."""
-    if folder.exists() and not folder.is_dir():
+def _save(folder: Path, save: Callable[[Path], None]) -> None:
+    """Write the results of a run, in place of those of the run before."""
+    from .orchestration.run_folder import write_run
+
+    tell("writing the results")
+    notes: list[str] = []
+    _write(lambda: notes.extend(write_run(folder, save)))
+    _tell_notes(notes)
+
+
+def _tell_notes(notes: Iterable[str]) -> None:
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
+
+
+def _prepare(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
+    """Make the output folder before any work is done, so that a bad one costs nothing.
+
+    What is read must not be a result in there that this run's results would take the place of.
+    """
+    if os.path.exists(folder) and not os.path.isdir(folder):  # False for names that are too long
         raise BadRequest(f"--out {folder} is a file, expected a folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -380,36 +495,60 @@ def _prepare(folder: Path) -> None:
         raise BadRequest(f"--out {folder} cannot be made: {error.strerror}") from error
     if not os.access(folder, os.W_OK):
         raise BadRequest(f"--out {folder} cannot be written")
+    tell_folder(folder)
+    from .orchestration.run_folder import settle, written_files
+
+    _write(lambda: _tell_notes(settle(folder)))
+    listed: list[str] = []
+    _write(lambda: listed.extend(written_files(folder)))
+    # realpath, since resolve raises where links lead in a circle
+    results = {Path(os.path.realpath(folder / name)) for name in listed}
+    for path in filter(None, inputs):
+        own = Path(os.path.realpath(path))
+        if own in results or any(own in result.parents for result in results):
+            raise BadRequest(
+                f"{path} is a result in --out {folder}, and a new run takes the place of the one "
+                "before; choose another folder"
+            )
 
 
 # -- reading the command line ----------------------------------------------------------------
 
 
-def _study(options: argparse.Namespace, controller: str) -> Study:
-    plant = options.plant or "plant"
+def _studies(options: argparse.Namespace, controllers: list[str]) -> list[Study]:
+    """What to run, one study for each controller."""
     stop = _stop(options) or 20.0
     loop = _loop_options(options, stop)
-    _check_part("--controller", controller, CONTROLLERS)
-    _check_part("--plant", plant, PLANTS)
-    values = _settings(options)
-    mapping = dict(_pair("--map", text, "THEIRS=OURS") for text in options.map)
+    for controller in controllers:
+        _check_part("--controller", controller, CONTROLLERS)
+    if options.plant is not None:
+        _check_part("--plant", options.plant, PLANTS)
+    given, given_to = _settings(options, controllers)
+    mapping_of = mappings(options, controllers)
+    reference = _reference(options)
+    told = read_params(options)
+    plant, values, values_of = params_values(told, options.plant, controllers)
     from .orchestration.closed_loop import Study
     from .orchestration.reference_signal import Reference
 
-    return Study(
-        controller=controller,
-        plant=plant,
-        reference=_reference(options) or Reference.constant(0.08),
-        stop=stop,
-        plant_values=values["plant"],
-        controller_values=values["controller"],
-        mapping=mapping,
-        **loop,
-    )
+    return [
+        Study(
+            controller=controller,
+            plant=plant,
+            reference=reference or Reference.constant(0.08),
+            stop=stop,
+            plant_values=values | given,
+            controller_values=values_of[controller] | given_to[controller],
+            mapping=mapping_of[controller],
+            told=told,
+            **loop,
+        )
+        for controller in controllers
+    ]
 
 
 def _system_study(options: argparse.Namespace) -> SystemStudy:
-    for name in ("plant", "map", "limit_voltage", "limit_current"):
+    for name in ("plant", "map", "params", "limit_voltage", "limit_current"):
         if getattr(options, name):
             raise BadRequest(
                 f"--{name.replace('_', '-')} makes no sense with --system, whose file says what is "
@@ -420,10 +559,9 @@ def _system_study(options: argparse.Namespace) -> SystemStudy:
     if options.coupling == "monolithic":
         raise BadRequest("--coupling monolithic needs equations, and an .ssp does not give them")
     values = {}
-    for text in options.set:
-        name, value = _pair("--set", text, "ELEMENT.VARIABLE=VALUE")
+    for name, value in _named("--set", options.set, "ELEMENT.VARIABLE=VALUE").items():
         if "." not in name:
-            raise BadRequest(f"--set {text!r}: expected ELEMENT.VARIABLE=VALUE")
+            raise BadRequest(f"--set {name}={value}: expected ELEMENT.VARIABLE=VALUE")
         values[name] = _number(f"--set {name}", value)
     from .orchestration.system import SystemStudy
 
@@ -431,11 +569,16 @@ def _system_study(options: argparse.Namespace) -> SystemStudy:
 
 
 def _stop(options: argparse.Namespace) -> float | None:
-    if options.stop is None:
-        return None
-    stop = _number("--stop", options.stop)
+    return None if options.stop is None else length("--stop", options.stop)
+
+
+def length(option: str, text: str) -> float:
+    """How long a motion is to be [s]; what is nearly nothing has no steps."""
+    stop = _number(option, text)
     if stop <= 0:
-        raise BadRequest(f"--stop is {options.stop} s, expected more than 0")
+        raise BadRequest(f"{option} is {text} s, expected more than 0")
+    if stop < SHORTEST:
+        raise BadRequest(f"{option} is {text} s, expected at least {SHORTEST:g} s")
     return stop
 
 
@@ -444,17 +587,24 @@ def _loop_options(options: argparse.Namespace, stop: float | None) -> dict[str, 
     step = _number("--step", options.step)
     if step <= 0 or (stop is not None and step > stop):
         raise BadRequest(f"--step is {options.step} s, expected more than 0 and at most --stop")
-    if stop is not None and stop / step > 1e9:
-        raise BadRequest(f"--step {options.step} makes {stop / step:.3g} steps; use a larger one")
+    if stop is not None:
+        check_steps(stop, step)
     if options.coupling is not None and options.coupling not in COUPLINGS:
         raise BadRequest(
             f"--coupling is {options.coupling!r}, expected one of {', '.join(COUPLINGS)}"
         )
     if options.corrections not in (None, "0", "1"):
         raise BadRequest(f"--corrections is {options.corrections!r}, expected 0 or 1")
-    time_limit = _number("--time-limit", options.time_limit)
+    limit = options.time_limit
+    for option, given in (("isolate", options.isolate), ("time-limit", limit is not None)):
+        if given and options.coupling == "monolithic":
+            raise BadRequest(f"--{option} is for FMUs, and --coupling monolithic runs none")
+    if limit is not None and options.isolate is False:
+        raise BadRequest("--time-limit is for FMUs in a process of their own; see --no-isolate")
+    time_limit = _number("--time-limit", limit or "60")
     if time_limit <= 0:
-        raise BadRequest(f"--time-limit is {options.time_limit} s, expected more than 0")
+        raise BadRequest(f"--time-limit is {limit} s, expected more than 0")
+    need_compiler()
     from .orchestration.coupling import Coupling
 
     return {
@@ -465,6 +615,20 @@ def _loop_options(options: argparse.Namespace, stop: float | None) -> dict[str, 
         "isolate": options.isolate,
         "time_limit": time_limit,
     }
+
+
+def need_compiler() -> None:
+    """Refuse to couple FMUs by uncompiled code, which cannot call theirs."""
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        raise BadRequest(
+            "NUMBA_DISABLE_JIT is set, and FMUs are coupled by compiled code; unset it"
+        )
+
+
+def check_steps(stop: float, step: float) -> None:
+    """Refuse steps [s] that are so short that no run of so many would end."""
+    if stop / step > 1e9:
+        raise BadRequest(f"--step {step:g} makes {stop / step:.3g} steps; use a larger one")
 
 
 def _reference(options: argparse.Namespace) -> Reference | None:
@@ -481,7 +645,7 @@ def _reference(options: argparse.Namespace) -> Reference | None:
 
 
 def _check_part(option: str, name: str, known: dict[str, str]) -> None:
-    if name in known or Path(name).suffix == ".fmu" or Path(name).exists():
+    if name in known or Path(name).suffix == ".fmu" or os.path.exists(name):
         return
     import difflib
 
@@ -492,14 +656,25 @@ def _check_part(option: str, name: str, known: dict[str, str]) -> None:
     )
 
 
-def _settings(options: argparse.Namespace) -> dict[str, dict[str, float]]:
-    values: dict[str, dict[str, float]] = {"plant": {}, "controller": {}}
-    for text in options.set:
-        name, value = _pair("--set", text, "SIDE.NAME=VALUE")
-        side, dot, parameter = name.partition(".")
-        if not dot or side not in values or not parameter:
-            raise BadRequest(f"--set {text!r}: expected plant.NAME=VALUE or controller.NAME=VALUE")
-        values[side][parameter] = _number(f"--set {name}", value)
+def _settings(
+    options: argparse.Namespace, controllers: Sequence[str]
+) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+    """What ``--set`` and the limits give the plant, and each controller."""
+    plant: dict[str, float] = {}
+    values: dict[str, dict[str, float]] = {name: {} for name in controllers}
+    # what is said of one controller wins over what is said of all
+    texts = _named("--set", options.set, "SIDE.NAME=VALUE")
+    for name in sorted(texts, key=lambda name: not name.startswith("controller.")):
+        side, parameter = sided(name, controllers)
+        if not side or not parameter:
+            *sides, last = ("plant", "controller", *labels_of(controllers))
+            forms = ", ".join(f"{side}.NAME=VALUE" for side in sides)
+            raise BadRequest(f"--set {name}={texts[name]}: expected {forms} or {last}.NAME=VALUE")
+        number = _number(f"--set {name}", texts[name])
+        if side == "plant":
+            plant[parameter] = number
+        for controller in meant(side, controllers):
+            values[controller][parameter] = number
     for option, parameter in (
         ("limit_voltage", "voltage_limit"),
         ("limit_current", "current_limit"),
@@ -509,8 +684,13 @@ def _settings(options: argparse.Namespace) -> dict[str, dict[str, float]]:
             number = _number("--" + option.replace("_", "-"), limit)
             if number <= 0:
                 raise BadRequest(f"--{option.replace('_', '-')} is {limit}, expected more than 0")
-            values["plant"][parameter] = number
-    return values
+            if parameter in plant:
+                raise BadRequest(
+                    f"--set plant.{parameter} and --{option.replace('_', '-')}: expected one of "
+                    "them"
+                )
+            plant[parameter] = number
+    return plant, values
 
 
 def _pair(option: str, text: str, form: str) -> tuple[str, str]:
@@ -518,6 +698,17 @@ def _pair(option: str, text: str, form: str) -> tuple[str, str]:
     if not equals or not name.strip() or not value.strip():
         raise BadRequest(f"{option} {text!r} is not of the form {form}")
     return name.strip(), value.strip()
+
+
+def _named(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
+    """What repeated options say of each name; to say it twice would leave the first without use."""
+    pairs = [_pair(option, text, form) for text in texts]
+    named = dict(pairs)
+    for name in named:
+        values = [value for other, value in pairs if other == name]
+        if len(values) > 1:
+            raise BadRequest(f"{option} {name} is given as {' and as '.join(values)}; expected one")
+    return named
 
 
 def _whole(option: str, text: str, least: int, most: int | None = None) -> int:
@@ -555,7 +746,7 @@ class _Progress:
 
     def __call__(self, now: float, name: str = "") -> None:
         clock = time.monotonic()
-        if not self.active or clock - self.shown < 0.2:
+        if clock - self.shown < 0.2:
             return
         self.shown = clock
         end = f" of {self.stop:g}" if self.stop else ""
@@ -563,7 +754,9 @@ class _Progress:
         left = (clock - self.started) * (1 - done) / done if done > 0 and not name else None
         rest = f", about {left:.0f} s left" if left is not None else ""
         head = f"{name}: " if name else ""
-        print(f"\r\033[K{head}t = {now:.2f}{end} s{rest}", end="", file=sys.stderr)
+        tell(f"{head}t = {now:.2f}{end} s")
+        if self.active:
+            print(f"\r\033[K{head}t = {now:.2f}{end} s{rest}", end="", file=sys.stderr)
 
     def finish(self) -> None:
         if self.active and self.shown:

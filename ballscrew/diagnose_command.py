@@ -11,17 +11,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .arguments import out_folder
+from .params_option import add_params, bad_parameters, read_params
+from .supervision import tell
+
 if TYPE_CHECKING:
     from .diagnosis.averaging_cost import AveragingCost
     from .diagnosis.diagnosis import Diagnosis, Level
     from .diagnosis.diagnosis_report import ClosedLoopSection
     from .diagnosis.trials import TrialsDiagnosis
+    from .orchestration.parameter_file import ParameterFile
     from .solver.component import Component
 
 _EXAMPLES = """DATA are CSV, MAT or Parquet files with the columns time [s], u [V] and x [m], and
-i [A] where it was measured; several are one study. FILE.toml says what you believe:
-plant ("ball_screw" or "drive"), law, [parameters] in SI units and [tolerance], the relative doubt
-of each value (default 0.03).
+i [A] where it was measured; several are one study. FILE.toml says what you believe, see
+docs/parameters.md: kind ("ball_screw" or "drive"), law, [plant] in SI units and [tolerance], the
+relative doubt of each value (default half of its interval, else 0.03).
 
 examples:
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
@@ -44,14 +49,14 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         help="find what a model gets wrong of measured data, and why",
         description="Simulate the model you believe on what was recorded, name what it lacks, and "
         "measure the gain on data held out. Writes diagnosis.json, report.html, curves.parquet, a "
-        "picture, and where causes are found extended_plant.fmu and parameters.toml. Exit code 1: "
-        "structure is left that no cause explains.",
+        "picture, the corrected values as parameters.toml, and where causes are found "
+        "extended_plant.fmu. Exit code 1: structure is left that no cause explains.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("data", nargs="*", type=Path, metavar="DATA", help="CSV, MAT or Parquet files")
-    add("--params", type=Path, metavar="FILE.toml", help="the model as you believe it to be")
+    add_params(add, "the model as you believe it to be")
     add("--law", metavar="NAME", help="friction law, in place of the file's")
     add("--map", action="append", default=[], metavar="THEIRS=OURS", help="a column's name")
     add("--trials", type=Path, metavar="TABLE.csv", help="instead: a table with a trial a row")
@@ -62,7 +67,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="TABLE.csv",
         help="instead: Fc, Fs, Vs, sigma2 of each direction; what does their average cost?",
     )
-    add("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
+    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
     add("--json", action="store_true", help="print the result as JSON")
     parser.set_defaults(action=_diagnose)
 
@@ -105,31 +110,40 @@ def _only_with(table: str, options: argparse.Namespace) -> None:
 
 
 def _records(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _pair, _prepare, _write
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _named, _prepare
+    from .cli import _save as save_run
 
-    mapping = dict(_pair("--map", text, "THEIRS=OURS") for text in options.map)
+    mapping = _named("--map", options.map, "THEIRS=OURS")
     _check_law(options.law)
     _check_overwritten(options)
-    _prepare(options.out)
-    from .diagnosis.believed import BadParameters
-    from .diagnosis.diagnose import diagnose
+    _prepare(options.out, [*options.data, options.params])
+    from .diagnosis.believed import believed
+    from .diagnosis.corrected import corrected
+    from .diagnosis.diagnose import diagnose_records
     from .diagnosis.diagnosis import EXPLAINED, NONE
     from .diagnosis.diagnosis_report import DOES_NOT_HOLD, does_not_hold
+    from .diagnosis.drive_record import read_drive_records
     from .diagnosis.records import BadRecord
+    from .orchestration.parameter_file import ParameterFile
 
+    told = read_params(options)
+    with bad_parameters():
+        model = believed(told or ParameterFile(), options.law)
     progress = _Progress()
     try:
         progress("reading")
-        result = diagnose(options.data, options.params, options.law, mapping, progress)
-    except (BadRecord, BadParameters) as error:
+        records = read_drive_records(options.data, mapping)
+        result = diagnose_records(records, model, progress)
+    except BadRecord as error:
         raise BadRequest(str(error)) from error
     finally:
         progress.finish()
     extension = _extended(result)
+    values = corrected(result, extension.plant, told)
     progress("running the closed loop; its equations are compiled once for these causes")
     section = _closed_loop(result, extension)
     progress("writing")
-    _write(lambda: _save(result, extension, section, options.out))
+    save_run(options.out, lambda folder: _save(result, extension, section, values, folder))
     progress.finish()
     if options.json:
         print(json.dumps(result.to_dict()))
@@ -159,9 +173,9 @@ def _check_overwritten(options: argparse.Namespace) -> None:
     """Results must not take the place of what they were made from."""
     from .cli import BadRequest
 
-    results = {(options.out / name).resolve() for name in _FILES}
+    results = {os.path.realpath(options.out / name) for name in _FILES}
     for path in (*options.data, options.params):
-        if path is not None and path.resolve() in results:
+        if path is not None and os.path.realpath(path) in results:
             raise BadRequest(f"{path} would be overwritten by a result; choose another --out")
 
 
@@ -202,21 +216,23 @@ def _closed_loop(result: Diagnosis, extension: _Extension) -> ClosedLoopSection:
 
 
 def _save(
-    result: Diagnosis, extension: _Extension, section: ClosedLoopSection, folder: Path
+    result: Diagnosis,
+    extension: _Extension,
+    section: ClosedLoopSection,
+    values: ParameterFile,
+    folder: Path,
 ) -> None:
-    """Write all; diagnosis.json is the last, so that a folder that has it is whole."""
     from .diagnosis.diagnosis_pictures import save_pictures
     from .diagnosis.diagnosis_report import save_report
     from .diagnosis.extended_plant import write_extended_plant
 
-    if (folder / "diagnosis.json").exists():  # ours: an old plant must not pass for this one
-        for name in ("diagnosis.json", _FMU, _PARAMETERS):
-            (folder / name).unlink(missing_ok=True)
     _save_curves(result, folder)
     save_pictures(result, folder)
     save_report(result, section, folder)
     if extension.plant is not None:
-        write_extended_plant(extension.plant, folder)
+        write_extended_plant(extension.plant, folder, values)
+    else:
+        values.save(folder)
     result.save(folder)
 
 
@@ -279,9 +295,10 @@ def _table(
     if result.next_experiment is not None:
         lines.append(f"next experiment: {result.next_experiment.says}")
         lines.append(f"  {rig_command(result.next_experiment.trial)}")
-    plant = f", {_FMU}, {_PARAMETERS}" if extension.plant is not None else ""
+    plant = f", {_FMU}" if extension.plant is not None else ""
     lines.append(
-        f"report.html, diagnosis.json, {_CURVES}, diagnosis.png and .svg{plant} in {folder}"
+        f"report.html, diagnosis.json, {_PARAMETERS}, {_CURVES}, diagnosis.png and .svg{plant} in "
+        f"{folder}"
     )
     return "\n".join(lines)
 
@@ -290,18 +307,19 @@ def _table(
 
 
 def _trials(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare, _write
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare
+    from .cli import _save as save_run
     from .diagnosis.trials import BadTable, explain_scatter
     from .orchestration.closed_loop import finite_or_null
 
-    if (options.out / "trials.json").resolve() == options.trials.resolve():
+    if os.path.realpath(options.out / "trials.json") == os.path.realpath(options.trials):
         raise BadRequest(f"{options.trials} would be overwritten by the result")
-    _prepare(options.out)
+    _prepare(options.out, [options.trials])
     try:
         result = explain_scatter(options.trials, options.value)
     except BadTable as error:
         raise BadRequest(str(error)) from error
-    _write(lambda: result.save(options.out))
+    save_run(options.out, result.save)
     if options.json:
         print(json.dumps(finite_or_null(result.to_dict())))
     else:
@@ -342,19 +360,20 @@ def _trials_table(result: TrialsDiagnosis) -> str:
 
 
 def _directions(options: argparse.Namespace) -> int:
-    from .cli import TRUSTED, BadRequest, _prepare, _write
+    from .cli import TRUSTED, BadRequest, _prepare
+    from .cli import _save as save_run
     from .diagnosis.averaging_cost import averaging_cost
     from .diagnosis.trials import BadTable
 
     written = options.out / "averaging_cost.json"
-    if written.resolve() == options.directions.resolve():
+    if os.path.realpath(written) == os.path.realpath(options.directions):
         raise BadRequest(f"{options.directions} would be overwritten by the result")
-    _prepare(options.out)
+    _prepare(options.out, [options.directions])
     try:
         cost = averaging_cost(options.directions)
     except BadTable as error:
         raise BadRequest(str(error)) from error
-    _write(lambda: cost.save(options.out))
+    save_run(options.out, cost.save)
     print(written.read_text(encoding="utf-8") if options.json else _averaging_table(cost))
     if not options.json:
         print(f"{written.name} in {options.out}")
@@ -390,6 +409,7 @@ class _Progress:
         self.active = sys.stderr.isatty()
 
     def __call__(self, doing: str) -> None:
+        tell(doing)
         if self.active:
             seconds = time.monotonic() - self.started
             print(f"\r\033[K{seconds:.0f} s: {doing} ...", end="", file=sys.stderr, flush=True)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from .arguments import out_folder
+from .supervision import tell
 
 if TYPE_CHECKING:
     from .rig.features import Identified
@@ -18,6 +22,7 @@ _EXAMPLES = """examples:
   ballscrew features --identified out/identified/identified.json --out out/features
 """
 PROCESSES = 2
+ENDLESS = (RecursionError, OverflowError)  # nested too deep; a whole number of 400 digits
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -45,12 +50,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "takes the place of the thesis' values",
     )
     add("--json", action="store_true", help="print features.json instead of the table")
-    add("--out", type=Path, required=True, metavar="DIR", help="folder for figures and numbers")
+    add("--out", type=out_folder, required=True, metavar="DIR", help="for figures and numbers")
     parser.set_defaults(action=_features)
 
 
 def _features(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare, _write
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare, _save
     from .plant import LAWS
 
     for name in options.laws or ():
@@ -62,18 +67,18 @@ def _features(options: argparse.Namespace) -> int:
             raise BadRequest(f"{path} is of {law}, which is not among --laws")
         if [other for other, _ in read].count(law) > 1:
             raise BadRequest(f"{path}: another file is of {law}, too; give one for each law")
-    _prepare(options.out)
+    _prepare(options.out, options.identified)
     from .rig.bench import BadRig
     from .rig.features import feature_table
     from .solver.kernel import IntegrationError
 
     try:
-        table = feature_table(options.laws, PROCESSES, dict(read))
+        table = feature_table(options.laws, PROCESSES, dict(read), tell)
     except BadRig as error:
         raise BadRequest(f"--identified: {error}") from error
     except IntegrationError as error:
         raise BadRequest(f"{error}; this law cannot take part") from error
-    _write(lambda: table.save(options.out))
+    _save(options.out, table.save)
     if options.json:
         print(json.dumps(table.to_dict(), indent=1))
     else:
@@ -93,9 +98,11 @@ def _read_identified(path: Path) -> tuple[str, Identified]:
         data = json.loads(path.read_text(encoding="utf-8"))
         values = {n: float(p["value"]) for n, p in data["parameters"].items() if p["identified"]}
         law = str(data["law"])
+        if not all(map(math.isfinite, values.values())):
+            raise ValueError
     except OSError as error:
         raise BadRequest(f"--identified {path}: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, *ENDLESS) as error:
         raise BadRequest(
             f"--identified {path} is no identified.json, expected what `ballscrew identify` writes"
         ) from error

@@ -8,6 +8,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .arguments import out_folder
+from .params_option import add_params, bad_parameters, read_params
+from .supervision import tell
+
 if TYPE_CHECKING:
     from .diagnosis.identification import Identification
     from .diagnosis.intervals import Interval
@@ -27,6 +31,7 @@ time [s], force [N] (on the block, positive in +x) and x [m] or x_fine [m].
 examples:
   ballscrew identify out/trials --law modified_lugre --out out/identified
   ballscrew identify a.csv b.csv --law dahl --map t=time --map F=force --unit x=mm --out out/dahl
+  ballscrew identify out/trials --law lugre --params out/trials/parameters.toml --out out/lugre
   ballscrew identify run.mat --law lugre --map qm=x --map t=time --mass 95 --out out/emps
 """
 
@@ -46,16 +51,21 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add = parser.add_argument
     add("data", nargs="+", type=Path, metavar="DATA", help="rig folders, CSV or MAT files")
     add("--law", required=True, metavar="NAME", help=", ".join(NAMES))
-    add("--out", required=True, type=Path, metavar="DIR")
+    add("--out", required=True, type=out_folder, metavar="DIR")
     add("--map", action="append", default=[], metavar="THEIRS=OURS", help="a column's name")
     add("--unit", action="append", default=[], metavar="OURS=UNIT", help="a column's unit, x=mm")
-    add("--mass", metavar="KG", help="mass between load cell and block (default the rig's, or 1)")
+    add(
+        "--mass",
+        metavar="KG",
+        help="mass between load cell and block (default m of --params, the rig's, or 1)",
+    )
+    add_params(add, "what is known; the written file keeps what these records do not tell")
     add("--json", action="store_true", help="print the result as JSON")
     parser.set_defaults(action=_identify)
 
 
 def _identify(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _number, _pair, _prepare, _write
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _named, _number, _prepare, _save
 
     if options.law not in NAMES:
         import difflib
@@ -63,20 +73,28 @@ def _identify(options: argparse.Namespace) -> int:
         near = difflib.get_close_matches(options.law, NAMES, n=1, cutoff=0.5)
         hint = f", did you mean {near[0]}?" if near else ""
         raise BadRequest(f"--law {options.law!r} is none of {', '.join(NAMES)}{hint}")
-    mapping = dict(_pair("--map", text, "THEIRS=OURS") for text in options.map)
-    units = dict(_pair("--unit", text, "OURS=UNIT") for text in options.unit)
+    mapping = _named("--map", options.map, "THEIRS=OURS")
+    units = _named("--unit", options.unit, "OURS=UNIT")
     mass = None if options.mass is None else _number("--mass", options.mass)
+    from .diagnosis.believed import believed
     from .diagnosis.records import BadRecord, read_records
 
+    told = read_params(options)
+    if told is not None:
+        with bad_parameters():
+            model = believed(told)
+        if mass is None and "m" in told.plant:
+            mass = model.values["m"]
     try:
         records = read_records(options.data, mapping, units, mass)
     except BadRecord as error:
         raise BadRequest(str(error)) from error
-    _prepare(options.out)
+    _prepare(options.out, [*options.data, options.params])
     from .diagnosis.identification import identify
 
-    result = identify(records, options.law)
-    _write(lambda: result.save(options.out))
+    tell(f"fitting {options.law}")
+    result = identify(records, options.law, told)
+    _save(options.out, result.save)
     if options.json:
         print(json.dumps(result.to_dict()))
     else:

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from .named_loop import add_loop_options, read_loop
+from .supervision import tell
 
 _EXAMPLES = """examples:
   ballscrew lyapunov --controller nctf --stop 300 --out out/nctf
   ballscrew lyapunov --controller iol --set controller.sigma1_hat=342.5 --stop 20 --out out/cycle
   ballscrew lyapunov --controller nctf --stop 20 --via fmu --step 1e-3 --out out/over_fmus
 """
+TOLERANCE = "1e-11"
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -23,12 +25,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "lyapunov",
         help="Lyapunov exponents of a closed loop, and what its motion becomes",
-        description="Write lyapunov.json, lyapunov.csv (the running estimates) and a picture of "
-        "their convergence. Exit code 1: computed, but the verdict is undecided.",
+        description="Write lyapunov.json, lyapunov.csv (the running estimates), parameters.toml "
+        "and a picture of their convergence. Exit code 1: computed, but the verdict is undecided.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_loop_options(parser, stop="300", tolerance="1e-11")
+    add_loop_options(parser, stop="300", tolerance=TOLERANCE)
     parser.add_argument(
         "--via",
         default="model",
@@ -37,7 +39,6 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     )
     parser.add_argument(
         "--step",
-        default="1e-3",
         metavar="S",
         help="with --via fmu: communication step (default 1e-3)",
     )
@@ -45,10 +46,24 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _lyapunov(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _guarded, _number, _prepare, _write
+    from .cli import (
+        NOT_TRUSTED,
+        TRUSTED,
+        BadRequest,
+        _guarded,
+        _number,
+        _prepare,
+        _save,
+        check_steps,
+        need_compiler,
+    )
 
-    asked = read_loop(options, finest=1e-13, coarsest=1e-3)
-    _prepare(options.out)
+    if options.step is not None and options.via != "fmu":
+        raise BadRequest("--step is for --via fmu; the equations have a solver that chooses steps")
+    if options.tolerance is not None and options.via == "fmu":
+        raise BadRequest("--tolerance is for --via model; FMUs have a solver of their own")
+    asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
+    _prepare(options.out, [options.params])
     from .orchestration.closed_loop import finite_or_null
     from .orchestration.lyapunov import NoExponents, loop_lyapunov
 
@@ -58,14 +73,17 @@ def _lyapunov(options: argparse.Namespace) -> int:
         "plant": asked.plant,
         "plant_values": asked.plant_values,
         "controller_values": asked.controller_values,
+        "progress": tell,
     }
     try:
         if options.via == "fmu":
+            need_compiler()
             from .orchestration.lyapunov import loop_lyapunov_over_fmus
 
-            step = _number("--step", options.step)
+            step = _number("--step", options.step or "1e-3")
             if not 0 < step <= stop:
                 raise BadRequest(f"--step is {options.step}, expected more than 0, at most --stop")
+            check_steps(stop, step)
             result = _guarded(
                 lambda: loop_lyapunov_over_fmus(asked.controller, stop, step=step, **loop)
             )
@@ -73,7 +91,12 @@ def _lyapunov(options: argparse.Namespace) -> int:
             result = loop_lyapunov(asked.controller, stop, tolerance=asked.tolerance, **loop)
     except NoExponents as error:
         raise BadRequest(str(error)) from error
-    _write(lambda: result.save(options.out))
+
+    def save(folder: Path) -> None:
+        asked.parameters().save(folder)
+        result.save(folder)
+
+    _save(options.out, save)
     figures = result.figures()
     if options.json:
         print(json.dumps(finite_or_null(figures)))
@@ -95,4 +118,4 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
     if figures["sum_rule_error"] is not None:
         print(f"  sum rule: off by {figures['sum_rule_error']:.2g} of the sum")
     print(f"  {figures['evidence']}")
-    print(f"lyapunov.json, lyapunov.csv, lyapunov.png and .svg in {folder}")
+    print(f"lyapunov.json, lyapunov.csv, parameters.toml, lyapunov.png and .svg in {folder}")

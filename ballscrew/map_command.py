@@ -8,9 +8,13 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .named_loop import add_loop_options, read_loop
+from .supervision import tell, tell_kept
+
+if TYPE_CHECKING:
+    from .orchestration.stability_map import Axis
 
 _EXAMPLES = """examples:
   ballscrew map --controller iol --x sigma0_hat=66965.89:66969.24:68 \\
@@ -19,6 +23,8 @@ _EXAMPLES = """examples:
       --y design.sigma1=250:450:21 --exponents --out out/gamma2
   ballscrew map --controller pid --x plant.Fc=0.5:2:16 --y plant.Fs=2.1:3:16 --refine --out out/fcfs
 """
+TOLERANCE = "1e-8"
+MOST_WORKERS = 1000
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -33,7 +39,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_loop_options(parser, stop="20", tolerance="1e-8")
+    add_loop_options(parser, stop="20", tolerance=TOLERANCE)
     add = parser.add_argument
     for side in ("--x", "--y"):
         add(
@@ -57,29 +63,41 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _map(options: argparse.Namespace) -> int:
-    from .cli import TRUSTED, BadRequest, _prepare, _whole
+    from .cli import TRUSTED, BadRequest, _prepare, _tell_notes, _whole
 
-    asked = read_loop(options, finest=1e-12, coarsest=1e-4)
+    asked = read_loop(options, TOLERANCE, finest=1e-12, coarsest=1e-4)
     count = os.cpu_count() or 1
     if options.workers is not None:
-        count = _whole("--workers", options.workers, 1)
+        count = _whole("--workers", options.workers, 1, MOST_WORKERS)
+    from .orchestration.memory import NotEnoughMemory
     from .orchestration.stability_map import BadMap, MapStudy, make_map, read_axis
     from .orchestration.workers import Dask, Processes, WorkersLost
 
     try:
+        axes = [read_axis(text, asked.plant, asked.controller) for text in (options.x, options.y)]
+        for axis in axes:
+            _only_once(axis, options)
         study = MapStudy(
-            x=read_axis(options.x, asked.plant, asked.controller),
-            y=read_axis(options.y, asked.plant, asked.controller),
+            x=axes[0],
+            y=axes[1],
             exponents=options.exponents,
-            **vars(asked),
+            **{name: value for name, value in vars(asked).items() if name != "told"},
         )
         study.check()
-        _prepare(options.out)
+        _prepare(options.out, [options.params])
         workers = Dask(options.dask) if options.dask else Processes(count)
         progress = _MapProgress()
-        summary = make_map(study, options.out, workers, options.resume, options.refine, progress)
+        summary = make_map(
+            study,
+            options.out,
+            workers,
+            options.resume,
+            options.refine,
+            progress,
+            asked.parameters().save,
+        )
         progress.finish()
-    except (BadMap, WorkersLost) as error:
+    except (BadMap, NotEnoughMemory, WorkersLost) as error:
         raise BadRequest(str(error)) from error
     except OSError as error:
         where = f" {error.filename}" if error.filename else ""
@@ -87,12 +105,25 @@ def _map(options: argparse.Namespace) -> int:
             f"cannot write{where}: {error.strerror or error}; what is done is kept, go on with "
             "--resume"
         ) from error
+    _tell_notes(summary.notes)
     figures = summary.figures()
     if options.json:
         print(json.dumps(figures))
     else:
         _show(figures, options.out)
     return TRUSTED
+
+
+def _only_once(axis: Axis, options: argparse.Namespace) -> None:
+    """Refuse ``--set`` of what an axis goes through: it would do nothing."""
+    from .cli import BadRequest, _settings
+
+    plant, controllers = _settings(options, [options.controller])
+    fixed = {"plant": plant, "controller": controllers[options.controller]}
+    if axis.parameter in fixed.get(axis.side, {}):
+        raise BadRequest(f"{axis.name} is given a value and is an axis; expected one of them")
+    if axis.side == "setpoint" and options.setpoint is not None:
+        raise BadRequest("--setpoint, and an axis of set-points: expected one of them")
 
 
 def _show(figures: dict[str, Any], folder: Path) -> None:
@@ -104,7 +135,7 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
         f"{figures['disagreed']} with another verdict; of {figures['checked_at_random']} away from "
         f"borders, {figures['disagreed_at_random']}"
     )
-    files = "map.parquet, map.json, map.png and .svg"
+    files = "map.parquet, map.json, parameters.toml, map.png and .svg"
     if figures["borders"]:
         files = f"borders.csv ({figures['borders']} places), " + files
     print(f"{files} in {folder}")
@@ -124,6 +155,8 @@ class _MapProgress:
         clock = time.monotonic()
         if total != self.total:  # another pass begins
             self.total, self.first, self.started = total, done, clock
+        tell(f"{done} of {total} cells")
+        tell_kept("chunks that are done are kept, go on with --resume")
         if not self.active or (clock - self.shown < 0.5 and done < total):
             return
         self.shown = clock

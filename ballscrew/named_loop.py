@@ -5,7 +5,13 @@ from __future__ import annotations
 import argparse
 import difflib
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .arguments import out_folder
+from .params_option import add_params, params_values, read_params
+
+if TYPE_CHECKING:
+    from .orchestration.parameter_file import ParameterFile
 
 
 @dataclass(frozen=True)
@@ -20,6 +26,8 @@ class NamedLoop:
         [m], [s]
     tolerance : float
         Of the solver, relative.
+    told : ParameterFile or None
+        Where values come from.
     """
 
     controller: str
@@ -29,13 +37,26 @@ class NamedLoop:
     setpoint: float
     stop: float
     tolerance: float
+    told: ParameterFile | None
+
+    def parameters(self) -> ParameterFile:
+        """All parameters of plant and controller as they are used."""
+        from .orchestration.parts import used_parameters
+
+        controllers = {self.controller: self.controller_values}
+        return used_parameters(self.plant, self.plant_values, controllers, self.told)
 
 
 def add_loop_options(parser: argparse.ArgumentParser, stop: str, tolerance: str) -> None:
     """Add the options that `read_loop` reads, and those for the results."""
     add = parser.add_argument
     add("--controller", required=True, metavar="NAME", help="one of our controllers")
-    add("--plant", default="plant", metavar="NAME", help="one of our plants (default plant)")
+    add(
+        "--plant",
+        metavar="NAME",
+        help="one of our plants (default plant, or the one that --params describes)",
+    )
+    add_params(add)
     add(
         "--set",
         action="append",
@@ -43,53 +64,65 @@ def add_loop_options(parser: argparse.ArgumentParser, stop: str, tolerance: str)
         metavar="SIDE.NAME=VALUE",
         help="a parameter or initial state, such as controller.sigma0_hat=66966.331",
     )
-    add("--setpoint", default="0.08", metavar="M", help="constant set-point (default 0.08)")
+    add("--setpoint", metavar="M", help="constant set-point (default 0.08)")
     add("--stop", default=stop, metavar="S", help=f"length of the motion (default {stop})")
     add(
         "--tolerance",
-        default=tolerance,
         metavar="X",
         help=f"of the solver, relative (default {tolerance}); a tenth of it is tried, too",
     )
     add("--limit-voltage", metavar="V", help="amplifier limit")
     add("--limit-current", metavar="A", help="amplifier limit")
-    add("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
+    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
     add("--json", action="store_true", help="print the figures as JSON")
 
 
-def read_loop(options: argparse.Namespace, finest: float, coarsest: float) -> NamedLoop:
-    """The loop that the options say, with a tolerance between `finest` and `coarsest`.
+def read_loop(
+    options: argparse.Namespace, tolerance: str, finest: float, coarsest: float
+) -> NamedLoop:
+    """The loop that the options say.
+
+    Parameters
+    ----------
+    tolerance : str
+        Of the solver, where none is given.
+    finest, coarsest : float
+        Between what it may be.
 
     Raises
     ------
     BadRequest
     """
-    from .cli import BadRequest, _guarded, _number, _settings
+    from .cli import BadRequest, _guarded, _number, _settings, length
     from .controllers import CONTROLLERS
     from .plant import PLANTS
 
     _check_known("--controller", options.controller, CONTROLLERS)
-    _check_known("--plant", options.plant, PLANTS)
-    stop = _number("--stop", options.stop)
-    if stop <= 0:
-        raise BadRequest(f"--stop is {options.stop}, expected more than 0")
-    tolerance = _number("--tolerance", options.tolerance)
-    if not finest <= tolerance <= coarsest:
+    if options.plant is not None:
+        _check_known("--plant", options.plant, PLANTS)
+    stop = length("--stop", options.stop)
+    number = _number("--tolerance", options.tolerance or tolerance)
+    if not finest <= number <= coarsest:
         raise BadRequest(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
-    setpoint = _number("--setpoint", options.setpoint)
-    values = _settings(options)
+    setpoint = _number("--setpoint", options.setpoint or "0.08")
+    given, given_to = _settings(options, [options.controller])
+    told = read_params(options)
+    plant, told_plant, told_of = params_values(told, options.plant, [options.controller])
+    plant_values = told_plant | given
+    controller_values = told_of[options.controller] | given_to[options.controller]
     from .orchestration.closed_loop import check_named
 
-    for side, name in (("plant", options.plant), ("controller", options.controller)):
-        _guarded(lambda s=side, n=name: check_named(s, n, values[s]))
+    _guarded(lambda: check_named("plant", plant, plant_values))
+    _guarded(lambda: check_named("controller", options.controller, controller_values))
     return NamedLoop(
         options.controller,
-        options.plant,
-        values["plant"],
-        values["controller"],
+        plant,
+        plant_values,
+        controller_values,
         setpoint,
         stop,
-        tolerance,
+        number,
+        told,
     )
 
 

@@ -5,12 +5,18 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
+
+from .params_option import bad_parameters, baked
 
 if TYPE_CHECKING:
     from .fmus.native.sources import NativeModel
+    from .orchestration.parameter_file import ParameterFile
+    from .solver.kernel import Kernel
 
 VERSIONS = ("2", "3")
 
@@ -20,7 +26,8 @@ def add_options(add: Any) -> None:
     add(
         "--native",
         action="store_true",
-        help="write FMUs of compiled C, for hosts without Python; with --variational, of those",
+        help="write FMUs of compiled C, for hosts without Python; with --variational, --loop or "
+        "--ssp, of those",
     )
     add("--fmi", metavar="2|3", help="with --native: version of FMI (default 2)")
     add(
@@ -38,43 +45,51 @@ def check(options: argparse.Namespace) -> None:
     for option in ("fmi", "platforms"):
         if getattr(options, option) is not None and not options.native:
             raise BadRequest(f"--{option} makes no sense without --native")
-    if options.native and options.ssp:
-        raise BadRequest("--native and --ssp: expected one of them")
     if options.fmi is not None and options.fmi not in VERSIONS:
         raise BadRequest(f"--fmi is {options.fmi!r}, expected one of {', '.join(VERSIONS)}")
+    if options.ssp and options.fmi == "3":
+        raise BadRequest("--fmi 3 and --ssp: a system of SSP 1.0 holds FMUs of FMI 2.0")
     for name in _platforms(options) or ():
         if name not in PLATFORMS:
             raise BadRequest(f"--platforms: no platform {name!r}; there are {', '.join(PLATFORMS)}")
 
 
-def export(options: argparse.Namespace, names: Sequence[str], tangents: int) -> int:
-    """Write the FMUs and print their paths; the exit code."""
-    from .cli import BAD_REQUEST, TRUSTED, BadRequest, _write
+def export(
+    options: argparse.Namespace, names: Sequence[str], tangents: int, told: ParameterFile | None
+) -> int:
+    """Write the FMUs, with the start values of a parameter file, and print their paths."""
+    from .cli import BAD_REQUEST, TRUSTED, BadRequest, _write, tell_export
     from .fmus.catalogue import loop, loop_fmu_kernel
     from .fmus.native.compilers import CompilerFailed
     from .fmus.native.export import NativeFmu, write_native
-    from .fmus.native.sources import catalogued_model, stored_model, variational_model
+    from .fmus.native.sources import catalogued_model, stored_model, variational_model, with_kernel
     from .solver.codegen import UnsupportedComponent
     from .solver.component import ContractError
 
     written: list[NativeFmu] = []
     for name in names:
+        tell_export(names, name)
         kind = "_variational" if options.variational else "_loop" if options.loop else ""
         target: Path = options.out / f"{name}{kind}.fmu"
         try:
             if options.variational:
                 model = variational_model(name, tangents)
             elif options.loop:
-                kernel = loop_fmu_kernel(name)
-                model = stored_model(f"loop_{name}", kernel, partial(loop, name))
+                plant = told.plant_name if told else "plant"
+                kernel = loop_fmu_kernel(name, plant)
+                model = stored_model(f"loop_{plant}_{name}", kernel, partial(loop, name, plant))
             else:
                 model = catalogued_model(name)
+            kernel = baked(told, name, model.kernel, loop=options.loop is not None)
+            model = with_kernel(model, kernel)
 
             def make(model: NativeModel = model, target: Path = target) -> None:
                 version = int(options.fmi or 2)
                 written.append(write_native(model, target, version, _platforms(options)))
 
             _write(make)
+            if not options.variational:
+                add_reference(model.kernel, target)
         except (ContractError, UnsupportedComponent) as error:
             if options.only or options.loop:
                 raise BadRequest(str(error)) from error
@@ -86,6 +101,54 @@ def export(options: argparse.Namespace, names: Sequence[str], tangents: int) -> 
         print(target)
         if written[-1].note:
             print(f"note: {written[-1].note}", file=sys.stderr)
+    return TRUSTED
+
+
+def add_reference(kernel: Kernel, fmu: Path) -> None:
+    """Write the reference files beside an FMU, or say why there are none."""
+    from .cli import _write
+    from .fmus.reference_files import reference_files, write_reference_files
+    from .solver.kernel import IntegrationError
+
+    try:
+        files = reference_files(kernel)
+    except (ArithmeticError, IntegrationError, ValueError) as error:
+        print(f"note: {fmu}: no reference solution beside it: {error}", file=sys.stderr)
+        return
+    _write(partial(write_reference_files, files, fmu))
+
+
+def export_systems(
+    options: argparse.Namespace, names: Sequence[str], told: ParameterFile | None
+) -> int:
+    """Write one .ssp per closed loop, with the values of a parameter file, and print its path."""
+    from .cli import BAD_REQUEST, TRUSTED, _write
+    from .fmus.native.compilers import CompilerFailed
+    from .fmus.native.export import NativeFmu, write_native
+    from .fmus.native.sources import catalogued_model, with_kernel
+    from .fmus.system_export import export_system
+
+    with TemporaryDirectory(prefix="ballscrew-export-") as folder:
+
+        def write(name: str) -> NativeFmu:
+            model = catalogued_model(name)
+            model = with_kernel(model, baked(told, name, model.kernel))
+            return write_native(model, Path(folder) / f"{name}.fmu", 2, _platforms(options))
+
+        with bad_parameters():
+            plant_name = told.plant_name if told else "plant"
+        try:
+            plant = write(plant_name)
+            for name in names:
+                target = options.out / f"{name}.ssp"
+                controller = write(name)
+                _write(partial(export_system, plant.path, controller.path, target, name=name))
+                print(target)
+                if controller.note:
+                    print(f"note: {replace(controller, path=target).note}", file=sys.stderr)
+        except CompilerFailed as error:
+            print(f"ballscrew: {error}", file=sys.stderr)
+            return BAD_REQUEST
     return TRUSTED
 
 

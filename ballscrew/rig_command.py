@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from .arguments import out_folder
+from .params_option import add_params, note_aside, read_params
 
 if TYPE_CHECKING:
     from .rig.trials import Trial
@@ -17,9 +21,11 @@ examples:
   ballscrew rig --list
   ballscrew rig 2.4/7 --law modified_lugre --out out/trial
   ballscrew rig 2.8 presliding --law lugre --set plant.sigma0=6e4 --seed 3 --out out/trials
+  ballscrew rig 2.4/7 --params out/identified/parameters.toml --out out/again
   ballscrew rig 2.4/7 --law lugre --export --out out/fmus
 """
 DEFAULT_LAW = "modified_lugre"
+MOST_DIGITS = 40  # of a seed: more than 128 bits need
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -38,10 +44,10 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add("--list", action="store_true", help="print all trials, one line each")
     add(
         "--law",
-        default=DEFAULT_LAW,
         metavar="NAME",
-        help=f"friction law between block and table (default {DEFAULT_LAW})",
+        help=f"friction law between block and table (default that of --params, or {DEFAULT_LAW})",
     )
+    add_params(add, "values of the rig's plant and parts; --set wins over them")
     add(
         "--set",
         action="append",
@@ -49,7 +55,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="PART.NAME=VALUE",
         help="a parameter, such as plant.sigma0=6e4 or encoder.counts=2048",
     )
-    add("--seed", default="0", metavar="N", help="decides all noise (default 0)")
+    add("--seed", metavar="N", help="decides all noise (default 0)")
     add(
         "--export",
         action="store_true",
@@ -58,7 +64,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     )
     add(
         "--out",
-        type=Path,
+        type=out_folder,
         metavar="DIR",
         help="folder for the record; with several trials, for a folder of each",
     )
@@ -66,9 +72,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _rig(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare, _Progress, _write
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare, _Progress, _save
 
     if options.list:
+        for name in ("trials", "law", "set", "seed", "params", "export", "out"):
+            if getattr(options, name):
+                given = "a TRIAL" if name == "trials" else f"--{name}"
+                raise BadRequest(f"--list and {given}: expected one of them")
         from .rig.trials import TRIALS
 
         for trial in TRIALS.values():
@@ -78,11 +88,14 @@ def _rig(options: argparse.Namespace) -> int:
         missing = "a TRIAL" if not options.trials else "--out DIR"
         raise BadRequest(f"{missing} is missing; ballscrew rig --list prints all trials")
     trials = _trials(options.trials)
-    seed = _seed(options.seed)
+    seed = _seed(options.seed or "0")
     values = _values(options.set)
+    told = read_params(options)
+    law = options.law or (told and told.law) or DEFAULT_LAW
     if options.export and len(trials) > 1:
         raise BadRequest(f"--export takes one TRIAL, as in 2.4/7; these are {len(trials)}")
-    _prepare(options.out)
+    _prepare(options.out, [options.params])
+    from .orchestration.parameter_file import BadParameters
     from .plant.law import UnknownLaw
     from .rig.bench import BadRig, run_trial
     from .rig.fmu_bench import export_trial
@@ -90,38 +103,51 @@ def _rig(options: argparse.Namespace) -> int:
     from .solver.kernel import IntegrationError
 
     if options.export:
-        paths: list[Path] = []
-        request = (options.out, trials[0], options.law, values, seed)
+        names: list[Path] = []
+
+        def export(folder: Path) -> None:
+            paths = export_trial(folder, trials[0], law, values, seed, told=told)
+            names.extend(path.relative_to(folder) for path in paths)
+
         try:
-            _write(lambda: paths.extend(export_trial(*request)))
-        except (BadRig, UnknownLaw, UnsupportedComponent) as error:
+            _save(options.out, export)
+        except (BadRig, BadParameters, UnknownLaw, UnsupportedComponent) as error:
             raise BadRequest(str(error)) from error
-        print(*paths, sep="\n")
+        print(*(options.out / name for name in names), sep="\n")
         return TRUSTED
     progress = _Progress(sum(t.duration for t in trials))
-    done, believed = 0.0, True
-    try:
+    notes: dict[str, Sequence[str]] = {}
+
+    def record(folder: Path) -> None:
+        done = 0.0
         for trial in trials:
-            record = run_trial(
+            recorded = run_trial(
                 trial,
-                options.law,
+                law,
                 values,
                 seed,
                 progress=lambda t, before=done: progress(before + t),  # type: ignore[misc]
+                told=told,
             )
             done += trial.duration
-            folder = options.out / trial.folder if len(trials) > 1 else options.out
-            _write(lambda r=record, f=folder: r.save(f))
-            progress.finish()
-            print(f"{trial.line()}: {folder}")
-            for note in record.notes:
-                believed = False
-                print(f"{trial.name}: not to be believed: {note}", file=sys.stderr)
-    except (BadRig, UnknownLaw, UnsupportedComponent) as error:
+            recorded.save(folder / trial.folder if len(trials) > 1 else folder)
+            notes[trial.name] = recorded.notes
+            if told is not None and trial is trials[0]:
+                note_aside(told, recorded.used.plant, "the rig")
+        progress.finish()
+
+    try:
+        _save(options.out, record)
+    except (BadRig, BadParameters, UnknownLaw, UnsupportedComponent) as error:
         raise BadRequest(str(error)) from error
     except IntegrationError as error:
         raise BadRequest(f"{error}; a parameter makes no sense") from error
-    return TRUSTED if believed else NOT_TRUSTED
+    for trial in trials:
+        folder = options.out / trial.folder if len(trials) > 1 else options.out
+        print(f"{trial.line()}: {folder}")
+        for note in notes[trial.name]:
+            print(f"{trial.name}: not to be believed: {note}", file=sys.stderr)
+    return NOT_TRUSTED if any(notes.values()) else TRUSTED
 
 
 def _trials(names: list[str]) -> list[Trial]:
@@ -136,13 +162,14 @@ def _trials(names: list[str]) -> list[Trial]:
 
 
 def _values(texts: list[str]) -> dict[str, float]:
-    from .cli import BadRequest, _number, _pair
+    from .cli import BadRequest, _named, _number
 
     values = {}
-    for text in texts:
-        name, value = _pair("--set", text, "PART.NAME=VALUE")
+    for name, value in _named("--set", texts, "PART.NAME=VALUE").items():
         if "." not in name:
-            raise BadRequest(f"--set {text!r}: expected PART.NAME=VALUE, as in plant.sigma0=6e4")
+            raise BadRequest(
+                f"--set {name}={value}: expected PART.NAME=VALUE, as in plant.sigma0=6e4"
+            )
         values[name] = _number(f"--set {name}", value)
     return values
 
@@ -150,6 +177,8 @@ def _values(texts: list[str]) -> dict[str, float]:
 def _seed(text: str) -> int:
     from .cli import BadRequest
 
-    if not text.isascii() or not text.isdigit():
-        raise BadRequest(f"--seed is {text!r}, expected a whole number from 0 up")
+    if not text.isascii() or not text.isdigit() or len(text) > MOST_DIGITS:
+        raise BadRequest(
+            f"--seed is {text!r}, expected a whole number from 0 up of at most {MOST_DIGITS} digits"
+        )
     return int(text)

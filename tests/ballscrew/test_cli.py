@@ -69,12 +69,17 @@ def test_swap_writes_a_comparison(tmp_path, capsys, fmus):
     assert len(json.loads((tmp_path / "comparison.json").read_text())) == 2
     assert (tmp_path / "comparison.png").stat().st_size > 10_000
     assert (tmp_path / "comparison.svg").exists()
+    for name in ("iol", fmus["pid"].stem):
+        with open(tmp_path / f"trajectory_{name}.csv", newline="") as stream:
+            rows = list(csv.reader(stream))
+        assert rows[0][:6] == ["time", "x", "v", "z", "i", "u"]
+        assert len(rows) == 1002
     assert "peak [V]" in capsys.readouterr().out
 
 
 def test_export_only_writes_what_is_named(tmp_path):
     assert main(["export", "--out", str(tmp_path), "--only", "plant", "nctf"]) == 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["nctf.fmu", "plant.fmu"]
+    assert sorted(p.name for p in tmp_path.glob("*.fmu")) == ["nctf.fmu", "plant.fmu"]
 
 
 def test_json_output_is_one_object(tmp_path, capsys):
@@ -231,19 +236,46 @@ def test_files_that_are_no_fmu_are_refused_in_one_line(tmp_path, capsys, fmus, c
 
 def test_existing_results_stay_whole_when_a_request_is_refused(tmp_path):
     assert main([*RUN, "--out", str(tmp_path)]) == 0
-    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    before = {p.name: p.read_bytes() for p in tmp_path.glob("[!.]*")}
     assert main([*RUN, "--out", str(tmp_path), "--set", "plant.Fc=-1"]) == 2
-    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+    assert {p.name: p.read_bytes() for p in tmp_path.glob("[!.]*")} == before
 
 
 def test_a_result_that_cannot_be_written_is_one_line_and_leaves_the_rest_whole(tmp_path, capsys):
-    (tmp_path / "trajectory.csv").mkdir()
+    (tmp_path / ".ballscrew").write_text("no folder")
     assert main([*RUN, "--out", str(tmp_path)]) == 2
     heard = capsys.readouterr().err
     assert "cannot write" in heard
-    assert "trajectory.csv" in heard
+    assert ".ballscrew" in heard
     assert heard.count("\n") == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["trajectory.csv"]
+    assert [p.name for p in tmp_path.iterdir()] == [".ballscrew"]
+
+
+def test_a_folder_is_used_again_and_holds_one_run_and_the_users_files(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main([*RUN, "--out", str(out)]) == 0
+    assert (out / "phase.png").is_file()
+    (out / "notes.txt").write_text("mine")
+    (out / "comparison.csv").write_text("mine, too")
+    capsys.readouterr()
+    swap = ["swap", "--controllers", "iol", "--stop", "0.1", "--step", "1e-4"]
+    assert main([*swap, "--out", str(out)]) == 0
+    names = {p.name for p in out.glob("[!.]*")}
+    assert names >= {"notes.txt", "comparison.csv.kept", "comparison.csv", "comparison.png"}
+    assert not names & {"trajectory.csv", "metrics.json", "phase.png", "phase.svg"}
+    assert (out / "comparison.csv.kept").read_text() == "mine, too"
+    (note,) = [n for n in capsys.readouterr().err.splitlines() if "kept" in n]
+    assert note.startswith("note: comparison.csv in ")
+
+
+def test_what_is_read_is_not_removed_as_an_earlier_result(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["rig", "2.4/1", "--law", "lugre", "--out", str(out)]) == 0
+    before = {p.name: p.read_bytes() for p in out.glob("[!.]*")}
+    for data in (out, out / "record.csv"):
+        assert main(["identify", str(data), "--law", "lugre", "--out", str(out)]) == 2
+        assert "choose another folder" in capsys.readouterr().err
+    assert {p.name: p.read_bytes() for p in out.glob("[!.]*")} == before
 
 
 @pytest.mark.parametrize("coupling", ["tangent", "monolithic"])

@@ -99,9 +99,10 @@ def test_map_writes_what_it_promises_and_refuses_to_overwrite(tmp_path, capsys):
     assert main([*arguments, "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["cells"] == 4
-    assert {f.name for f in tmp_path.iterdir()} == {
+    assert {f.name for f in tmp_path.glob("[!.]*")} == {
         "map.parquet",
         "map.json",
+        "parameters.toml",
         "map.png",
         "map.svg",
     }

@@ -1,0 +1,161 @@
+"""The option ``--params``: a parameter file's values for the parts of a loop."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .orchestration.parameter_file import ParameterFile, Values
+    from .solver.kernel import Kernel
+
+
+def add_params(
+    add: Any, what: str = "values of plant and controllers; --set wins over them"
+) -> None:
+    """Add the option to a parser, by its `add_argument`."""
+    add("--params", type=Path, metavar="FILE.toml", help=f"parameter file: {what}")
+
+
+@contextlib.contextmanager
+def bad_parameters() -> Iterator[None]:
+    """Turn a parameter file that makes no sense into one line for the user."""
+    from .cli import BadRequest
+    from .orchestration.parameter_file import BadParameters
+
+    try:
+        yield
+    except BadParameters as error:
+        raise BadRequest(str(error)) from error
+
+
+def read_params(options: argparse.Namespace) -> ParameterFile | None:
+    """The file of ``--params``, if there is one; which parameters there are is not checked yet.
+
+    Raises
+    ------
+    BadRequest
+        Also where the results would take the file's place.
+    """
+    if options.params is None:
+        return None
+    from .cli import BadRequest
+    from .orchestration.parameter_file import FILE_NAME, read_parameters
+
+    if os.path.realpath(options.out / FILE_NAME) == os.path.realpath(options.params):
+        raise BadRequest(f"{options.params} would be overwritten by a result; choose another --out")
+    with bad_parameters():
+        return read_parameters(options.params)
+
+
+def params_values(
+    told: ParameterFile | None, plant: str | None, controllers: Sequence[str]
+) -> tuple[str, dict[str, float], dict[str, dict[str, float]]]:
+    """The plant to run, and what a parameter file gives it and each controller.
+
+    Parameters
+    ----------
+    told : ParameterFile or None
+    plant : str or None
+        What was asked for, a name or a path; None: the plant that the file describes.
+    controllers : sequence of str
+        Names or paths.
+
+    Raises
+    ------
+    BadRequest
+    """
+    from .cli import _guarded
+
+    if told is None:
+        return plant or "plant", {}, {name: {} for name in controllers}
+    with bad_parameters():
+        plant = plant or told.plant_name
+        values = _guarded(lambda: _plant_values(told, plant))
+        values_of = {n: _guarded(lambda n=n: _controller_values(told, n)) for n in controllers}
+    _note_strangers(told, controllers)
+    return plant, values, values_of
+
+
+def _plant_values(told: ParameterFile, plant: str) -> dict[str, float]:
+    """The file's values for a plant; what the plant has no use for is said."""
+    from .orchestration.parameter_file import BALL_SCREW
+    from .orchestration.parts import part_of
+
+    others: Collection[str] = ()
+    if told.law and told.kind == BALL_SCREW and told.plant_name != plant:
+        # a file of another law has values that this plant has no use for
+        others = part_of(told.plant_name).parameters
+    values, _ = told.plant_values(part_of(plant).parameters, others)
+    note_aside(told, values, plant)
+    return values
+
+
+def note_aside(told: ParameterFile, values: Collection[str], plant: str) -> None:
+    """Say which of the file's values a plant has no use for."""
+    aside = [n for n in (*told.plant, *told.found) if n not in values]
+    if aside:
+        _note(told, f"{', '.join(aside)}: {plant} has no such parameter")
+
+
+def _controller_values(told: ParameterFile, name: str) -> dict[str, float]:
+    from .orchestration.parts import label_of, part_of
+
+    if label_of(name) not in told.controllers:
+        return {}
+    return told.controller_values(label_of(name), part_of(name).parameters)
+
+
+def _note_strangers(told: ParameterFile, controllers: Sequence[str]) -> None:
+    """Say which tables are of no controller that runs here, nor of one that is known."""
+    from .controllers import CONTROLLERS
+    from .orchestration.parts import label_of
+
+    known = {*CONTROLLERS, *map(label_of, controllers)}
+    for name in told.controllers:
+        if name not in known:
+            _note(told, f"[controller.{name}]: no controller of this name runs here")
+
+
+def _note(told: ParameterFile, what: str) -> None:
+    print(f"note: {told.path}: {what}; left aside", file=sys.stderr)
+
+
+def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = False) -> Kernel:
+    """The kernel of a part, or of a loop with this controller, with the file's start values.
+
+    Raises
+    ------
+    BadRequest
+    """
+    if told is None:
+        return kernel
+    from .fmus.start_values import with_start_values
+    from .plant import PLANTS
+    from .solver.connect import CONTROLLER, PLANT
+
+    path = str(told.path)
+    values: dict[str, float] = {}
+    sources: dict[str, str] = {}
+
+    def add(prefix: str, given: dict[str, float], said: Values) -> None:
+        for n, value in given.items():
+            values[prefix + n] = value
+            sources[prefix + n] = (said[n].source if n in said else "") or f"from {path}"
+
+    of_plant = {**told.plant, **told.found}
+    of_controller = told.controllers.get(name, {})
+    with bad_parameters():
+        if loop:
+            add(PLANT, _plant_values(told, told.plant_name), of_plant)
+            add(CONTROLLER, _controller_values(told, name), of_controller)
+        elif name in PLANTS:
+            add("", _plant_values(told, name), of_plant)
+        else:
+            add("", _controller_values(told, name), of_controller)
+    return with_start_values(kernel, values, sources)

@@ -1,0 +1,84 @@
+"""Whom an option means: the plant, every controller, or the one controller that it names."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from .controllers import CONTROLLERS
+
+
+def mappings(options: argparse.Namespace, controllers: Sequence[str]) -> dict[str, dict[str, str]]:
+    """What ``--map`` says to each controller, ``plant.PORT`` and ``controller.PORT`` among it."""
+    from .cli import BadRequest, _named
+
+    texts = _named("--map", options.map, "THEIRS=OURS")
+    found: dict[str, dict[str, str]] = {name: {} for name in controllers}
+    for theirs, ours in texts.items():
+        side, port = sided(theirs, controllers)
+        if not side:
+            for name in _owners(theirs, options.plant or "plant", controllers):
+                found[name][theirs] = ours
+            continue
+        if side != "plant" and port in texts and len(controllers) == 1:
+            raise BadRequest(f"--map {theirs} and --map {port}: expected one of them")
+        for name in controllers if side == "plant" else meant(side, controllers):
+            own = f"plant.{port}" if side == "plant" else f"controller.{port}"
+            if own in found[name]:
+                raise BadRequest(f"--map {theirs} and --map {own}: expected one of them")
+            found[name][own] = ours
+    return found
+
+
+def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
+    """Controllers whose loops have a port of this name; where none has, wiring will say so."""
+    if len(controllers) == 1:
+        return controllers
+    from .cli import _guarded
+    from .orchestration.parts import part_of
+
+    def has(name: str) -> bool:
+        part = part_of(name)
+        return port in part.inputs or port in part.outputs
+
+    owners = [name for name in controllers if _guarded(lambda n=name: has(n))]
+    return controllers if not owners or _guarded(lambda: has(plant)) else owners
+
+
+def check_labels(controllers: Sequence[str]) -> None:
+    """Refuse two files of one name: options, tables and files could not tell them apart."""
+    from .cli import BadRequest
+
+    seen: dict[str, str] = {}
+    for name in controllers:
+        label = name if name in CONTROLLERS else Path(name).stem
+        if label in seen:
+            raise BadRequest(
+                f"--controllers: {seen[label]} and {name} are both called {label}; rename one of "
+                "the files"
+            )
+        seen[label] = name
+
+
+def labels_of(controllers: Sequence[str]) -> dict[str, str]:
+    """Controllers by what they are called in options; those of the words for sides are not."""
+    labels = {c if c in CONTROLLERS else Path(c).stem: c for c in controllers}
+    return {label: c for label, c in labels.items() if label not in ("plant", "controller")}
+
+
+def sided(name: str, controllers: Sequence[str]) -> tuple[str, str]:
+    """Side and name of ``SIDE.NAME``: plant, controller, or a controller's own; "" if it has none.
+
+    A file's name may have dots: the longest that fits is meant.
+    """
+    sides = ("plant", "controller", *labels_of(controllers))
+    side = max((s for s in sides if name.startswith(f"{s}.")), key=len, default="")
+    return side, name.removeprefix(f"{side}.") if side else name
+
+
+def meant(side: str, controllers: Sequence[str]) -> Sequence[str]:
+    """The controllers that a side's name means."""
+    if side == "controller":
+        return controllers
+    return [c for label, c in labels_of(controllers).items() if label == side]

@@ -1,0 +1,169 @@
+"""The command runs in a child process, so that an interrupt ends it at once, whatever it does.
+
+Compiled code that runs for minutes, a stranger's library or a picture being drawn do not look for
+signals. The process that the user sees therefore does nothing but wait. At SIGINT or SIGTERM it
+ends the child, sees to it that the results folder holds one whole run, prints one line that says
+how far the work was, and exits with code 130. The child ends with it, however it ends.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+INTERRUPTED = 130
+_BY_SIGNAL = 128  # and the signal's number, as shells have it
+_SIZE = 4096  # bytes of a told text
+
+
+class Told:
+    """What the child tells: how far it is, its results folder, and what an interrupt leaves of it.
+
+    Each has room for two texts, and a byte that says which one holds: a text that a kill cuts short
+    is never read.
+    """
+
+    HOW_FAR, FOLDER, KEPT = range(3)
+
+    def __init__(self) -> None:
+        self._memory = mmap.mmap(-1, 3 * (2 * _SIZE + 1))
+
+    def say(self, what: int, text: bytes) -> None:
+        text = text[: _SIZE - 1] + b"\0"
+        begin = what * (2 * _SIZE + 1)
+        other = 1 - self._memory[begin]
+        place = begin + 1 + other * _SIZE
+        self._memory[place : place + len(text)] = text
+        self._memory[begin] = other
+
+    def heard(self, what: int) -> bytes:
+        begin = what * (2 * _SIZE + 1)
+        place = begin + 1 + self._memory[begin] * _SIZE
+        return self._memory[place : place + _SIZE].partition(b"\0")[0]
+
+
+_told: Told | None = None
+
+
+def tell(how_far: str) -> None:
+    """Say how far the command is, for the line that an interrupt prints."""
+    _say(Told.HOW_FAR, how_far.encode())
+
+
+def tell_folder(folder: Path) -> None:
+    """Say where the results go, so that an interrupt leaves one whole run there."""
+    _say(Told.FOLDER, os.fsencode(os.path.abspath(folder)))
+
+
+def tell_kept(what: str) -> None:
+    """Say what an interrupt leaves of this run; nothing if this is never called."""
+    _say(Told.KEPT, what.encode())
+
+
+def _say(what: int, text: bytes) -> None:
+    if _told is not None:
+        _told.say(what, text)
+
+
+def supervised() -> int:
+    """Run the command in a child process and return its exit code, in either process."""
+    global _told
+    began = time.time()
+    signals = {n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN}
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_BLOCK, {*signals, signal.SIGCHLD})
+    _told = Told()
+    scratch = _scratch_folder()
+    until, held = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(held)
+        return _command(until, signals)
+    os.close(until)
+    try:
+        return _wait(child, signals, _told, began)
+    finally:
+        if scratch is not None:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _scratch_folder() -> str | None:
+    """Make a place for temporary files, since what is ended by a signal does not tidy up."""
+    try:
+        folder = tempfile.mkdtemp(prefix="ballscrew-")
+    except OSError:  # nowhere to write: who needs a file will say so
+        return None
+    tempfile.tempdir = os.environ["TMPDIR"] = folder
+    return folder
+
+
+def _wait(child: int, signals: set[signal.Signals], told: Told, began: float) -> int:
+    """Wait for the child's end, or for a signal that asks for it; the exit code."""
+    while True:
+        number = signal.sigwait({*signals, signal.SIGCHLD})
+        ended, status = os.waitpid(child, os.WNOHANG)
+        code = os.waitstatus_to_exitcode(status) if ended else 0
+        if ended and code >= 0:
+            return code
+        if ended:
+            _tell_user(f"ended by {signal.Signals(-code).name}", told, began)
+            return _BY_SIGNAL - code
+        if number in signals:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            _tell_user("interrupted", told, began)
+            return INTERRUPTED
+
+
+def _command(until: int, signals: set[signal.Signals]) -> int:
+    """What the child does."""
+    from .orchestration.end_with_parent import end_when_closed
+
+    end_when_closed(until)
+    # A terminal sends its interrupt to the child, too, which leaves it to the parent. A handler
+    # that does nothing is not handed on to the programs that the child starts; a signal that is
+    # ignored or blocked would be.
+    for number in signals:
+        signal.signal(number, _leave_it)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {*signals, signal.SIGCHLD})
+    from .cli import main
+
+    return main()
+
+
+def _leave_it(_number: int, _frame: object) -> None:
+    pass
+
+
+def _tell_user(what: str, told: Told, began: float) -> None:
+    """The one line of a command that was ended."""
+    far = told.heard(Told.HOW_FAR).decode("utf-8", "replace")
+    far = f", {far}" if far else ""
+    line = f"{what} after {time.time() - began:.1f} s{far}; {_left(told, began)}"
+    clear = "\r\033[K" if sys.stderr.isatty() else ""
+    print(f"{clear}ballscrew: {' '.join(line.split())}", file=sys.stderr, flush=True)
+
+
+def _left(told: Told, began: float) -> str:
+    """Finish or take back what the child left half written; say what is there."""
+    where = told.heard(Told.FOLDER)
+    if not where:
+        return "nothing was written"
+    from .orchestration.run_folder import changed_since, settle
+
+    folder = Path(os.fsdecode(where))
+    try:
+        notes = settle(folder)
+        new = changed_since(folder, began)
+    except OSError as error:
+        return f"what {folder} holds is unknown: {error.strerror or error}"
+    kept = told.heard(Told.KEPT).decode("utf-8", "replace")
+    if new:
+        kept = f"all results were written to {folder}"
+    return "; ".join([kept or f"nothing of this run is kept in {folder}", *notes])

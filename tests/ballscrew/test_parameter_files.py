@@ -1,0 +1,287 @@
+"""One parameter file from command to command: what one writes, the next one reads."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from types import SimpleNamespace
+
+import pytest
+from diagnosed import run
+from fmpy import read_model_description
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ballscrew.fmus.system_reading import read_system
+from ballscrew.orchestration.parameter_file import (
+    BadParameters,
+    ParameterFile,
+    Value,
+    read_parameters,
+)
+
+TRIAL = "2.4/1"
+
+
+def done(*arguments, codes=(0,)):
+    code, printed, said = run(*arguments)
+    assert code in codes, said
+    return printed, said
+
+
+def refused(*arguments):
+    code, printed, said = run(*arguments)
+    assert (code, printed) == (2, "")
+    assert said.startswith("ballscrew: ")
+    assert said.count("\n") == 1
+    return said
+
+
+def written(folder):
+    return read_parameters(folder / "parameters.toml")
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory):
+    """Rig, identify, diagnose, run, lyapunov: each is given the file that the one before wrote."""
+    top = tmp_path_factory.mktemp("chain")
+    folders = [top / name for name in ("rig", "identify", "diagnose", "run", "lyapunov")]
+    trial, identified, diagnosed, ran, exponents = folders
+    done("rig", TRIAL, "--set", "plant.Fc=1.3", "--set", "plant.R=22", "--out", trial)
+    law = ("--law", "modified_lugre")
+    given = ("--params", trial / "parameters.toml", "--out", identified)
+    done("identify", trial, *law, *given, codes=(0, 1))
+    given = ("--params", identified / "parameters.toml", "--out", diagnosed)
+    done("diagnose", trial / "record.csv", *given, codes=(0, 1))
+    loop = ("--controller", "nctf", "--stop", "0.05")
+    done("run", *loop, "--params", diagnosed / "parameters.toml", "--out", ran)
+    given = ("--params", ran / "parameters.toml", "--out", exponents)
+    done("lyapunov", *loop, *given, codes=(0, 1))
+    return SimpleNamespace(trial=trial, files=[written(folder) for folder in folders])
+
+
+def test_the_chain_goes_by_files_alone(chain):
+    rig, identified, diagnosed, ran, exponents = chain.files
+    assert (rig.plant["Fc"].value, rig.plant["R"].value) == (1.3, 22.0)
+    low, high = identified.plant["Fs"].interval
+    assert low < rig.plant["Fs"].value < high
+    assert "identified from" in identified.plant["Fs"].source
+    assert identified.not_identified
+    for before, after in itertools.pairwise(chain.files):
+        missing = [n for n in before.plant if n not in after.plant]
+        assert missing == []
+        assert {n: v.unit for n, v in before.plant.items()}.items() <= {
+            n: v.unit for n, v in after.plant.items()
+        }.items()
+        for name, value in after.plant.items():  # a value that stays keeps interval and source
+            if name in before.plant and before.plant[name].value == value.value:
+                assert value == before.plant[name]
+    assert ran.plant == exponents.plant
+    assert ran.controllers["nctf"] == exponents.controllers["nctf"]
+    assert ran.plant["voltage_limit"].value == 36.0
+    changed = [n for n, v in diagnosed.plant.items() if v.value != identified.plant[n].value]
+    assert all("corrected by ballscrew diagnose" in diagnosed.plant[n].source for n in changed)
+
+
+def test_the_rig_says_that_its_rotor_is_none_of_the_others(chain, loops):
+    assert chain.files[0].plant["Jm"].value == 4.2e-7
+    assert "have 0 unless" in chain.files[0].plant["Jm"].source
+    assert written(loops.nominal).plant["Jm"].value == 0.0
+
+
+def test_the_rig_repeats_a_trial_from_its_own_file(chain, tmp_path):
+    done("rig", TRIAL, "--params", chain.trial / "parameters.toml", "--out", tmp_path)
+    for name in ("record.csv", "truth.csv", "parameters.toml"):
+        assert (tmp_path / name).read_bytes() == (chain.trial / name).read_bytes()
+    said = refused("rig", TRIAL, "--params", tmp_path / "parameters.toml", "--out", tmp_path)
+    assert "would be overwritten" in said
+
+
+@pytest.fixture
+def axis(tmp_path):
+    def write(text, name="axis.toml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+SHORT = ("--stop", "0.02")
+HAND = """
+[plant]
+sigma0 = 6e4
+m = { value = 2.0, unit = "kg", interval = [1.9, 2.2], source = "a pair of scales" }
+[controller.pid]
+Kp = 300.0
+"""
+
+
+def test_set_wins_over_the_file_and_the_file_over_the_default(axis, tmp_path):
+    given = ("--controller", "pid", *SHORT, "--params", axis(HAND), "--out", tmp_path / "out")
+    done("run", *given, "--set", "plant.sigma0=5e4", "--set", "controller.Ki=1")
+    file = written(tmp_path / "out")
+    assert file.plant["sigma0"] == Value(5e4, "N/m", None, "given to this run")
+    assert file.plant["m"] == Value(2.0, "kg", (1.9, 2.2), "a pair of scales")
+    assert file.plant["R"].source == "Table 3.1"
+    assert (file.controllers["pid"]["Kp"].value, file.controllers["pid"]["Ki"].value) == (300, 1)
+
+
+@pytest.fixture(scope="module")
+def loops(tmp_path_factory):
+    """The same loop as it is, and with values from a file."""
+    top = tmp_path_factory.mktemp("loops")
+    pid, path = ("run", "--controller", "pid", *SHORT), top / "axis.toml"
+    path.write_text(HAND)
+    done(*pid, "--out", top / "nominal")
+    done(*pid, "--params", path, "--out", top / "told")
+    course = (top / "told" / "trajectory.csv").read_bytes()
+    assert course != (top / "nominal" / "trajectory.csv").read_bytes()
+    return SimpleNamespace(pid=pid, nominal=top / "nominal", told=top / "told", course=course)
+
+
+def test_the_file_s_values_move_the_block_as_set_does(loops, tmp_path):
+    sets = ("plant.sigma0=6e4", "plant.m=2", "controller.Kp=300")
+    done(*loops.pid, *itertools.chain(*(("--set", s) for s in sets)), "--out", tmp_path)
+    assert (tmp_path / "trajectory.csv").read_bytes() == loops.course
+
+
+def test_the_file_that_a_run_writes_is_the_same_run(loops, tmp_path):
+    done(*loops.pid, "--params", loops.told / "parameters.toml", "--out", tmp_path)
+    for name in ("trajectory.csv", "parameters.toml"):
+        assert (tmp_path / name).read_bytes() == (loops.told / name).read_bytes()
+
+
+def test_the_file_s_law_chooses_the_plant(axis, tmp_path):
+    path = axis('law = "dahl"\n[plant]\nsigma = 8e4\n')
+    given = ("--controller", "pid", *SHORT, "--params", path, "--out", tmp_path / "out")
+    done("run", *given)
+    assert written(tmp_path / "out").law == "dahl"
+    _, said = done("run", *given, "--plant", "plant")
+    assert "note: " in said
+    assert "sigma: plant has no such parameter; left aside" in said
+    assert written(tmp_path / "out").law == "modified_lugre"
+
+
+def test_swap_and_map_write_what_they_used(axis, tmp_path):
+    path, out = axis(HAND), tmp_path / "out"
+    done("swap", "--controllers", "nctf", "pid", *SHORT, "--params", path, "--out", out)
+    file = written(out)
+    assert file.controllers["pid"]["Kp"].value == 300.0
+    assert set(file.controllers) == {"nctf", "pid"}
+    axes = ("--x", "plant.Fc=1:1.2:2", "--y", "plant.Fs=2.1:2.3:2", "--workers", "1")
+    out = tmp_path / "map"
+    done("map", "--controller", "pid", *SHORT, *axes, "--params", path, "--out", out)
+    assert written(out).plant["sigma0"].value == 6e4
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[plant]\nsigma = 1e5", "[plant] there is no 'sigma', did you mean sigma"),
+        ('[plant.m]\nvalue = 1\nunit = "g"', "[plant] m has the unit 'g', expected 'kg'"),
+        ('[plant.sigma0]\nvalue = 1\nunit = "N*s/m"', "the unit 'N*s/m', expected 'N/m'"),
+        ("[plant]\nm = -1", "[plant] m is -1 kg, expected 1e-06 to inf"),
+        ("[plant.m]\nvalue = 1\ninterval = [2, 3]", "with the value 1 between them"),
+        ("[plant.m]\nvalue = 1\ninterval = 2", "not of the form [low, high]"),
+        ("[plant.m]\nvalue = 1\nuint = 'kg'", "there is no 'uint', did you mean unit"),
+        ("[plant.m]\nunit = 'kg'", "[plant] m has no value"),
+        ("[plant]\nm = " + "9" * 400, "expected a finite number"),
+        ("m = " + "[" * 5000, "nested too deep"),
+        ("[controller.pid]\nKpp = 1", "[controller.pid] there is no 'Kpp', did you mean Kp"),
+        ("[controler.pid]\nKp = 1", "there is no 'controler', did you mean controller"),
+        ('format = "ballscrew-parameters 2"', "expected 'ballscrew-parameters 1'"),
+        ('kind = "drive"', "kind is 'drive', which is no plant of the catalogue"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(axis, tmp_path, text, said):
+    given = ("--controller", "pid", *SHORT, "--params", axis(text), "--out", tmp_path / "out")
+    heard = refused("run", *given)
+    assert said in heard
+    assert "axis.toml" in heard
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_unit_may_be_written_otherwise(axis):
+    text = '[plant.sigma1]\nvalue = 300\nunit = "kg/s"'
+    values, _ = read_parameters(axis(text)).plant_values(
+        {"sigma1": SimpleNamespace(unit="N*s/m", minimum=0, maximum=1e9, meaning="")}
+    )
+    assert values == {"sigma1": 300.0}
+
+
+# -- export ---------------------------------------------------------------------------------
+
+
+def starts(path):
+    described = read_model_description(os.fspath(path), validate=False)
+    return {v.name: (v.start, v.description) for v in described.modelVariables}
+
+
+@pytest.mark.parametrize("native", [(), ("--native",)], ids=["readable", "native"])
+def test_exported_fmus_start_with_the_file_s_values(axis, tmp_path, native):
+    given = ("--params", axis(HAND), "--out", tmp_path / "out", *native)
+    done("export", "--only", "plant", "pid", *given)
+    plant, pid = (starts(tmp_path / "out" / f"{n}.fmu") for n in ("plant", "pid"))
+    assert float(plant["sigma0"][0]) == 6e4
+    assert float(plant["m"][0]) == 2.0
+    assert "a pair of scales" in plant["m"][1]
+    assert float(pid["Kp"][0]) == 300.0
+    done("export", "--loop", "pid", *given)
+    loop = starts(tmp_path / "out" / "pid_loop.fmu")
+    assert (float(loop["plant_sigma0"][0]), float(loop["controller_Kp"][0])) == (6e4, 300.0)
+
+
+def test_an_exported_fmu_runs_as_the_file_does(axis, loops, tmp_path):
+    done("export", "--only", "plant", "--params", axis(HAND), "--out", tmp_path)
+    given = ("--plant", tmp_path / "plant.fmu", "--set", "controller.Kp=300")
+    done(*loops.pid, *given, "--out", tmp_path)
+    assert (tmp_path / "trajectory.csv").read_bytes() == loops.course
+
+
+def test_an_exported_system_starts_with_the_file_s_values(axis, tmp_path):
+    done("export", "--ssp", "--only", "pid", "--params", axis(HAND), "--out", tmp_path / "out")
+    system = read_system(tmp_path / "out" / "pid.ssp")
+    try:
+        values = {e.name: e.start_values for e in system.elements}
+    finally:
+        system.remove()
+    assert values["plant"]["sigma0"] == 6e4
+    assert values["controller"]["Kp"] == 300.0
+
+
+# -- the file itself ------------------------------------------------------------------------
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+names = st.text(min_size=1, max_size=4)
+values = st.builds(
+    lambda v, unit, low, high, source: Value(v, unit, (v - low, v + high), source),
+    st.floats(-1e100, 1e100),
+    st.text(max_size=3),
+    st.floats(0, 1e100) | st.just(float("inf")),
+    st.floats(0, 1e100) | st.just(float("inf")),
+    st.text(max_size=5),
+) | st.builds(Value, numbers)
+
+
+@settings(
+    max_examples=40,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],  # of a machine that has much to do
+)
+@given(
+    st.dictionaries(names, values, max_size=4),
+    st.dictionaries(names, st.dictionaries(names, values, min_size=1, max_size=2), max_size=3),
+    st.dictionaries(names, st.text(max_size=5), max_size=2),
+)
+def test_whatever_is_written_is_read_back(tmp_path_factory, plant, controllers, reasons):
+    file = ParameterFile(plant=plant, controllers=controllers, not_identified=reasons)
+    path = file.save(tmp_path_factory.mktemp("written"))
+    read = read_parameters(path)
+    assert (read.plant, read.controllers, read.not_identified) == (plant, controllers, reasons)
+
+
+def test_a_file_that_is_not_there_is_one_line(tmp_path):
+    with pytest.raises(BadParameters, match="cannot be read: No such file"):
+        read_parameters(tmp_path / "none.toml")
