@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := $(shell find ballscrew solver plant controllers fmus orchestration rig diagnosis -name '*.py') pyproject.toml
+SOURCES := $(shell find ballscrew solver plant controllers fmus orchestration rig diagnosis -name '*.py' -o -name '*.[ch]') pyproject.toml
 
 .PHONY: demo test prove lint bench clean
 
@@ -34,9 +34,12 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/identification.py
 	$(BIN)/python proofs/criteria.py
 	$(BIN)/python proofs/variational.py
+	$(BIN)/python proofs/exchange.py
 	$(BIN)/python proofs/diagnosis.py
+	$(BIN)/python proofs/diagnosis_worlds.py --resume
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/emps.py
+	$(BIN)/python proofs/interrupts.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/master.py

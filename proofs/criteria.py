@@ -7,7 +7,6 @@ that were found, with the margin to the threshold.
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -16,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "criteria.json"
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
+from provenance import provenance  # noqa: E402
 from synthetic_laws import MADE, judged  # noqa: E402
 
 
@@ -38,11 +38,8 @@ def main() -> int:
         for what, row in rows.items()
         if [cell["decision"] for cell in row["found"].values()] != row["made"]
     ]
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
     least = min(cell["margin"] for row in rows.values() for cell in row["found"].values())
-    report = {"commit": commit, "wrong": wrong, "least_margin": least, "laws": rows}
+    report = {**provenance("criteria"), "wrong": wrong, "least_margin": least, "laws": rows}
     TARGET.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     print(json.dumps({k: report[k] for k in ("commit", "wrong", "least_margin")}, indent=1))
     return 1 if wrong else 0

@@ -24,6 +24,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "diagnosis.json"
@@ -44,6 +45,7 @@ from hidden_trials import (  # noqa: E402
     plan_trials,
     run_trial,
 )
+from provenance import git, provenance  # noqa: E402
 
 from ballscrew.orchestration.closed_loop import write_json  # noqa: E402
 from ballscrew.orchestration.pictures import STYLE, new_figure, write_figure  # noqa: E402
@@ -129,14 +131,6 @@ def requirements() -> Iterator[Requirement]:
     )
 
 
-def commit_of(*paths: str) -> str:
-    """The commit the work tree stands at, or the last one that changed these files."""
-    last = ["log", "-1", "--format=%H", "--", *paths]
-    command = last if paths else ["describe", "--always", "--dirty", "--abbrev=40"]
-    told = subprocess.run(["git", *command], capture_output=True, text=True, check=False, cwd=ROOT)
-    return told.stdout.strip() or "not committed"
-
-
 def code_digest() -> str:
     """One number for this project's code that an answer depends on: all that is loaded for it."""
     ask = (
@@ -160,9 +154,9 @@ def report_of(rows: list[Row]) -> dict[str, object]:
     judged = [r.judge(rows) for r in requirements()]
     seconds = np.array([r.seconds for r in rows])
     return {
-        "commit": commit_of(),
+        **provenance("diagnosis"),
         "code": code_digest(),
-        "generator_commit": commit_of(*GENERATOR),
+        "generator_commit": git("log", "-1", "--format=%H", "--", *GENERATOR),
         "trials": len(rows),
         "all_met": all(j["met"] for j in judged),
         "requirements": judged,
@@ -223,8 +217,6 @@ def _share(hits: list[bool]) -> float | None:
 
 def save_confusion(rows: list[Row], folder: Path) -> None:
     """The first answer against the truth, in per cent of each truth's trials."""
-    import matplotlib as mpl
-
     single = [r for r in rows if r.group != PAIR]
     truths = [n for n in (*CATALOGUE, "none", *OUTSIDE) if any(r.effects == [n] for r in single)]
     answers = [*CATALOGUE, NOTHING, SHAPE]
@@ -232,6 +224,15 @@ def save_confusion(rows: list[Row], folder: Path) -> None:
     counts = np.array(
         [[sum(r.effects == [t] and r.first == a for r in single) for a in answers] for t in truths]
     )
+    draw_confusion(truths, answers, counts, folder / "diagnosis_confusion")
+
+
+def draw_confusion(
+    truths: list[str], answers: list[str], counts: NDArray[np.int_], target: Path
+) -> None:
+    """Write a picture of counts, shape (truths, answers), in per cent of each row."""
+    import matplotlib as mpl
+
     share = 100 * counts / counts.sum(1, keepdims=True)
     with mpl.rc_context(STYLE):
         figure, ((axes,),) = new_figure(1, 1, (13, 1.6 + 0.42 * len(truths) + 2.2))
@@ -247,7 +248,7 @@ def save_confusion(rows: list[Row], folder: Path) -> None:
         axes.set_xlabel("named first")
         axes.set_ylabel("hidden (trials)")
         axes.set_title("What the diagnosis names first, in per cent of the trials of each effect")
-        write_figure(figure, folder, "diagnosis_confusion")
+        write_figure(figure, target.parent, target.name)
 
 
 def _words(name: str) -> str:

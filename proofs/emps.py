@@ -15,13 +15,13 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import json
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from provenance import provenance
 from scipy.signal import savgol_filter
 
 from ballscrew.diagnosis.believed import read_believed
@@ -103,11 +103,8 @@ def main() -> int:
     gain = believed.values["gain"]
     force = gain * record.u
     alone = diagnose_records([record], believed)
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
     report: dict[str, Any] = {
-        "commit": commit,
+        **provenance("emps"),
         "drive_force_rms_N": float(np.sqrt(np.mean(force**2))),
         "published_model": summary(alone),
         "hidden": [],

@@ -11,7 +11,6 @@ import contextlib
 import io
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,6 +21,7 @@ from pathlib import Path
 from unittest import mock
 
 from mutations import mutated
+from provenance import provenance
 
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "fuzz.json"
 TIME_LIMIT = 5.0  # s, for a call of the FMU
@@ -126,12 +126,9 @@ def main() -> int:
                 print(f"seed {result.seed}, {result.kind}: {result.complaint}", file=sys.stderr)
             if len(outcomes) % 100 == 0:
                 print(f"{len(outcomes)} of {options.files}", file=sys.stderr)
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
     bad = [o for o in outcomes if o.complaint]
     report = {
-        "commit": commit,
+        **provenance("fuzz"),
         "seeds": [seeds.start, seeds.stop],
         "files": len(outcomes),
         "refused": sum(o.code == 2 for o in outcomes),

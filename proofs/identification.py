@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import subprocess
 import sys
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
@@ -24,6 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "identification.json"
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
+from provenance import provenance  # noqa: E402
 from random_rigs import (  # noqa: E402
     PRESCRIBED,
     Outcome,
@@ -119,14 +119,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=TARGET)
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.rigs)
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty", "--abbrev=40"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=ROOT,
-    ).stdout.strip()
-    report: dict[str, object] = {"commit": commit, "stated": STATED}
+    report: dict[str, object] = {**provenance("identification"), "stated": STATED}
     held = True
     with ProcessPoolExecutor(max_workers=options.processes) as pool:
         for group in options.groups:

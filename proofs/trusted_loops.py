@@ -1,20 +1,20 @@
 """Proof: over a thousand random stiff loops, no wrong result is called trusted.
 
-Writes ``docs/proof/trusted_loops.json`` with the commit, the seeds and every outcome. A result is
-wrong where some output is off by more than a percent of its range against the exact solution.
+Writes ``docs/proof/trusted_loops.json``: provenance, seeds and every outcome. A result is wrong
+where some output is off by more than a percent of its range against the exact solution.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 
 from linear_loops import Outcome, outcome
+from provenance import provenance
 
 WRONG = 0.01
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "trusted_loops.json"
@@ -60,11 +60,8 @@ def main() -> int:
             outcomes.append(result)
             if done % 50 == 0:
                 print(f"{done} of {options.loops}", file=sys.stderr)
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
     report = {
-        "commit": commit,
+        **provenance("trusted_loops"),
         "seeds": [seeds.start, seeds.stop],
         "summary": summary(outcomes),
         "outcomes": [_plain(o) for o in outcomes],

@@ -9,7 +9,6 @@ compared for as long as its reference is settled, and not longer.
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import time
 from collections.abc import Mapping
@@ -19,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from provenance import provenance
 
 from ballscrew.fmus.catalogue import variational_fmu
 from ballscrew.orchestration.participant import FmuParticipant
@@ -136,17 +136,17 @@ def convergence() -> list[dict[str, Any]]:
     rows = []
     for controller in ("iol", "nctf"):
         case = Case(controller, controller, {"v_start": 0.05})
-        expected = _bits(whole(case, 0.1).exponents)
         for step in (5e-4, 2.5e-4, 1.25e-4, 6.25e-5):
-            found = _bits(over_fmus(case, 0.1, step, accuracy=np.inf).exponents)
-            rows.append(
-                {
-                    "controller": controller,
-                    "step": step,
-                    "difference": (found - expected).tolist(),
-                }
-            )
+            row = {"controller": controller, "step": step, "difference": difference(case, step)}
+            rows.append(row)
     return rows
+
+
+def difference(case: Case, step: float) -> list[float]:
+    """What the exponents over FMUs are off by after 0.1 s [bits/s]."""
+    expected = _bits(whole(case, 0.1).exponents)
+    found = _bits(over_fmus(case, 0.1, step, accuracy=np.inf).exponents)
+    return [float(d) for d in found - expected]
 
 
 def _bits(nats: Vector) -> Vector:
@@ -154,10 +154,11 @@ def _bits(nats: Vector) -> Vector:
 
 
 def main() -> int:
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
-    report: dict[str, Any] = {"commit": commit, "convergence": convergence(), "loops": []}
+    report: dict[str, Any] = {
+        **provenance("variational"),
+        "convergence": convergence(),
+        "loops": [],
+    }
     TARGET.parent.mkdir(parents=True, exist_ok=True)
     for case in CASES:
         row = compared(case)

@@ -60,7 +60,8 @@ def test_the_page_has_exactly_six_component_examples_under_their_titles():
     titles = re.findall(r"^### \(([a-z])\) (.+)$", text, re.M)
     assert [letter for letter, _ in titles] == list("abcdef")
     assert [title.lower() for _, title in titles] == [title.lower() for title in EXAMPLES]
-    assert len(blocks()) == len(re.findall(r"^component = ", text, re.M)) == 6
+    assert len(re.findall(r"^component = ", text, re.M)) == 6
+    assert all("component = " in block for block in blocks()[:6])
 
 
 @pytest.mark.parametrize("title", EXAMPLES)

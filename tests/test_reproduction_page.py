@@ -30,6 +30,16 @@ def test_the_page_is_byte_for_byte_what_the_stored_figures_give():
     assert reproduction.PAGE.read_bytes() == reproduction.page(report()).encode()
 
 
+def test_only_what_the_thesis_prints_is_counted():
+    own = [c for c in claims() if not c.printed]
+    assert own
+    assert {c.verdict for c in own} == {"not counted"}
+    text = reproduction.PAGE.read_text(encoding="utf-8")
+    agree, differ = (int(n) for n in re.search(r"(\d+) agree, (\d+) differ", text).groups())
+    assert (agree, differ) == (text.count("| agrees |"), text.count("| **differs** |"))
+    assert agree + differ + len(own) == len(claims())
+
+
 def test_every_claim_that_differs_is_explained_with_a_number():
     differing = [c for c in claims() if not c.agrees]
     assert differing

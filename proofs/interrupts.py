@@ -1,0 +1,102 @@
+"""Interrupts each long command at 20 random instants, and kills each; docs/proof/interrupts.json.
+
+Instants are drawn in processor time of all processes of a command, from its first line of code to
+`LATEST` seconds, with SIGINT and SIGTERM in turn. Each command finds the results of an earlier run
+and a file of the user's in its folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "support"))
+
+from long_commands import (  # noqa: E402
+    BALLSCREW,
+    COMMANDS,
+    Command,
+    interrupted,
+    seen_in,
+    write_data,
+)
+
+from ballscrew.orchestration.run_folder import settle  # noqa: E402
+
+SEED = 16
+LATEST = 8.0  # s of processor time
+
+
+def trial(name: str, k: int, data: Path, out: Path) -> dict[str, Any]:
+    """Interrupt one command once, and kill it once; what was wrong, empty texts if nothing."""
+    random = np.random.default_rng([SEED, list(COMMANDS).index(name), k])
+    before = seen_in(out)
+    instant = float(random.uniform(0.0, LATEST))
+    command = Command(name, data, out)
+    command.wait_until_busy(instant)
+    ending = interrupted(command, (signal.SIGINT, signal.SIGTERM)[k % 2])
+    fault = ending.fault()
+    if not fault and seen_in(out) != before:
+        fault = "the earlier results changed"
+    _forget_chunks(out)
+    command = Command(name, data, out)
+    command.wait_until_busy(instant)
+    command.process.send_signal(signal.SIGKILL)
+    command.process.communicate()
+    left = len(command.left_after(5.0))
+    settle(out)
+    killed = f"{left} processes left" if left else ""
+    if not killed and seen_in(out) != before:
+        killed = "the earlier results changed"
+    _forget_chunks(out)
+    return {"instant": instant, "seconds": ending.seconds, "interrupted": fault, "killed": killed}
+
+
+def _forget_chunks(out: Path) -> None:
+    for part in out.glob("map.parts/*"):  # kept for --resume
+        part.unlink()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--times", type=int, default=20)
+    times = parser.parse_args().times
+    figures: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory(prefix="ballscrew-proof-") as place:
+        data, out = Path(place) / "data", Path(place) / "out"
+        write_data(data)
+        earlier = ["run", "--controller", "iol", "--stop", "0.5", "--out", str(out)]
+        subprocess.run([str(BALLSCREW), *earlier], capture_output=True, check=False)
+        (out / "notes.txt").write_text("the user's")
+        for name in COMMANDS:
+            trials = [trial(name, k, data, out) for k in range(times)]
+            figures[name] = {
+                "command": COMMANDS[name],
+                "interrupts": times,
+                "faults": [t["interrupted"] for t in trials if t["interrupted"]],
+                "longest_s": round(max(t["seconds"] for t in trials), 3),
+                "kills": times,
+                "faults_of_kills": [t["killed"] for t in trials if t["killed"]],
+            }
+            print(name, json.dumps(figures[name]), flush=True)
+    commit = subprocess.run(
+        ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.strip()
+    about = {"commit": commit, "seed": SEED, "latest_processor_time_s": LATEST}
+    target = ROOT / "docs" / "proof" / "interrupts.json"
+    target.write_text(json.dumps(about | {"commands": figures}, indent=1) + "\n", encoding="utf-8")
+    if any(f["faults"] or f["faults_of_kills"] for f in figures.values()):
+        sys.exit("some interrupt or kill was not met as promised")
+
+
+if __name__ == "__main__":
+    main()

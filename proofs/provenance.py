@@ -1,0 +1,137 @@
+"""Which code a stored proof stands for, how old that code is, and whether it changed since.
+
+``python proofs/provenance.py`` prints one line for each file of ``docs/proof/``: its commit, the
+day of that commit, and how many commits have changed the code that the proof depends on since then.
+``--write`` puts commit, day and seeds into ``docs/proof/README.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "docs" / "proof"
+PAGE = FOLDER / "README.md"
+LOOP = ("solver", "plant", "controllers", "fmus", "orchestration")
+DEPENDS_ON = {
+    "trusted_loops": ("orchestration", "proofs/linear_loops.py"),
+    "fuzz": ("ballscrew", *LOOP, "proofs/mutations.py", "proofs/fuzz.py"),
+    "identification": ("solver", "plant", "rig", "diagnosis", "tests/support/random_rigs.py"),
+    "criteria": ("solver", "plant", "rig", "tests/support/synthetic_laws.py"),
+    "variational": (*LOOP, "proofs/variational.py"),
+    "diagnosis": ("solver", "plant", "rig", "diagnosis"),
+    "reproduction": (*LOOP, "proofs/reproduction.py"),
+    "emps": ("solver", "plant", "diagnosis", "proofs/emps.py"),
+    "exchange": (
+        *("solver", "plant", "fmus", "proofs/exchange.py"),
+        *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),
+    ),
+}
+SHOWS = {
+    "trusted_loops": "random linear loops: no wrong result is called trusted",
+    "fuzz": "damaged and hostile files: one line and an exit code, nothing else",
+    "identification": "intervals of identified parameters hold the truth",
+    "criteria": "the features of made-up friction laws are found",
+    "variational": "exponents over FMUs are those of one solver",
+    "diagnosis": "hidden effects are named",
+    "reproduction": "Chapter 3 of the thesis beside this program",
+    "emps": "effects hidden in the record of a real machine are named",
+    "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
+}
+
+
+def git(*arguments: str) -> str:
+    """What git prints; an empty string outside a checkout."""
+    return subprocess.run(
+        ["git", *arguments], capture_output=True, text=True, check=False, cwd=ROOT
+    ).stdout.strip()
+
+
+def code_digest(name: str) -> str:
+    """Digest of the files that the proof depends on, as they are now."""
+    digest = hashlib.sha256()
+    for place in DEPENDS_ON[name]:
+        path = ROOT / place
+        files = [path] if path.is_file() else sorted(path.rglob("*.*"))
+        for file in files:
+            if file.suffix in (".py", ".c", ".h"):
+                digest.update(str(file.relative_to(ROOT)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def provenance(name: str) -> dict[str, str]:
+    """The first entries of a proof's file.
+
+    Parameters
+    ----------
+    name : str
+        The file's name without ``.json``.
+
+    Returns
+    -------
+    dict
+        ``commit``, with ``-dirty`` behind it where files differ from it; ``committed``, the time
+        of that commit; ``code``, the digest of the files that the proof depends on.
+    """
+    commit = git("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+    return {
+        "commit": commit,
+        "committed": git("show", "-s", "--format=%cI", "HEAD"),
+        "code": code_digest(name),
+    }
+
+
+def stored(name: str) -> dict[str, Any]:
+    """A proof's file."""
+    report: dict[str, Any] = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    return report
+
+
+def changes_since(name: str, commit: str) -> int | None:
+    """Commits since then that changed what the proof depends on; None where git does not know."""
+    counted = git("rev-list", "--count", f"{commit.split('-')[0]}..HEAD", "--", *DEPENDS_ON[name])
+    return int(counted) if counted else None
+
+
+def page() -> str:
+    """The text of ``docs/proof/README.md``."""
+    lines = [
+        "# Stored proofs",
+        "",
+        "Each file is what a command of `make prove` found, and stands for the code of one commit.",
+        "`python proofs/provenance.py` counts how often that code has changed since. `make test`",
+        "repeats a few trials by their seeds and fails where the results differ",
+        "(`tests/test_stored_proofs.py`). The whole is repeated by hand only.",
+        "",
+        "| file | what it shows | commit | of |",
+        "|---|---|---|---|",
+    ]
+    for name, shows in SHOWS.items():
+        report = stored(name)
+        day = report["committed"][:10]
+        lines.append(f"| [{name}.json]({name}.json) | {shows} | {report['commit'][:12]} | {day} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="write docs/proof/README.md, too")
+    if parser.parse_args().write:
+        PAGE.write_text(page(), encoding="utf-8")
+    for name in SHOWS:
+        report = stored(name)
+        changes = changes_since(name, report["commit"])
+        since = (
+            "git does not know" if changes is None else f"its code changed {changes} times since"
+        )
+        print(f"{name:<16}{report['commit'][:12]}  {report['committed'][:10]}  {since}")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,70 @@
+"""The files of `docs/proof/`: what code they stand for, and some of their trials made again."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import provenance
+import pytest
+import variational
+from hidden_trials import plan_trials, run_trial
+from random_rigs import identify_closed_loop_rig
+
+
+@pytest.mark.parametrize("name", provenance.SHOWS)
+def test_a_stored_proof_says_its_commit_and_the_day_of_it(name):
+    report = provenance.stored(name)
+    assert re.fullmatch(r"[0-9a-f]{40}(-dirty)?", report["commit"])
+    assert re.match(r"20\d\d-\d\d-\d\dT", report["committed"])
+
+
+def test_every_stored_proof_is_listed_and_what_it_depends_on_exists():
+    files = {path.stem for path in provenance.FOLDER.glob("*.json")}
+    assert files == set(provenance.SHOWS) == set(provenance.DEPENDS_ON)
+    places = {place for places in provenance.DEPENDS_ON.values() for place in places}
+    assert [p for p in sorted(places) if not (provenance.ROOT / p).exists()] == []
+
+
+def test_the_overview_is_what_the_files_say():
+    assert provenance.PAGE.read_text(encoding="utf-8") == provenance.page()
+
+
+def test_the_digest_of_the_code_changes_with_a_file_that_the_proof_depends_on(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "part").mkdir()
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    monkeypatch.setitem(provenance.DEPENDS_ON, "made_up", ("part",))
+    (tmp_path / "part" / "a.py").write_text("1")
+    before = provenance.code_digest("made_up")
+    (tmp_path / "part" / "notes.md").write_text("no code")
+    assert provenance.code_digest("made_up") == before
+    (tmp_path / "part" / "a.py").write_text("2")
+    assert provenance.code_digest("made_up") != before
+
+
+@pytest.mark.parametrize("key", ["none:9018", "backlash:9001"])
+def test_a_hidden_effect_diagnosed_again_gets_the_stored_names_and_verdict(key):
+    (stored,) = (row for row in provenance.stored("diagnosis")["rows"] if row["key"] == key)
+    (trial,) = (trial for trial in plan_trials() if trial.key == key)
+    again = run_trial(trial)
+    assert (again.named, again.verdict) == (stored["named"], stored["verdict"])
+
+
+def test_a_rig_whose_interval_missed_the_truth_misses_it_again_by_the_same_bounds():
+    law = "dahl"
+    misses = provenance.stored("identification")["closed_loop"][law]["misses"]
+    stored = {miss["parameter"]: miss for miss in misses if miss["seed"] == misses[0]["seed"]}
+    again = {o.parameter: o for o in identify_closed_loop_rig(law, misses[0]["seed"])}
+    assert {name for name, o in again.items() if not o.covered} == set(stored)
+    for name, miss in stored.items():
+        for field in ("truth", "value", "low", "high"):
+            assert getattr(again[name], field) == pytest.approx(miss[field], rel=1e-5)
+
+
+def test_exponents_over_fmus_at_the_stored_steps_are_as_far_off_as_stored():
+    rows = [r for r in provenance.stored("variational")["convergence"] if r["controller"] == "nctf"]
+    case = variational.Case("nctf", "nctf", {"v_start": 0.05})
+    found = variational.difference(case, rows[0]["step"])
+    np.testing.assert_allclose(found, rows[0]["difference"], rtol=1e-2, atol=1e-6)
