@@ -29,6 +29,7 @@ from long_commands import (  # noqa: E402
     seen_in,
     write_data,
 )
+from provenance import provenance  # noqa: E402
 
 from ballscrew.orchestration.run_folder import settle  # noqa: E402
 
@@ -88,10 +89,7 @@ def main() -> None:
                 "faults_of_kills": [t["killed"] for t in trials if t["killed"]],
             }
             print(name, json.dumps(figures[name]), flush=True)
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.strip()
-    about = {"commit": commit, "seed": SEED, "latest_processor_time_s": LATEST}
+    about = {**provenance("interrupts"), "seed": SEED, "latest_processor_time_s": LATEST}
     target = ROOT / "docs" / "proof" / "interrupts.json"
     target.write_text(json.dumps(about | {"commands": figures}, indent=1) + "\n", encoding="utf-8")
     if any(f["faults"] or f["faults_of_kills"] for f in figures.values()):

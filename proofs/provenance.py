@@ -31,6 +31,11 @@ DEPENDS_ON = {
         *("solver", "plant", "fmus", "proofs/exchange.py"),
         *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),
     ),
+    "interrupts": (
+        *("ballscrew", "orchestration/run_folder.py", "orchestration/end_with_parent.py"),
+        *("orchestration/isolated.py", "orchestration/workers.py"),
+        *("tests/support/long_commands.py", "proofs/interrupts.py"),
+    ),
 }
 SHOWS = {
     "trusted_loops": "random linear loops: no wrong result is called trusted",
@@ -42,6 +47,7 @@ SHOWS = {
     "reproduction": "Chapter 3 of the thesis beside this program",
     "emps": "effects hidden in the record of a real machine are named",
     "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
+    "interrupts": "interrupted and killed commands end in time and leave the run before whole",
 }
 
 
