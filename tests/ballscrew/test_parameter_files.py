@@ -239,8 +239,10 @@ def test_an_exported_fmu_runs_as_the_file_does(axis, loops, tmp_path):
     assert (tmp_path / "trajectory.csv").read_bytes() == loops.course
 
 
-def test_an_exported_system_starts_with_the_file_s_values(axis, tmp_path):
-    done("export", "--ssp", "--only", "pid", "--params", axis(HAND), "--out", tmp_path / "out")
+@pytest.mark.parametrize("native", [(), ("--native",)], ids=["readable", "native"])
+def test_an_exported_system_starts_with_the_file_s_values(axis, tmp_path, native):
+    given = ("--params", axis(HAND), "--out", tmp_path / "out", *native)
+    done("export", "--ssp", "--only", "pid", *given)
     system = read_system(tmp_path / "out" / "pid.ssp")
     try:
         values = {e.name: e.start_values for e in system.elements}
