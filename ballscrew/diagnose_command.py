@@ -122,9 +122,9 @@ def _records(options: argparse.Namespace) -> int:
     from .diagnosis.diagnose import diagnose_records
     from .diagnosis.diagnosis import EXPLAINED, NONE
     from .diagnosis.diagnosis_report import DOES_NOT_HOLD, does_not_hold
-    from .diagnosis.drive_record import read_drive_records
-    from .diagnosis.records import BadRecord
     from .orchestration.parameter_file import ParameterFile
+    from .records.drive_record import read_drive_records
+    from .records.table import BadRecord
 
     told = read_params(options)
     with bad_parameters():

@@ -77,7 +77,8 @@ def _identify(options: argparse.Namespace) -> int:
     units = _named("--unit", options.unit, "OURS=UNIT")
     mass = None if options.mass is None else _number("--mass", options.mass)
     from .diagnosis.believed import believed
-    from .diagnosis.records import BadRecord, read_records
+    from .records.force_record import read_records
+    from .records.table import BadRecord
 
     told = read_params(options)
     if told is not None:

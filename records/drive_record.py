@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from .friction_estimation import count_size
-from .records import BadRecord, check_forwards, read_columns, renamed
+from .resolution import count_size
+from .table import BadRecord, check_forwards, read_columns, renamed
 
 Vector = npt.NDArray[np.float64]
 

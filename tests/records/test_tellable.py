@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ballscrew.diagnosis.drive_record import DriveRecord
-from ballscrew.diagnosis.records import BadRecord
-from ballscrew.diagnosis.tellable import check_tellable
+from ballscrew.records.drive_record import DriveRecord
+from ballscrew.records.table import BadRecord
+from ballscrew.records.tellable import check_tellable
 
 TIME = np.arange(0.0, 4.0, 1e-3)
 SWINGS = {"time": TIME, "u": np.sin(3 * TIME), "x": 0.1 * np.sin(3 * TIME)}

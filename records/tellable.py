@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .drive_record import DriveRecord
-from .records import BadRecord
+from .table import BadRecord
 
 Vector = npt.NDArray[np.float64]
 
