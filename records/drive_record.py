@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,27 +10,30 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from .bad_record import BadRecord
 from .resolution import count_size
-from .table import BadRecord, check_forwards, read_columns, renamed
+from .sampling import evened
+from .table import in_si, read_table, renamed
 
 Vector = npt.NDArray[np.float64]
 
-COLUMNS = {
-    "time": "s",
-    "u": "V",
-    "x": "m",
-    "i": "A",
-    "force": "N",
-    "x_ref": "m",
-    "temperature": "degC",
+VOLTAGE, CURRENT, FORCE = "voltage", "current", "force"
+QUANTITIES: dict[str, tuple[str, ...]] = {
+    "time": ("time",),
+    "u": (VOLTAGE, CURRENT, FORCE, "torque"),
+    "x": ("length", "angle"),
+    "i": (CURRENT,),
+    "force": (FORCE, "torque"),
+    "x_ref": ("length", "angle"),
+    "temperature": ("temperature",),
 }
-_NEEDED = ("time", "u", "x")
+"""What each column may measure; the first is meant where nothing is said."""
 _SHORTEST = 1.0  # [s]
 _FEWEST = 200  # samples
 _LARGEST_WAY = 50.0  # [m]; more of it is taken for another unit
-_LARGEST_COMMAND = 1e4
-_LARGEST_CURRENT = 1e3
-_JITTER = 0.2
+_LARGEST = {VOLTAGE: 1e4, CURRENT: 1e3, FORCE: 1e7}
+_HOLES = 0.1  # share of the samples that may be empty
+_SLOWEST = 0.05  # sampling interval from which on nothing of friction is seen [s]
 
 
 @dataclass(frozen=True)
@@ -42,22 +44,34 @@ class DriveRecord:
     ----------
     name : str
     signals : mapping of str to ndarray, shape (n,)
-        Columns by name, SI; ``time``, ``u`` and ``x`` are always there. What was recorded at a
-        lower rate is NaN in between.
+        Columns by name, SI; ``time``, ``x`` and one of ``u`` and ``i`` are always there. What was
+        recorded at a lower rate is NaN in between.
     step : float
         Sampling interval [s].
+    command : {"voltage", "current", "force"}
+        What `u` is, in V, A or N; "current" where there is no `u`.
+    notes : tuple of str
+        What was done to the record on reading.
     """
 
     name: str
     signals: Mapping[str, Vector]
     step: float
+    command: str = VOLTAGE
+    notes: tuple[str, ...] = ()
 
     @property
     def time(self) -> Vector:
         return self.signals["time"]
 
     @property
+    def current_alone(self) -> bool:
+        """Whether the current `i` is all that is known of the command: there is no `u`."""
+        return "u" not in self.signals
+
+    @property
     def u(self) -> Vector:
+        """The command; there is none where `current_alone`."""
         return self.signals["u"]
 
     @property
@@ -71,7 +85,10 @@ class DriveRecord:
 
 
 def read_drive_records(
-    paths: Sequence[Path | str], mapping: Mapping[str, str] | None = None
+    paths: Sequence[Path | str],
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    lead: float | None = None,
 ) -> list[DriveRecord]:
     """Read the records of one study, each at its own rate.
 
@@ -81,30 +98,53 @@ def read_drive_records(
         CSV, MAT or Parquet files, or rig folders with ``record.csv``.
     mapping : mapping of str to str, optional
         ``theirs -> ours`` names of columns.
+    units : mapping of str to str, optional
+        Unit of a column (our name), see `Conversion`; default what the file says, else SI.
+    lead : float, optional
+        Way of the screw per turn [m], which makes ways and forces of angles and torques.
 
     Raises
     ------
     BadRecord
         If a file is no record, with one line that says why.
     """
-    return [_read(Path(path), dict(mapping or {})) for path in paths]
+    return [_read(Path(path), dict(mapping or {}), dict(units or {}), lead) for path in paths]
 
 
-def _read(path: Path, mapping: Mapping[str, str]) -> DriveRecord:
+def _read(
+    path: Path, mapping: Mapping[str, str], units: Mapping[str, str], lead: float | None
+) -> DriveRecord:
     file = path / "record.csv" if path.is_dir() else path
-    signals = renamed(
-        path,
-        read_columns(file),
+    table = renamed(
+        read_table(file),
         mapping,
-        list(COLUMNS),
-        [(name,) for name in _NEEDED],
+        list(QUANTITIES),
+        [("time",), ("u", "i"), ("x",)],
         "; leave cells empty where a slower instrument has no value",
     )
-    return checked(str(path), signals)
+    signals, measured = in_si(table, units, QUANTITIES, lead)
+    command = measured.get("u", CURRENT)
+    command = FORCE if command == "torque" else command
+    return checked(str(path), signals, command, table.row)
 
 
-def checked(name: str, signals: Mapping[str, Vector]) -> DriveRecord:
-    """A record of columns in SI units, checked.
+def checked(
+    name: str,
+    signals: Mapping[str, Vector],
+    command: str = VOLTAGE,
+    row: Callable[[int], int] = lambda k: k + 1,
+) -> DriveRecord:
+    """A record of columns in SI units, checked and at even instants.
+
+    Parameters
+    ----------
+    name : str
+    signals : mapping of str to ndarray, shape (n,)
+        ``time``, ``x``, and ``u`` or ``i``; perhaps others.
+    command : {"voltage", "current", "force"}, optional
+        What `u` is.
+    row : function of int, optional
+        What the user calls a sample.
 
     Raises
     ------
@@ -112,50 +152,48 @@ def checked(name: str, signals: Mapping[str, Vector]) -> DriveRecord:
         If they cannot be a drive's record.
     """
     signals = {n: np.asarray(v, dtype=float) for n, v in signals.items()}
-    time = signals["time"]
-    for column in _NEEDED:
-        bad = np.flatnonzero(~np.isfinite(signals[column]))
-        if len(bad):
+    needed = ("time", "u" if "u" in signals else "i", "x")
+    samples = len(signals["time"])
+    known = np.ones(samples, dtype=bool)
+    for column in needed:
+        there = np.isfinite(signals[column])
+        bad = np.flatnonzero(~there)
+        if len(bad) > _HOLES * samples:
             raise BadRecord(
-                f"{name}: {column} is empty or not a number in {len(bad)} of {len(time)} samples, "
-                f"the first in row {bad[0] + 2}; cut these samples out at an end, or repair the "
-                "record"
+                f"{name}: {column} is empty or not a number in {len(bad)} of {samples} samples, "
+                f"the first in row {row(int(bad[0]))}; cut these samples out at an end, or repair "
+                "the record"
             )
-    kept = {}
+        known &= there
     for column, values in signals.items():
-        if np.any(np.isinf(values)):
+        if np.any(np.isinf(values[known])):
             raise BadRecord(f"{name}: {column} has infinite values")
-        if np.any(np.isfinite(values)):
-            kept[column] = values
-    signals = kept
-    if len(time) < _FEWEST:
-        raise BadRecord(f"{name}: is too short: {len(time)} samples, expected at least {_FEWEST}")
-    steps = check_forwards(name, time)
-    step = float(np.median(steps))
-    uneven = np.flatnonzero(np.abs(steps - step) > _JITTER * step)
-    if len(uneven):
-        k = int(uneven[0])
+    rows = np.flatnonzero(known)
+    signals = {n: v[known] for n, v in signals.items() if np.any(np.isfinite(v[known]))}
+    if len(rows) < _FEWEST:
+        raise BadRecord(f"{name}: is too short: {len(rows)} samples, expected at least {_FEWEST}")
+    signals, step, said = evened(name, signals, lambda k: row(int(rows[k])))
+    if step >= _SLOWEST:
         raise BadRecord(
-            f"{name}: uneven sampling: {steps[k]:.4g} s after {time[k]:.6g} s, elsewhere "
-            f"{step:.4g} s ({len(uneven)} such); resample evenly, or cut the record into pieces "
-            "without gaps"
+            f"{name}: sampled every {step:.4g} s, at {1 / step:.3g} Hz: too slow to see friction, "
+            "expected at least 100 Hz; if time is in milliseconds or microseconds, say "
+            "--unit time=ms or time=us"
         )
-    lasts = float(time[-1] - time[0])
+    lasts = float(signals["time"][-1] - signals["time"][0])
     if lasts < _SHORTEST:
         raise BadRecord(f"{name}: lasts {lasts:.3g} s, expected at least {_SHORTEST:g} s")
-    for column, largest, hint in (
-        ("x", _LARGEST_WAY, "m"),
-        ("u", _LARGEST_COMMAND, "V"),
-        ("i", _LARGEST_CURRENT, "A"),
-    ):
-        span = float(np.nanmax(np.abs(signals[column]))) if column in signals else 0.0
-        if column == "x":
-            span = float(np.ptp(signals["x"]))
-        if span > largest:
-            raise BadRecord(
-                f"{name}: {column} covers {span:.4g}, too much for {hint}; bring the column to SI "
-                "units"
-            )
-    if not math.isfinite(step):
-        raise BadRecord(f"{name}: time is no number")
-    return DriveRecord(name, signals, float(lasts / (len(time) - 1)))
+    _check_size(name, "x", float(np.ptp(signals["x"])), _LARGEST_WAY, "m", "mm")
+    if "u" in signals:
+        unit, other = {VOLTAGE: ("V", "mV"), CURRENT: ("A", "mA"), FORCE: ("N", "mN")}[command]
+        _check_size(name, "u", float(np.abs(signals["u"]).max()), _LARGEST[command], unit, other)
+    if "i" in signals:
+        _check_size(name, "i", float(np.nanmax(np.abs(signals["i"]))), _LARGEST[CURRENT], "A", "mA")
+    return DriveRecord(name, signals, step, command, (f"{name}: {said}",) if said else ())
+
+
+def _check_size(name: str, column: str, size: float, largest: float, unit: str, other: str) -> None:
+    if size > largest:
+        raise BadRecord(
+            f"{name}: {column} covers {size:.4g}, too much for {unit}; if it is in another unit, "
+            f"say so, as --unit {column}={other}"
+        )

@@ -18,35 +18,31 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from .table import BadRecord, check_forwards, read_columns, renamed
+from .bad_record import BadRecord
+from .sampling import JITTER, check_forwards
+from .table import Table, in_si, read_table, renamed
 
 Vector = npt.NDArray[np.float64]
 
-UNITS = {
-    "time": "s",
-    "x": "m",
-    "x_fine": "m",
-    "force": "N",
-    "u": "V",
-    "v_ref": "m/s",
-    "force_ref": "N",
+QUANTITIES = {
+    "time": ("time",),
+    "x": ("length", "angle"),
+    "x_fine": ("length",),
+    "force": ("force", "torque"),
+    "u": ("voltage",),
+    "v_ref": ("velocity", "angular velocity"),
+    "force_ref": ("force", "torque"),
 }
-_FACTORS = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9},
-    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "V": {"V": 1.0, "mV": 1e-3},
-    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "µm/s": 1e-6},
-}
+"""What each column may measure; the first is meant where nothing is said."""
 LEAST_SAMPLES = 20
 FINE_RANGE = 1e-4  # of a fine position beside a coarse one; calibrated over 70 um [m]
-JITTER = 0.2  # of a sampling interval; a missing sample makes a whole one
 # Beyond these a column is refused unless its unit is said: range, and the unit it looks like. The
 # thread of the screw is 0.262 m long.
 _LARGEST = {"x": (0.3, "mm"), "x_fine": (0.02, "um"), "force": (2e3, "mN")}
 _SMALLEST = {"force": (2e-3, "kN")}
 _UNSAID_GAIN_DOUBT = 0.01  # of a fine position whose calibration is not told
 _LONGEST_STEP = 0.5  # [s]
+_SI = {"x": "m", "x_fine": "m", "force": "N"}
 
 
 @dataclass(frozen=True)
@@ -110,6 +106,7 @@ def read_records(
     mapping: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     mass: float | None = None,
+    lead: float | None = None,
 ) -> list[Record]:
     """Read several records; a folder of trial folders gives all of them.
 
@@ -120,9 +117,11 @@ def read_records(
     mapping : mapping of str to str, optional
         ``theirs -> ours`` names of columns.
     units : mapping of str to str, optional
-        Unit of a column (our name) where it is not SI.
+        Unit of a column (our name), see `Conversion`; default what the file says, else SI.
     mass : float, optional
         Mass between load cell and friction [kg]; default the rig's, or 1 kg.
+    lead : float, optional
+        Way of the screw per turn [m], which makes ways and forces of angles and torques.
 
     Raises
     ------
@@ -141,7 +140,7 @@ def read_records(
             found += inner
         else:
             found.append(path)
-    return [read_record(path, mapping, units, mass) for path in found]
+    return [read_record(path, mapping, units, mass, lead) for path in found]
 
 
 def read_record(
@@ -149,36 +148,29 @@ def read_record(
     mapping: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     mass: float | None = None,
+    lead: float | None = None,
 ) -> Record:
     """Read one record and check it; see `read_records`."""
     path = Path(path)
     mapping, units = dict(mapping or {}), dict(units or {})
-    for name, unit in units.items():
-        if name not in UNITS:
-            raise BadRecord(f"--unit {name}={unit}: columns are {', '.join(UNITS)}")
-        if unit not in _FACTORS[UNITS[name]]:
-            raise BadRecord(
-                f"--unit {name}={unit}: expected one of {', '.join(_FACTORS[UNITS[name]])}"
-            )
     about: dict[str, Any] = {}
     file = path
     if path.is_dir():
         file = path / "record.csv"
         about = _read_about(path / "trial.json")
-    signals = renamed(
-        path,
-        read_columns(file),
+    table = renamed(
+        read_table(file),
         mapping,
-        list(UNITS),
+        list(QUANTITIES),
         (("time",), ("force",), ("x", "x_fine")),
         ": recorded at different rates? Bring them to one rate first",
     )
-    _check_numbers(path, signals)
+    _check_numbers(path, table)
+    said = {*units, *table.units}
+    signals, _ = in_si(table, units, QUANTITIES, lead)
+    step = _check_time(path, signals["time"], "time" in said, table)
     for name, values in signals.items():
-        signals[name] = values * _FACTORS[UNITS[name]][units.get(name, UNITS[name])]
-    step = _check_time(path, signals["time"], "time" in units)
-    for name, values in signals.items():
-        _check_unit(path, name, values, name in units)
+        _check_unit(path, name, values, name in said)
     if mass is None:
         mass = _rig_mass(about)
     if not (math.isfinite(mass) and mass >= 0):
@@ -286,8 +278,8 @@ def _rig_mass(about: Mapping[str, Any]) -> float:
     return 1.0
 
 
-def _check_numbers(path: Path, signals: Mapping[str, Vector]) -> None:
-    for name, values in signals.items():
+def _check_numbers(path: Path, table: Table) -> None:
+    for name, values in table.columns.items():
         bad = np.flatnonzero(~np.isfinite(values))
         if not len(bad):
             continue
@@ -299,16 +291,16 @@ def _check_numbers(path: Path, signals: Mapping[str, Vector]) -> None:
         )
         raise BadRecord(
             f"{path}: {name} is empty or not a number in {len(bad)} of {len(values)} samples, "
-            f"the first in row {bad[0] + 2}{hint}"
+            f"the first in row {table.row(int(bad[0]))}{hint}"
         )
 
 
-def _check_time(path: Path, time: Vector, said: bool) -> float:
+def _check_time(path: Path, time: Vector, said: bool, table: Table) -> float:
     if len(time) < LEAST_SAMPLES:
         raise BadRecord(
             f"{path}: is too short: {len(time)} samples, expected at least {LEAST_SAMPLES}"
         )
-    steps = check_forwards(path, time)
+    steps = check_forwards(path, time, table.row)
     step = float(np.median(steps))
     if step > _LONGEST_STEP and not said:
         raise BadRecord(
@@ -335,7 +327,7 @@ def _check_time(path: Path, time: Vector, said: bool) -> float:
 def _check_unit(path: Path, name: str, values: Vector, said: bool) -> None:
     if said or name not in _LARGEST:
         return
-    unit = UNITS[name]
+    unit = _SI[name]
     span = float(np.ptp(values)) if name != "force" else float(np.abs(values).max())
     limit, other = _LARGEST[name]
     if span > limit:
@@ -356,6 +348,6 @@ def _check_motion(path: Path, record: Record) -> None:
         values = record.signals[name]
         if np.ptp(values) == 0:
             raise BadRecord(
-                f"{path}: {name} is constant ({values[0]:.6g} {UNITS[name]}) over all "
+                f"{path}: {name} is constant ({values[0]:.6g} {_SI[name]}) over all "
                 f"{len(values)} samples; a record needs motion and force"
             )

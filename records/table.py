@@ -2,24 +2,53 @@
 
 from __future__ import annotations
 
-import csv
 import difflib
-import math
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from .bad_record import BadRecord
+from .csv_table import read_csv
+from .units import NO_UNIT, UNITS, Conversion, quantity_of
+
 Vector = npt.NDArray[np.float64]
 
-
-class BadRecord(ValueError):
-    """The file cannot be used as a record; the message says where, why and what to do."""
+_WITH_UNIT = re.compile(r"(.*\S)\s*[\[(](.+)[\])]")  # time [ms], x (mm)
 
 
-def read_columns(path: Path) -> dict[str, Vector]:
-    """All columns of a CSV, MAT or Parquet file by the names they have there.
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file under the names that they have there.
+
+    Attributes
+    ----------
+    path : Path
+    columns : dict of str to ndarray, shape (n,)
+        Of different lengths, if the file has such.
+    units : dict of str to str
+        What the file says of its columns' units, in its own words.
+    lines : ndarray of int, shape (n,), or None
+        Where the rows stand in a text file, from 1 on.
+    """
+
+    path: Path
+    columns: dict[str, Vector]
+    units: dict[str, str] = field(default_factory=dict)
+    lines: npt.NDArray[np.int64] | None = None
+
+    def row(self, k: int) -> int:
+        """What a user calls the `k`-th sample, from 0 on: its line, or its number from 1 on."""
+        return k + 1 if self.lines is None else int(self.lines[k])
+
+
+def read_table(path: Path) -> Table:
+    """All columns of numbers of a CSV, MAT or Parquet file.
+
+    A unit in brackets after a name, as in ``time [ms]``, becomes the column's unit.
 
     Raises
     ------
@@ -28,14 +57,35 @@ def read_columns(path: Path) -> dict[str, Vector]:
     """
     readers = {".mat": _read_mat, ".parquet": _read_parquet}
     try:
-        return readers.get(path.suffix.lower(), _read_csv)(path)
+        table = readers.get(path.suffix.lower(), _read_text)(path)
     except FileNotFoundError:
         raise BadRecord(f"{path}: there is no such file") from None
     except OSError as error:
         raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
+    columns, units = {}, dict(table.units)
+    for name, values in table.columns.items():
+        bare, unit = _name_and_unit(name)
+        if bare in columns or (bare != name and bare in table.columns):
+            bare, unit = name, ""
+        columns[bare] = values
+        if unit:
+            units[bare] = unit
+    return Table(path, columns, units, table.lines)
 
 
-def _read_parquet(path: Path) -> dict[str, Vector]:
+def _name_and_unit(name: str) -> tuple[str, str]:
+    found = _WITH_UNIT.fullmatch(name.strip())
+    if found and quantity_of(found[2]):
+        return found[1], found[2]
+    return name, ""
+
+
+def _read_text(path: Path) -> Table:
+    table = read_csv(path)
+    return Table(path, table.columns, table.units, table.lines)
+
+
+def _read_parquet(path: Path) -> Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -51,44 +101,14 @@ def _read_parquet(path: Path) -> dict[str, Vector]:
             columns[name] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=float)
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
             continue  # words and dates are nobody's signal
-    return columns
+    return Table(path, columns)
 
 
-def _read_csv(path: Path) -> dict[str, Vector]:
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as stream:
-            sample = stream.read(4096)
-            stream.seek(0)
-            line = sample.splitlines()[0] if sample.strip() else ""
-            separator = max(",;\t", key=line.count)
-            rows = [r for r in csv.reader(stream, delimiter=separator) if any(c.strip() for c in r)]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise BadRecord(f"{path}: is no text table: {error}") from error
-    if not rows:
-        raise BadRecord(f"{path}: is empty, expected a header row of names and rows of numbers")
-    header = [name.strip() for name in rows[0]]
-    if len(set(header)) < len(header):
-        twice = next(n for n in header if header.count(n) > 1)
-        raise BadRecord(f"{path}: the column {twice!r} is there twice")
-    table = np.empty((len(rows) - 1, len(header)))
-    for number, row in enumerate(rows[1:], start=2):
-        if len(row) != len(header):
-            raise BadRecord(f"{path}, row {number}: {len(row)} cells, expected {len(header)}")
-        for k, cell in enumerate(row):
-            try:
-                table[number - 2, k] = float(cell) if cell.strip() else math.nan
-            except ValueError:
-                raise BadRecord(
-                    f"{path}, row {number}, column {header[k]!r}: {cell!r} is no number"
-                ) from None
-    return {name: table[:, k].copy() for k, name in enumerate(header)}
-
-
-def _read_mat(path: Path) -> dict[str, Vector]:
+def _read_mat(path: Path) -> Table:
     from scipy.io import loadmat
 
     try:
-        data = loadmat(path)
+        data = loadmat(path, squeeze_me=True, struct_as_record=True)
     except NotImplementedError:
         raise BadRecord(
             f"{path}: is a MAT file of version 7.3; save it with `-v7` or as CSV"
@@ -97,30 +117,36 @@ def _read_mat(path: Path) -> dict[str, Vector]:
         raise
     except Exception as error:  # the reader raises many kinds on damaged files
         raise BadRecord(f"{path}: is no MAT file: {error}") from error
-    columns = {}
+    columns: dict[str, Vector] = {}
     for name, values in data.items():
-        array = np.asarray(values)
-        if (
-            not name.startswith("__")
-            and array.dtype.kind in "fiu"
-            and array.size == max(array.shape, default=0)
-        ):
-            columns[name] = array.astype(float).ravel()
-    return columns
+        if not name.startswith("__"):
+            columns |= _vectors(name, np.asarray(values))
+    return Table(path, columns)
+
+
+def _vectors(name: str, array: npt.NDArray[np.generic]) -> dict[str, Vector]:
+    """An array's vector of numbers; of a structure, those of its fields as ``name.field``."""
+    if array.dtype.names and array.size == 1:
+        whole = array.reshape(1).tolist()[0]
+        fields = dict(zip(array.dtype.names, map(np.asarray, whole), strict=True))
+        return {k: v for n, f in fields.items() for k, v in _vectors(f"{name}.{n}", f).items()}
+    if array.dtype.kind in "fiu" and array.size == max(array.shape, default=1):
+        return {name: array.astype(float).ravel()}
+    return {}
 
 
 def renamed(
-    path: Path,
-    columns: Mapping[str, Vector],
+    table: Table,
     mapping: Mapping[str, str],
     known: Sequence[str],
     needed: Sequence[Sequence[str]],
     if_unequal: str,
-) -> dict[str, Vector]:
+) -> Table:
     """Columns under our names, in the order of ours, all of one length.
 
     Parameters
     ----------
+    table : Table
     mapping : mapping of str to str
         ``theirs -> ours``.
     known : sequence of str
@@ -134,51 +160,81 @@ def renamed(
     ------
     BadRecord
     """
+    path, columns = table.path, table.columns
     there = ", ".join(columns) or "none"
+    theirs_of: dict[str, str] = {}
     for theirs, ours in mapping.items():
         if ours not in known:
             raise BadRecord(
                 f"--map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(known)}"
             )
-        if theirs not in columns:
+        name = theirs if theirs in columns else _name_and_unit(theirs)[0]
+        if name not in columns:
             raise BadRecord(
                 f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
                 f"{near(theirs, columns)}; there are {there}"
             )
-    taken = set(mapping.values())
-    named = {n: v for n, v in columns.items() if n not in mapping and n not in taken}
-    named |= {ours: columns[theirs] for theirs, ours in mapping.items()}
-    named = {n: named[n] for n in known if n in named}
+        theirs_of[ours] = name
+    for name in columns:
+        if name in known and name not in theirs_of.values():
+            theirs_of.setdefault(name, name)
     for wanted, *others in needed:
-        if not {wanted, *others} & named.keys():
+        if not {wanted, *others} & theirs_of.keys():
             raise BadRecord(
                 f"{path}: has no column {wanted!r}{near(wanted, columns)}; there are "
                 f"{there}; use --map theirs={wanted}"
             )
+    named = {n: columns[theirs_of[n]] for n in known if n in theirs_of}
     lengths = {n: len(v) for n, v in named.items()}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{n} {k}" for n, k in lengths.items())
         raise BadRecord(f"{path}: columns of different length ({said} samples){if_unequal}")
-    return named
+    units = {n: table.units[t] for n, t in theirs_of.items() if t in table.units}
+    return Table(path, named, units, table.lines)
 
 
-def check_forwards(name: Path | str, time: Vector) -> Vector:
-    """The steps of a time that only grows [s], shape (n - 1,).
+def in_si(
+    table: Table,
+    units: Mapping[str, str],
+    quantities: Mapping[str, Sequence[str]],
+    lead: float | None,
+) -> tuple[dict[str, Vector], dict[str, str]]:
+    """A table's columns in SI units of a linear motion, and the quantity that each measures.
+
+    Parameters
+    ----------
+    table : Table
+        With our names.
+    units : mapping of str to str
+        What the user says of columns; else the file's word counts, else SI.
+    quantities : mapping of str to sequence of str
+        What each of our columns may measure, the usual one first.
+    lead : float or None
+        Of the screw [m].
 
     Raises
     ------
     BadRecord
-        If it does not.
     """
-    steps = np.diff(time)
-    back = np.flatnonzero(steps <= 0)
-    if len(back):
-        k = int(back[0])
-        what = "stands still" if steps[k] == 0 else "goes backwards"
-        raise BadRecord(
-            f"{name}: time {what} in row {k + 3}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
-        )
-    return steps
+    for name, text in units.items():
+        if name not in quantities:
+            raise BadRecord(f"--unit {name}={text}: columns are {', '.join(quantities)}")
+    signals, measured = {}, {}
+    for name, values in table.columns.items():
+        may_be = quantities[name]
+        said = units.get(name, table.units.get(name, ""))
+        if not said or said in NO_UNIT:
+            signals[name], measured[name] = values, may_be[0]
+            continue
+        if name not in units and quantity_of(said) not in may_be:
+            known = ", ".join(u for q in may_be for u in UNITS[q])
+            raise BadRecord(
+                f"{table.path}: the file says that {name} is in {said!r}; say --unit {name}= with "
+                f"one of {known}, or with a number of them, which is the size of one {said!r}"
+            )
+        conversion = Conversion(name, said, may_be, lead)
+        signals[name], measured[name] = conversion.factor * values, conversion.quantity
+    return signals, measured
 
 
 def near(name: str, names: object) -> str:

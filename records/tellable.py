@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from .bad_record import BadRecord
 from .drive_record import DriveRecord
-from .table import BadRecord
 
 Vector = npt.NDArray[np.float64]
 

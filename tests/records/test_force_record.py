@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import scipy.io
 
+from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.force_record import read_record, read_records
-from ballscrew.records.table import BadRecord
 
 
 def columns(n=100):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import DriveRecord
-from ballscrew.records.table import BadRecord
 from ballscrew.records.tellable import check_tellable
 
 TIME = np.arange(0.0, 4.0, 1e-3)
