@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .bad_record import BadRecord
-from .resolution import count_size
+from .resolution import encoder_count
 from .sampling import evened
 from .table import in_si, read_table, renamed
 
@@ -81,7 +81,7 @@ class DriveRecord:
     @cached_property
     def count(self) -> float:
         """Step of a counted position [m]; 0 if it is not counted."""
-        return count_size(self.x)
+        return encoder_count(self.x)
 
 
 def read_drive_records(
