@@ -1,4 +1,4 @@
-"""What records cannot tell is said before they are diagnosed."""
+"""What several records cannot tell together is said before they are diagnosed."""
 
 import numpy as np
 import pytest
@@ -11,33 +11,20 @@ TIME = np.arange(0.0, 4.0, 1e-3)
 SWINGS = {"time": TIME, "u": np.sin(3 * TIME), "x": 0.1 * np.sin(3 * TIME)}
 
 
-def record(**signals):
-    return DriveRecord("mine", SWINGS | signals, 1e-3)
+def record(name="mine", notes=(), **signals):
+    return DriveRecord(name, SWINGS | signals, 1e-3, notes=notes)
 
 
-def test_a_sound_record_has_no_doubts():
-    assert check_tellable([record()]) == []
+def test_sound_records_have_no_doubts():
+    assert check_tellable([record(), record()]) == []
 
 
-@pytest.mark.parametrize(
-    ("signals", "words"),
-    [
-        ({"x": 0.1 * TIME}, "moves one way only"),
-        ({"u": np.clip(np.sin(3 * TIME), -0.9, 0.9)}, "u is at its largest value in"),
-    ],
-)
-def test_doubts_are_said(signals, words):
-    (note,) = check_tellable([record(**signals)])
-    assert words in note
+def test_doubts_of_each_record_are_said_with_what_was_done_on_reading():
+    notes = check_tellable([record(notes=("resampled",)), record("other", x=0.1 * TIME)])
+    assert notes[0] == "resampled"
+    assert notes[1].startswith("other: moves one way only")
 
 
-@pytest.mark.parametrize(
-    ("signals", "words"),
-    [
-        ({"x": np.full(len(TIME), 0.3)}, "the position never changes"),
-        ({"u": np.zeros(len(TIME))}, "the command u is zero"),
-    ],
-)
-def test_records_that_tell_nothing_are_refused(signals, words):
-    with pytest.raises(BadRecord, match=words):
-        check_tellable([record(**signals)])
+def test_records_with_and_without_a_current_are_not_one_study():
+    with pytest.raises(BadRecord, match="some records have the current `i` and some not"):
+        check_tellable([record(), record(i=SWINGS["u"])])
