@@ -24,6 +24,7 @@ Rows = list[list[str]]
 
 _SEPARATORS = ("\t", ";", ",", " ")
 _LOOKED_AT = 400  # lines of the file's second half that tell how it is written
+_SHOWN = 40  # characters of a cell that is no number
 _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # stand in lines of units
 
 
@@ -59,7 +60,10 @@ class _Style:
         if self.separator == " ":
             return line.split()
         if '"' in line:
-            return [c.strip() for c in next(csv.reader([line], delimiter=self.separator))]
+            try:
+                return [c.strip() for c in next(csv.reader([line], delimiter=self.separator))]
+            except csv.Error:  # a quoted cell without end
+                return [line]
         return [c.strip() for c in line.split(self.separator)]
 
     def number(self, cell: str) -> float | None:
@@ -103,12 +107,14 @@ def read_csv(path: Path) -> TextTable:
     first = len(above)
     names, units = _header(path, above, style, width, filled)
     lines = np.array([k for k, _ in numbered[first:]])
-    plain = _plain(texts[first:], style, width)
+    # separators at the ends of lines make columns that have neither name nor number
+    wide = filled if names[filled:] == [str(k + 1) for k in range(filled, width)] else width
+    plain = _plain(texts[first:], style, wide)
     if plain is None:
         table = _numbers(path, list(map(style.cells, texts[first:])), lines, names, style)
         columns = {n: v for n, v in zip(names, table, strict=True) if v is not None}
     else:
-        columns = {n: plain[:, k].copy() for k, n in enumerate(names)}
+        columns = {n: plain[:, k].copy() for k, n in enumerate(names[:wide])}
     return TextTable(columns, {n: u for n, u in units.items() if n in columns}, lines)
 
 
@@ -192,7 +198,8 @@ def _bare(unit: str) -> str:
 
 def _plain(texts: Sequence[str], style: _Style, width: int) -> npt.NDArray[np.float64] | None:
     """All rows at once, if all of their cells are numbers; else None."""
-    rows = [t.replace(",", ".") for t in texts] if style.comma else texts
+    rows = [t.rstrip("\t;, ") for t in texts]
+    rows = [t.replace(",", ".") for t in rows] if style.comma else rows
     separator = None if style.separator == " " else style.separator
     try:
         table = np.loadtxt(rows, delimiter=separator, comments=None, ndmin=2)
@@ -222,6 +229,7 @@ def _numbers(
             continue
         for cell, number, line in zip(cells, numbers, lines, strict=True):
             if number is None:
-                raise BadRecord(f"{path}, row {line}, column {name!r}: {cell!r} is no number")
+                shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
+                raise BadRecord(f"{path}, row {line}, column {name!r}: {shown!r} is no number")
         columns.append(np.array(numbers, dtype=float))
     return columns
