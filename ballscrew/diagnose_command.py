@@ -13,18 +13,23 @@ from typing import TYPE_CHECKING, Any
 
 from .arguments import out_folder
 from .params_option import add_params, bad_parameters, read_params
+from .record_options import add_record_options, read_record_options
 from .supervision import tell
 
 if TYPE_CHECKING:
     from .diagnosis.averaging_cost import AveragingCost
     from .diagnosis.diagnosis import Diagnosis, Level
     from .diagnosis.diagnosis_report import ClosedLoopSection
+    from .diagnosis.drive_model import DriveModel
     from .diagnosis.trials import TrialsDiagnosis
     from .orchestration.parameter_file import ParameterFile
+    from .records.drive_record import DriveRecord
     from .solver.component import Component
 
 _EXAMPLES = """DATA are CSV, MAT or Parquet files with the columns time [s], u [V] and x [m], and
-i [A] where it was measured; several are one study. FILE.toml says what you believe, see
+i [A] where it was measured; several are one study. Separators, decimal commas, lines before the
+table and a line of units are found by themselves; a column without a name goes by its number. With
+kind = "drive", u may be a force or a torque, as in --unit u=N. FILE.toml says what you believe, see
 docs/parameters.md: kind ("ball_screw" or "drive"), law, [plant] in SI units and [tolerance], the
 relative doubt of each value (default half of its interval, else 0.03).
 
@@ -32,6 +37,8 @@ examples:
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
   ballscrew diagnose a.csv b.csv --law modified_lugre --map t=time --map pos=x --out out/diagnosis
   ballscrew diagnose emps.mat --params emps.toml --map vir=u --map qm=x --map t=time --out out/emps
+  ballscrew diagnose drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \
+    --lead 0.005 --out out/drive
   ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
   ballscrew diagnose --trials dahl.csv --value sigma --out out/scatter
   ballscrew diagnose --directions stribeck.csv --out out/averaging
@@ -58,7 +65,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add("data", nargs="*", type=Path, metavar="DATA", help="CSV, MAT or Parquet files")
     add_params(add, "the model as you believe it to be")
     add("--law", metavar="NAME", help="friction law, in place of the file's")
-    add("--map", action="append", default=[], metavar="THEIRS=OURS", help="a column's name")
+    add_record_options(add)
     add("--trials", type=Path, metavar="TABLE.csv", help="instead: a table with a trial a row")
     add("--value", metavar="COLUMN", help="with --trials: whose scatter is to be explained")
     add(
@@ -98,7 +105,8 @@ def _only_with(table: str, options: argparse.Namespace) -> None:
     from .cli import BadRequest
 
     given = {"DATA": options.data, "--params": options.params, "--law": options.law}
-    given |= {"--map": options.map, "--trials": options.trials, "--directions": options.directions}
+    given |= {"--map": options.map, "--unit": options.unit, "--lead": options.lead}
+    given |= {"--trials": options.trials, "--directions": options.directions}
     for name, value in given.items():
         if value and name != table:
             raise BadRequest(f"{name} and {table}: expected one of them")
@@ -110,10 +118,10 @@ def _only_with(table: str, options: argparse.Namespace) -> None:
 
 
 def _records(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _named, _prepare
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare
     from .cli import _save as save_run
 
-    mapping = _named("--map", options.map, "THEIRS=OURS")
+    columns = read_record_options(options)
     _check_law(options.law)
     _check_overwritten(options)
     _prepare(options.out, [*options.data, options.params])
@@ -122,17 +130,20 @@ def _records(options: argparse.Namespace) -> int:
     from .diagnosis.diagnose import diagnose_records
     from .diagnosis.diagnosis import EXPLAINED, NONE
     from .diagnosis.diagnosis_report import DOES_NOT_HOLD, does_not_hold
-    from .diagnosis.drive_record import read_drive_records
-    from .diagnosis.records import BadRecord
     from .orchestration.parameter_file import ParameterFile
+    from .records.bad_record import BadRecord
+    from .records.drive_record import read_drive_records
 
-    told = read_params(options)
+    told = columns.with_lead(read_params(options))
     with bad_parameters():
         model = believed(told or ParameterFile(), options.law)
     progress = _Progress()
     try:
         progress("reading")
-        records = read_drive_records(options.data, mapping)
+        records = read_drive_records(
+            options.data, columns.mapping, columns.units, columns.lead_with(told)
+        )
+        check_commands(records, model)
         result = diagnose_records(records, model, progress)
     except BadRecord as error:
         raise BadRequest(str(error)) from error
@@ -155,6 +166,35 @@ def _records(options: argparse.Namespace) -> int:
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
     return TRUSTED if result.verdict in (EXPLAINED, NONE) else NOT_TRUSTED
+
+
+def check_commands(records: Sequence[DriveRecord], model: DriveModel) -> None:
+    """Refuse commands that the model's equations do not take.
+
+    Raises
+    ------
+    BadRecord
+    """
+    from .records.bad_record import BadRecord
+    from .records.drive_record import VOLTAGE
+
+    for record in records:
+        if record.current_alone and model.has_motor:
+            raise BadRecord(
+                f"{record.name}: has the current i and no voltage u, from which a diagnosis of the "
+                'ball screw starts; describe it as kind = "drive" with gain = kt*2*pi*p in N/A, '
+                "and say --map i=u --unit u=A"
+            )
+        if record.current_alone:
+            raise BadRecord(
+                f'{record.name}: has the current i and no command u; with kind = "drive" say '
+                "--map i=u --unit u=A, and give gain in N/A"
+            )
+        if record.command != VOLTAGE and model.has_motor:
+            raise BadRecord(
+                f"{record.name}: u is a {record.command}, but the ball screw is driven by a "
+                'voltage; describe it as kind = "drive", whose force is gain*u'
+            )
 
 
 def _check_law(law: str | None) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from .arguments import out_folder
 from .params_option import add_params, bad_parameters, read_params
+from .record_options import add_record_options, read_record_options
 from .supervision import tell
 
 if TYPE_CHECKING:
@@ -26,12 +27,16 @@ NAMES = (
     "classical",
 )
 _EXAMPLES = """DATA are folders that `ballscrew rig` wrote, or CSV or MAT files with the columns
-time [s], force [N] (on the block, positive in +x) and x [m] or x_fine [m].
+time [s], force [N] (on the block, positive in +x) and x [m] or x_fine [m]. Separators, decimal
+commas, lines before the table and a line of units are found by themselves; a column without a name
+goes by its number. A rotary drive has x in rad, deg or rev and its torque as force.
 
 examples:
   ballscrew identify out/trials --law modified_lugre --out out/identified
   ballscrew identify a.csv b.csv --law dahl --map t=time --map F=force --unit x=mm --out out/dahl
   ballscrew identify out/trials --law lugre --params out/trials/parameters.toml --out out/lugre
+  ballscrew identify drive.csv --law lugre --map "Pos. [deg]=x" --map Torque=force \
+    --unit force=mN*m --lead 0.005 --out out/drive
   ballscrew identify run.mat --law lugre --map qm=x --map t=time --mass 95 --out out/emps
 """
 
@@ -52,8 +57,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add("data", nargs="+", type=Path, metavar="DATA", help="rig folders, CSV or MAT files")
     add("--law", required=True, metavar="NAME", help=", ".join(NAMES))
     add("--out", required=True, type=out_folder, metavar="DIR")
-    add("--map", action="append", default=[], metavar="THEIRS=OURS", help="a column's name")
-    add("--unit", action="append", default=[], metavar="OURS=UNIT", help="a column's unit, x=mm")
+    add_record_options(add)
     add(
         "--mass",
         metavar="KG",
@@ -65,7 +69,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _identify(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _named, _number, _prepare, _save
+    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _number, _prepare, _save
 
     if options.law not in NAMES:
         import difflib
@@ -73,20 +77,22 @@ def _identify(options: argparse.Namespace) -> int:
         near = difflib.get_close_matches(options.law, NAMES, n=1, cutoff=0.5)
         hint = f", did you mean {near[0]}?" if near else ""
         raise BadRequest(f"--law {options.law!r} is none of {', '.join(NAMES)}{hint}")
-    mapping = _named("--map", options.map, "THEIRS=OURS")
-    units = _named("--unit", options.unit, "OURS=UNIT")
+    columns = read_record_options(options)
     mass = None if options.mass is None else _number("--mass", options.mass)
     from .diagnosis.believed import believed
-    from .diagnosis.records import BadRecord, read_records
+    from .records.bad_record import BadRecord
+    from .records.force_record import read_records
 
-    told = read_params(options)
+    told = columns.with_lead(read_params(options))
     if told is not None:
         with bad_parameters():
             model = believed(told)
         if mass is None and "m" in told.plant:
             mass = model.values["m"]
     try:
-        records = read_records(options.data, mapping, units, mass)
+        records = read_records(
+            options.data, columns.mapping, columns.units, mass, columns.lead_with(told)
+        )
     except BadRecord as error:
         raise BadRequest(str(error)) from error
     _prepare(options.out, [*options.data, options.params])

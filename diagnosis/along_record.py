@@ -33,10 +33,10 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
+from ..records.force_record import Record
 from .friction_estimation import FrictionEstimate, Motion, estimate_friction
 from .intervals import CONFIDENCE, Interval, is_narrow
 from .law_along_record import ELEMENTS, KINDS, STATES, friction_along, score
-from .records import Record
 from .replay import replayed, with_play
 
 Vector = npt.NDArray[np.float64]

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from ..records.drive_record import DriveRecord
+from ..records.resolution import fast_noise
 from .compiled import compiled
 from .drive_model import DriveModel, midway
-from .drive_record import DriveRecord
-from .friction_estimation import fast_noise
 from .innovations import smooth
 
 Vector = npt.NDArray[np.float64]

@@ -12,6 +12,8 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from ..plant import ball_screw, direct_drive
+from ..records.drive_record import DriveRecord, read_drive_records
+from ..records.tellable import check_tellable
 from .along_record import LAWS
 from .believed import read_believed
 from .causes import CAUSES
@@ -29,7 +31,6 @@ from .diagnosis import (
     OutOfReach,
 )
 from .drive_model import DriveModel
-from .drive_record import DriveRecord, read_drive_records
 from .evidence import conditioned, fit
 from .held_out import HeldOut, gained, judged, with_values
 from .load_cell import witness
@@ -49,7 +50,6 @@ from .selection import (
     restricted_to,
     scores,
 )
-from .tellable import check_tellable
 
 Vector = npt.NDArray[np.float64]
 

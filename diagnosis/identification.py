@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from ..orchestration.closed_loop import write_json
 from ..orchestration.parameter_file import ParameterFile, Value
 from ..plant.law import law as friction_law
+from ..records.force_record import Record
 from ..solver.component import ForceTerm, symbol
 from .along_record import LAWS, Course, Fit, fit_along, lay_out
 from .bliman_sorine_map import NoSolution, map_points, read_points
@@ -23,7 +24,6 @@ from .friction_estimation import FrictionEstimate, estimate_friction
 from .identifiability import which_would_do, why_not
 from .intervals import Interval, averaged, spread
 from .lugre_dynamics import assumed_damping, held_stiffness, secant_bias
-from .records import Record
 from .stribeck_fit import STUCK, StribeckPoints, fit_stribeck, stribeck_points
 
 Vector = npt.NDArray[np.float64]

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
+from ..records.force_record import Record
 from .friction_estimation import FrictionEstimate
-from .records import Record
 from .stribeck_fit import STUCK
 
 

@@ -10,9 +10,9 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from ..records.drive_record import DriveRecord
 from .course import Course, Noise, instrument_noise, lay_along, resmoothed
 from .drive_model import DriveModel
-from .drive_record import DriveRecord
 from .evidence import Prior, fit, volume
 from .regression import (
     Added,

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import OptimizeWarning, curve_fit
 
+from ..records.force_record import Record
 from .friction_estimation import FrictionEstimate
 from .intervals import Interval, student_interval
-from .records import Record
 
 Vector = npt.NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from scipy.signal import savgol_filter
 from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
-from ballscrew.diagnosis.drive_record import read_drive_records
+from ballscrew.records.drive_record import read_drive_records
 from ballscrew.solver.kernel_cache import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]

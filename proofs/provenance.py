@@ -21,12 +21,19 @@ LOOP = ("solver", "plant", "controllers", "fmus", "orchestration")
 DEPENDS_ON = {
     "trusted_loops": ("orchestration", "proofs/linear_loops.py"),
     "fuzz": ("ballscrew", *LOOP, "proofs/mutations.py", "proofs/fuzz.py"),
-    "identification": ("solver", "plant", "rig", "diagnosis", "tests/support/random_rigs.py"),
+    "identification": (
+        "solver",
+        "plant",
+        "rig",
+        "records",
+        "diagnosis",
+        "tests/support/random_rigs.py",
+    ),
     "criteria": ("solver", "plant", "rig", "tests/support/synthetic_laws.py"),
     "variational": (*LOOP, "proofs/variational.py"),
-    "diagnosis": ("solver", "plant", "rig", "diagnosis"),
+    "diagnosis": ("solver", "plant", "rig", "records", "diagnosis"),
     "reproduction": (*LOOP, "proofs/reproduction.py"),
-    "emps": ("solver", "plant", "diagnosis", "proofs/emps.py"),
+    "emps": ("solver", "plant", "records", "diagnosis", "proofs/emps.py"),
     "exchange": (
         *("solver", "plant", "fmus", "proofs/exchange.py"),
         *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),

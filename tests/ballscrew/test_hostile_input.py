@@ -107,7 +107,7 @@ def folder(tmp_path, monkeypatch):
         ([*MAP, "--set", "controller.Kp=3"], "Kp is given a value and is an axis"),
         ([*MAP[:4], "setpoint=0:1:3", *MAP[5:], "--setpoint", "-1e-2"], "an axis of set-points"),
         ([*MAP, "--workers", DIGITS], "expected a whole number from 1 to 1000"),
-        (["identify", "long_record.csv", "--law", "dahl", "--out", "OUT"], "larger than field"),
+        (["identify", "long_record.csv", "--law", "dahl", "--out", "OUT"], "no column 'force'"),
         (["identify", f"{LONG}.csv", "--law", "dahl", "--out", "OUT"], "File name too long"),
         (["diagnose", "record.csv", "--params", "deep.toml", "--out", "OUT"], "nested too deep"),
         (["diagnose", "record.csv", "--params", "digits.toml", "--out", "OUT"], "beyond 1e308"),

@@ -51,6 +51,12 @@ def test_a_drive_without_a_motor_and_without_a_break_away_force(written):
     assert model.friction_scale == 20.39
 
 
+def test_a_tolerance_of_zero_holds_a_value(written):
+    model = read_believed(written(EMPS.replace("m = 0.1", "m = 0")))
+    assert "m" not in model.adjustable
+    assert "gain" in model.adjustable
+
+
 def test_each_direction_has_its_own_break_away_force(written):
     text = 'law = "directional_lugre"\n[plant]\nFc_pos = 1.5\nFs_neg = 3.0\nFc_neg = 1.2'
     model = read_believed(written(text))

@@ -14,8 +14,8 @@ from ballscrew.diagnosis import search
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.course import instrument_noise, lay_along
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
-from ballscrew.diagnosis.drive_record import checked
-from ballscrew.diagnosis.records import BadRecord
+from ballscrew.records.bad_record import BadRecord
+from ballscrew.records.drive_record import checked
 
 
 def told(effects, seed, folder):

@@ -153,10 +153,22 @@ def test_results_do_not_take_the_place_of_what_they_are_made_from(diagnosed, tmp
         (lambda t: {**t, "x": 0 * t["x"]}, "the position never changes"),
         (lambda t: {**t, "u": 0 * t["u"]}, "the command u is zero all the time"),
         (lambda t: {n: v[:100] for n, v in t.items()}, "is too short"),
-        (lambda t: {n: v for n, v in t.items() if n != "u"}, "has no column 'u'"),
-        (lambda t: {**t, "x": 1e3 * t["x"]}, "too much for m"),
+        (lambda t: {n: v for n, v in t.items() if n not in ("u", "i")}, "has no column 'u'"),
+        (lambda t: {n: v for n, v in t.items() if n != "u"}, "has the current i and no voltage u"),
+        (lambda t: {**t, "x": 1e3 * t["x"]}, "--unit x=mm"),
+        (lambda t: {**t, "time": 1e3 * t["time"]}, "--unit time=ms"),
+        (lambda t: {n: v[::100] for n, v in t.items()}, "too slow to see friction"),
     ],
-    ids=["no motion", "no command", "too short", "no column", "millimetres"],
+    ids=[
+        "no motion",
+        "no command",
+        "too short",
+        "no column",
+        "current alone",
+        "millimetres",
+        "milliseconds",
+        "slow",
+    ],
 )
 def test_records_that_carry_no_diagnosis_leave_nothing_behind(diagnosed, tmp_path, spoil, words):
     names, rows = diagnosed.record.read_text().split("\n", 1)
@@ -167,6 +179,64 @@ def test_records_that_carry_no_diagnosis_leave_nothing_behind(diagnosed, tmp_pat
     np.savetxt(path, data, delimiter=",", header=",".join(table), comments="", fmt="%.9g")
     assert words in bad(path, "--params", diagnosed.parameters, "--out", out)
     assert not list(out.iterdir())
+
+
+DRIVE = 'kind = "drive"\nlaw = "classical"\n[plant]\nm = 2.0\nFc = 1.5\nsigma2 = 20.0\n'
+
+
+def test_units_and_lead_are_asked_for_in_one_line(diagnosed, tmp_path):
+    drive = tmp_path / "drive.toml"
+    drive.write_text(DRIVE)
+    screw = tmp_path / "screw.toml"
+    screw.write_text("[plant]\np = 200.0\n")
+    record, out = diagnosed.record, tmp_path / "out"
+    for arguments, words in (
+        (("--params", drive, "--unit", "x=deg"), "say --lead METRES"),
+        (("--params", drive, "--unit", "x=inch"), "expected one of m, cm, mm"),
+        (("--params", drive, "--lead", "0"), "--lead is 0, expected a number of metres above 0"),
+        (("--params", screw, "--lead", "0.005"), "both say what a turn of the screw is"),
+        (("--params", screw, "--unit", "u=N"), "u is a force, but the ball screw is driven by a"),
+        (("--trials", record, "--value", "x", "--unit", "x=mm"), "--unit and --trials"),
+    ):
+        files = () if "--trials" in arguments else (record,)
+        assert words in bad(*files, *arguments, "--out", out), arguments
+
+
+def test_a_machines_export_is_diagnosed_as_the_same_record_in_si_units(tmp_path):
+    """Degrees, a torque in mN*m, milliseconds, decimal commas: the same numbers come out."""
+    random = np.random.default_rng(2)
+    time = 2e-3 * np.arange(1500)
+    v = 0.06 * np.sin(2 * np.pi * 0.8 * time) + 0.02 * np.sin(2 * np.pi * 2.3 * time)
+    x = np.cumsum(v) * 2e-3
+    force = 2.0 * np.gradient(v, time) + 20.0 * v + 1.5 * np.tanh(v / 1e-4)
+    force += 0.05 * random.standard_normal(len(time))
+    lead = 0.005
+    plain, export = tmp_path / "plain.csv", tmp_path / "export.csv"
+    rows = zip(time, force, x, strict=True)
+    plain.write_text("time,u,x\n" + "".join(f"{t:.9g},{u:.12g},{w:.12g}\n" for t, u, w in rows))
+    lines = ["Axis:;7", "Date:;2024-03-01", ";Torque;Actual position", "ms;mNm;°"]
+    for t, u, w in zip(time, force, x, strict=True):
+        torque, angle = 1e3 * u * lead / (2 * np.pi), 360 * w / lead
+        lines.append(f"{1e3 * t:.9g};{torque:.12g};{angle:.12g};".replace(".", ","))
+    export.write_bytes("\r\n".join(lines).encode("latin-1"))
+    params = tmp_path / "drive.toml"
+    params.write_text(DRIVE + "[tolerance]\nsigma2 = 0\n")
+    told = []
+    names = ("--map", "1=time", "--map", "Torque=u", "--map", "Actual position=x")
+    for file, more in ((plain, ("--unit", "u=N")), (export, (*names, "--lead", lead))):
+        code, printed, said = run(
+            "diagnose", file, "--params", params, *more, "--out", tmp_path / file.stem, "--json"
+        )
+        assert code in (0, 1), said
+        told.append(json.loads(printed))
+    one, other = told
+    assert one["verdict"] == other["verdict"]
+    assert one["baseline_residual"] == pytest.approx(other["baseline_residual"], rel=1e-3)
+    # a tolerance of zero holds a value
+    assert "sigma2" not in one["adjustments"]
+    assert "m" in one["adjustments"]
+    written = read_parameters(tmp_path / "plain" / "parameters.toml")
+    assert written.plant["sigma2"].value == 20.0
 
 
 # -- tables of trials ------------------------------------------------------------------------

@@ -13,7 +13,6 @@ from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.course import Course
 from ballscrew.diagnosis.drive_model import DriveModel, midway
-from ballscrew.diagnosis.drive_record import DriveRecord
 from ballscrew.diagnosis.extended_plant import (
     BadExtension,
     extended_plant,
@@ -24,6 +23,7 @@ from ballscrew.plant.ball_screw import PARAMETERS as SCREW
 from ballscrew.plant.direct_drive import PARAMETERS as DRIVE
 from ballscrew.plant.law import law
 from ballscrew.plant.two_masses import OneBody
+from ballscrew.records.drive_record import DriveRecord
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model

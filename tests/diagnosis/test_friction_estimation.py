@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic_records import COUNT, RESOLUTION, record_of, sine_velocity, true_friction
+from synthetic_records import COUNT, record_of, sine_velocity, true_friction
 
 from ballscrew.diagnosis.friction_estimation import (
-    count_size,
     estimate_friction,
-    held_samples,
     smooth_motion,
 )
-from ballscrew.diagnosis.records import Record
+from ballscrew.records.force_record import Record
+from ballscrew.records.resolution import held_samples
 
 LUGRE = {
     "sigma0": 66967.0,
@@ -85,12 +84,3 @@ def test_a_held_position_counts_where_it_was_converted():
     assert len(held_samples(held)) == 250
     motion = smooth_motion(held, 0.005, later=0.0175)  # mean lag of values held for eight samples
     assert np.abs(motion.x - x)[50:-50].max() < 2e-8
-
-
-def test_resolution_is_found_in_samples_that_jump_over_levels_and_not_in_smooth_ones():
-    random = np.random.default_rng(0)
-    levels = np.cumsum(random.choice([14, 15], 400))
-    assert count_size(levels * COUNT) == pytest.approx(COUNT, rel=1e-9)
-    read = np.round(random.normal(1.5, 0.05, 2000) / RESOLUTION) * RESOLUTION
-    assert count_size(read) == pytest.approx(RESOLUTION, rel=1e-9)
-    assert count_size(random.normal(size=500)) == 0.0

@@ -70,6 +70,27 @@ def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, 
         assert "<svg" in (tmp_path / f"{stem}.svg").read_text()[:2000]
 
 
+def test_a_rotary_record_gives_the_same_parameters_by_the_lead(data, tmp_path):
+    """The same motion and force as angle and torque of a screw, with names, units and commas."""
+    lead, paths = 0.004, []
+    for k, path in enumerate(data):
+        t, q, force = np.loadtxt(path, delimiter=";", skiprows=1).T
+        lines = ["Rig 3;today", "t [ms];angle [deg];torque [mN*m]"]
+        rows = zip(1e3 * t, 360e-3 * q / lead, 1e3 * force * lead / (2 * np.pi), strict=True)
+        lines += [f"{a:.9g};{b:.12g};{c:.12g}".replace(".", ",") for a, b, c in rows]
+        paths.append(tmp_path / f"{k}.csv")
+        paths[-1].write_text("\n".join(lines))
+    names = ("--map", "t=time", "--map", "angle=x", "--map", "torque=force")
+    given = (*map(str, paths), "--law", "dahl", *names, "--out", str(tmp_path / "out"))
+    with pytest.raises(BadRequest, match="say --lead METRES"):
+        run(*given)
+    assert run(*given, "--lead", str(lead)) == 0
+    told = json.loads((tmp_path / "out" / "identified.json").read_text())
+    for name, truth in DAHL.items():
+        entry = told["parameters"][name]
+        assert entry["low"] <= truth <= entry["high"], name
+
+
 def test_json_goes_to_standard_output_alone(data, tmp_path, capsys):
     run(*data[:2], "--law", "dahl", "--out", str(tmp_path), "--json", *STRANGER)
     printed = capsys.readouterr()

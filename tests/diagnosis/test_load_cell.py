@@ -12,7 +12,7 @@ from hidden_effects import NOMINAL
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
-from ballscrew.diagnosis.drive_record import checked
+from ballscrew.records.drive_record import checked
 
 STEP = 0.089  # N, of the rig's converter
 NOISE = 0.03  # N rms

@@ -10,8 +10,8 @@ import numpy as np
 from synthetic_records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
 from ballscrew.diagnosis.along_record import LAWS, fit_along, lay_out
-from ballscrew.diagnosis.records import UNITS, Record, with_description
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
+from ballscrew.records.force_record import QUANTITIES, Record, with_description
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.instruments import SAMPLE_TIME
 from ballscrew.rig.trials import TRIALS
@@ -122,7 +122,7 @@ def identify_closed_loop_rig(law: str, seed: int) -> list[Outcome]:
     records = []
     for name in names:
         made = run_trial(name, law, truth, seed=seed)
-        signals = {n: v for n, v in made.record.items() if n in UNITS}
+        signals = {n: v for n, v in made.record.items() if n in QUANTITIES}
         record = with_description(
             name, signals, SAMPLE_TIME, made.parameters["plant.m"], made.description()
         )

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ballscrew.diagnosis.records import Record
+from ballscrew.records.force_record import Record
 
 Vector = npt.NDArray[np.float64]
 COUNT = 1e-3 / 512

@@ -6,8 +6,6 @@ are refused with the two ways to say what is meant.
 
 from __future__ import annotations
 
-import csv
-import difflib
 import json
 import math
 import sys
@@ -20,37 +18,31 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from .bad_record import BadRecord
+from .sampling import JITTER, check_forwards
+from .table import Table, in_si, read_table, renamed
+
 Vector = npt.NDArray[np.float64]
 
-UNITS = {
-    "time": "s",
-    "x": "m",
-    "x_fine": "m",
-    "force": "N",
-    "u": "V",
-    "v_ref": "m/s",
-    "force_ref": "N",
+QUANTITIES = {
+    "time": ("time",),
+    "x": ("length", "angle"),
+    "x_fine": ("length",),
+    "force": ("force", "torque"),
+    "u": ("voltage",),
+    "v_ref": ("velocity", "angular velocity"),
+    "force_ref": ("force", "torque"),
 }
-_FACTORS = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9},
-    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "V": {"V": 1.0, "mV": 1e-3},
-    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "µm/s": 1e-6},
-}
+"""What each column may measure; the first is meant where nothing is said."""
 LEAST_SAMPLES = 20
 FINE_RANGE = 1e-4  # of a fine position beside a coarse one; calibrated over 70 um [m]
-JITTER = 0.2  # of a sampling interval; a missing sample makes a whole one
 # Beyond these a column is refused unless its unit is said: range, and the unit it looks like. The
 # thread of the screw is 0.262 m long.
 _LARGEST = {"x": (0.3, "mm"), "x_fine": (0.02, "um"), "force": (2e3, "mN")}
 _SMALLEST = {"force": (2e-3, "kN")}
 _UNSAID_GAIN_DOUBT = 0.01  # of a fine position whose calibration is not told
 _LONGEST_STEP = 0.5  # [s]
-
-
-class BadRecord(ValueError):
-    """The file cannot be used as a record; the message says where, why and what to do."""
+_SI = {"x": "m", "x_fine": "m", "force": "N"}
 
 
 @dataclass(frozen=True)
@@ -114,6 +106,7 @@ def read_records(
     mapping: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     mass: float | None = None,
+    lead: float | None = None,
 ) -> list[Record]:
     """Read several records; a folder of trial folders gives all of them.
 
@@ -124,9 +117,11 @@ def read_records(
     mapping : mapping of str to str, optional
         ``theirs -> ours`` names of columns.
     units : mapping of str to str, optional
-        Unit of a column (our name) where it is not SI.
+        Unit of a column (our name), see `Conversion`; default what the file says, else SI.
     mass : float, optional
         Mass between load cell and friction [kg]; default the rig's, or 1 kg.
+    lead : float, optional
+        Way of the screw per turn [m], which makes ways and forces of angles and torques.
 
     Raises
     ------
@@ -145,7 +140,7 @@ def read_records(
             found += inner
         else:
             found.append(path)
-    return [read_record(path, mapping, units, mass) for path in found]
+    return [read_record(path, mapping, units, mass, lead) for path in found]
 
 
 def read_record(
@@ -153,36 +148,29 @@ def read_record(
     mapping: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     mass: float | None = None,
+    lead: float | None = None,
 ) -> Record:
     """Read one record and check it; see `read_records`."""
     path = Path(path)
     mapping, units = dict(mapping or {}), dict(units or {})
-    for name, unit in units.items():
-        if name not in UNITS:
-            raise BadRecord(f"--unit {name}={unit}: columns are {', '.join(UNITS)}")
-        if unit not in _FACTORS[UNITS[name]]:
-            raise BadRecord(
-                f"--unit {name}={unit}: expected one of {', '.join(_FACTORS[UNITS[name]])}"
-            )
     about: dict[str, Any] = {}
     file = path
     if path.is_dir():
         file = path / "record.csv"
         about = _read_about(path / "trial.json")
-    signals = renamed(
-        path,
-        read_columns(file),
+    table = renamed(
+        read_table(file),
         mapping,
-        list(UNITS),
+        list(QUANTITIES),
         (("time",), ("force",), ("x", "x_fine")),
         ": recorded at different rates? Bring them to one rate first",
     )
-    _check_numbers(path, signals)
+    _check_numbers(path, table)
+    said = {*units, *table.units}
+    signals, _ = in_si(table, units, QUANTITIES, lead)
+    step = _check_time(path, signals["time"], "time" in said, table)
     for name, values in signals.items():
-        signals[name] = values * _FACTORS[UNITS[name]][units.get(name, UNITS[name])]
-    step = _check_time(path, signals["time"], "time" in units)
-    for name, values in signals.items():
-        _check_unit(path, name, values, name in units)
+        _check_unit(path, name, values, name in said)
     if mass is None:
         mass = _rig_mass(about)
     if not (math.isfinite(mass) and mass >= 0):
@@ -290,152 +278,8 @@ def _rig_mass(about: Mapping[str, Any]) -> float:
     return 1.0
 
 
-def read_columns(path: Path) -> dict[str, Vector]:
-    """All columns of a CSV, MAT or Parquet file by the names they have there.
-
-    Raises
-    ------
-    BadRecord
-        If the file is not there or no table of numbers.
-    """
-    readers = {".mat": _read_mat, ".parquet": _read_parquet}
-    try:
-        return readers.get(path.suffix.lower(), _read_csv)(path)
-    except FileNotFoundError:
-        raise BadRecord(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def _read_parquet(path: Path) -> dict[str, Vector]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    if not path.is_file():
-        raise FileNotFoundError
-    try:
-        table = pq.read_table(path)
-    except pa.ArrowInvalid as error:
-        raise BadRecord(f"{path}: is no Parquet file: {str(error).splitlines()[0]}") from error
-    columns = {}
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        try:
-            columns[name] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=float)
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-            continue  # words and dates are nobody's signal
-    return columns
-
-
-def _read_csv(path: Path) -> dict[str, Vector]:
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as stream:
-            sample = stream.read(4096)
-            stream.seek(0)
-            line = sample.splitlines()[0] if sample.strip() else ""
-            separator = max(",;\t", key=line.count)
-            rows = [r for r in csv.reader(stream, delimiter=separator) if any(c.strip() for c in r)]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise BadRecord(f"{path}: is no text table: {error}") from error
-    if not rows:
-        raise BadRecord(f"{path}: is empty, expected a header row of names and rows of numbers")
-    header = [name.strip() for name in rows[0]]
-    if len(set(header)) < len(header):
-        twice = next(n for n in header if header.count(n) > 1)
-        raise BadRecord(f"{path}: the column {twice!r} is there twice")
-    table = np.empty((len(rows) - 1, len(header)))
-    for number, row in enumerate(rows[1:], start=2):
-        if len(row) != len(header):
-            raise BadRecord(f"{path}, row {number}: {len(row)} cells, expected {len(header)}")
-        for k, cell in enumerate(row):
-            try:
-                table[number - 2, k] = float(cell) if cell.strip() else math.nan
-            except ValueError:
-                raise BadRecord(
-                    f"{path}, row {number}, column {header[k]!r}: {cell!r} is no number"
-                ) from None
-    return {name: table[:, k].copy() for k, name in enumerate(header)}
-
-
-def _read_mat(path: Path) -> dict[str, Vector]:
-    from scipy.io import loadmat
-
-    try:
-        data = loadmat(path)
-    except NotImplementedError:
-        raise BadRecord(
-            f"{path}: is a MAT file of version 7.3; save it with `-v7` or as CSV"
-        ) from None
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # the reader raises many kinds on damaged files
-        raise BadRecord(f"{path}: is no MAT file: {error}") from error
-    columns = {}
-    for name, values in data.items():
-        array = np.asarray(values)
-        if (
-            not name.startswith("__")
-            and array.dtype.kind in "fiu"
-            and array.size == max(array.shape, default=0)
-        ):
-            columns[name] = array.astype(float).ravel()
-    return columns
-
-
-def renamed(
-    path: Path,
-    columns: Mapping[str, Vector],
-    mapping: Mapping[str, str],
-    known: Sequence[str],
-    needed: Sequence[Sequence[str]],
-    if_unequal: str,
-) -> dict[str, Vector]:
-    """Columns under our names, in the order of ours, all of one length.
-
-    Parameters
-    ----------
-    mapping : mapping of str to str
-        ``theirs -> ours``.
-    known : sequence of str
-        Our names.
-    needed : sequence of sequences of str
-        One name at least of each has to be there.
-    if_unequal : str
-        What to say where lengths differ.
-
-    Raises
-    ------
-    BadRecord
-    """
-    there = ", ".join(columns) or "none"
-    for theirs, ours in mapping.items():
-        if ours not in known:
-            raise BadRecord(
-                f"--map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(known)}"
-            )
-        if theirs not in columns:
-            raise BadRecord(
-                f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
-                f"{near(theirs, columns)}; there are {there}"
-            )
-    taken = set(mapping.values())
-    named = {n: v for n, v in columns.items() if n not in mapping and n not in taken}
-    named |= {ours: columns[theirs] for theirs, ours in mapping.items()}
-    named = {n: named[n] for n in known if n in named}
-    for wanted, *others in needed:
-        if not {wanted, *others} & named.keys():
-            raise BadRecord(
-                f"{path}: has no column {wanted!r}{near(wanted, columns)}; there are "
-                f"{there}; use --map theirs={wanted}"
-            )
-    lengths = {n: len(v) for n, v in named.items()}
-    if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{n} {k}" for n, k in lengths.items())
-        raise BadRecord(f"{path}: columns of different length ({said} samples){if_unequal}")
-    return named
-
-
-def _check_numbers(path: Path, signals: Mapping[str, Vector]) -> None:
-    for name, values in signals.items():
+def _check_numbers(path: Path, table: Table) -> None:
+    for name, values in table.columns.items():
         bad = np.flatnonzero(~np.isfinite(values))
         if not len(bad):
             continue
@@ -447,35 +291,16 @@ def _check_numbers(path: Path, signals: Mapping[str, Vector]) -> None:
         )
         raise BadRecord(
             f"{path}: {name} is empty or not a number in {len(bad)} of {len(values)} samples, "
-            f"the first in row {bad[0] + 2}{hint}"
+            f"the first in row {table.row(int(bad[0]))}{hint}"
         )
 
 
-def check_forwards(name: Path | str, time: Vector) -> Vector:
-    """The steps of a time that only grows [s], shape (n - 1,).
-
-    Raises
-    ------
-    BadRecord
-        If it does not.
-    """
-    steps = np.diff(time)
-    back = np.flatnonzero(steps <= 0)
-    if len(back):
-        k = int(back[0])
-        what = "stands still" if steps[k] == 0 else "goes backwards"
-        raise BadRecord(
-            f"{name}: time {what} in row {k + 3}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
-        )
-    return steps
-
-
-def _check_time(path: Path, time: Vector, said: bool) -> float:
+def _check_time(path: Path, time: Vector, said: bool, table: Table) -> float:
     if len(time) < LEAST_SAMPLES:
         raise BadRecord(
             f"{path}: is too short: {len(time)} samples, expected at least {LEAST_SAMPLES}"
         )
-    steps = check_forwards(path, time)
+    steps = check_forwards(path, time, table.row)
     step = float(np.median(steps))
     if step > _LONGEST_STEP and not said:
         raise BadRecord(
@@ -502,7 +327,7 @@ def _check_time(path: Path, time: Vector, said: bool) -> float:
 def _check_unit(path: Path, name: str, values: Vector, said: bool) -> None:
     if said or name not in _LARGEST:
         return
-    unit = UNITS[name]
+    unit = _SI[name]
     span = float(np.ptp(values)) if name != "force" else float(np.abs(values).max())
     limit, other = _LARGEST[name]
     if span > limit:
@@ -523,12 +348,6 @@ def _check_motion(path: Path, record: Record) -> None:
         values = record.signals[name]
         if np.ptp(values) == 0:
             raise BadRecord(
-                f"{path}: {name} is constant ({values[0]:.6g} {UNITS[name]}) over all "
+                f"{path}: {name} is constant ({values[0]:.6g} {_SI[name]}) over all "
                 f"{len(values)} samples; a record needs motion and force"
             )
-
-
-def near(name: str, names: object) -> str:
-    """The names that look like `name`, in brackets, for a complaint."""
-    close = difflib.get_close_matches(name, list(names), n=3, cutoff=0.4)  # type: ignore[call-overload]
-    return f" (nearest: {', '.join(close)})" if close else ""

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import scipy.io
 
-from ballscrew.diagnosis.records import BadRecord, read_record, read_records
+from ballscrew.records.bad_record import BadRecord
+from ballscrew.records.force_record import read_record, read_records
 
 
 def columns(n=100):

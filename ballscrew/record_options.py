@@ -1,0 +1,93 @@
+"""Options that say how measured data are written: names, units, and the screw's lead."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .orchestration.parameter_file import ParameterFile
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """What the user says of the columns.
+
+    Attributes
+    ----------
+    mapping, units : mapping of str to str
+        ``theirs -> ours`` names, and units by our names.
+    lead : float or None
+        Way of the screw per turn as ``--lead`` says it [m].
+    """
+
+    mapping: Mapping[str, str]
+    units: Mapping[str, str]
+    lead: float | None
+
+    def with_lead(self, told: ParameterFile | None) -> ParameterFile | None:
+        """The parameter file with the lead of ``--lead``, where its plant has a screw.
+
+        Raises
+        ------
+        BadRequest
+            If the file says the lead, too.
+        """
+        from .cli import BadRequest
+        from .orchestration.parameter_file import BALL_SCREW, ParameterFile, Value
+
+        if self.lead is None:
+            return told
+        if told is not None and "p" in told.plant:
+            raise BadRequest(
+                f"--lead and p of {told.path} both say what a turn of the screw is; expected one "
+                "of them"
+            )
+        file = told or ParameterFile()
+        if file.kind != BALL_SCREW:
+            return told
+        return replace(file, plant={**file.plant, "p": Value(1 / self.lead, "1/m", None, "--lead")})
+
+    def lead_with(self, told: ParameterFile | None) -> float | None:
+        """The lead [m] by ``--lead`` or by `p` of the parameter file; None if neither says it."""
+        if self.lead is None and told is not None and "p" in told.plant:
+            return 1 / told.plant["p"].value
+        return self.lead
+
+
+def add_record_options(add: Any) -> None:
+    """Add ``--map``, ``--unit`` and ``--lead`` to a parser, by its `add_argument`."""
+    add("--map", action="append", default=[], metavar="THEIRS=OURS", help="a column's name")
+    add(
+        "--unit",
+        action="append",
+        default=[],
+        metavar="OURS=UNIT",
+        help="a column's unit, or its size: time=ms, x=mm, x=rad, x=2.5e-6*m, u=N*m "
+        "(default what the file says, else SI)",
+    )
+    add(
+        "--lead",
+        metavar="METRES",
+        help="way of the screw per turn, for rad, deg, rev, rpm and N*m (default by p of --params)",
+    )
+
+
+def read_record_options(options: argparse.Namespace) -> RecordOptions:
+    """What the options say.
+
+    Raises
+    ------
+    BadRequest
+    """
+    from .cli import BadRequest, _named, _number
+
+    mapping = _named("--map", options.map, "THEIRS=OURS")
+    units = _named("--unit", options.unit, "OURS=UNIT")
+    lead = None if options.lead is None else _number("--lead", options.lead)
+    if lead is not None and not 0 < lead < math.inf:
+        raise BadRequest(f"--lead is {options.lead}, expected a number of metres above 0")
+    return RecordOptions(mapping, units, lead)

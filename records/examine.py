@@ -1,0 +1,168 @@
+"""A look at a record before it is believed: resolution, bandwidth, clipping, motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import welch
+
+from .bad_record import BadRecord
+from .drive_record import DriveRecord
+from .resolution import held_samples
+
+Vector = npt.NDArray[np.float64]
+
+_CLIPPED = 0.02  # share of the samples at one extreme, from which on it is said
+_IN_A_ROW = 3  # samples at an extreme that make a flat top
+_SEGMENT = 1024  # samples
+_LEAKS = 8  # lines of the spectrum beside a strong one that tell nothing
+_BANDS = 12  # an octave
+_NOTHING = 1e-4  # of the power below a frequency, above it, that is taken for nothing
+_HIGHEST = 0.8  # of half the sampling rate, up to which a filter is worth saying
+_STRAIGHT = 1e-3  # of the largest bend, which counts as none
+_REGULAR = 0.98  # of the bends, which come at every so many samples
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What a record shows before any model.
+
+    Attributes
+    ----------
+    carries : float
+        Frequency up to which the position carries information [Hz]; half the sampling rate, unless
+        it was filtered or interpolated.
+    count : float
+        Step of a counted position [m]; 0 if it is not counted.
+    clipped : ndarray of bool, shape (n,)
+        Samples at which the command, or a current, stands at an extreme.
+    notes : tuple of str
+        What is doubtful of the record, and what was done to it; one sentence each.
+    """
+
+    carries: float
+    count: float
+    clipped: npt.NDArray[np.bool_]
+    notes: tuple[str, ...]
+
+
+def examine(record: DriveRecord) -> Examination:
+    """Look at a record before it is believed.
+
+    Raises
+    ------
+    BadRecord
+        If it cannot carry a diagnosis.
+    """
+    x, name = record.x, record.name
+    if np.ptp(x) == 0:
+        raise BadRecord(
+            f"{name}: the position never changes ({x[0]:.6g} m): a drive that does not move says "
+            "nothing of its friction; record a motion both ways"
+        )
+    command = "i" if record.current_alone else "u"
+    values = record.signals[command]
+    if np.ptp(values) == 0 and values[0] == 0:
+        what = "the current i" if command == "i" else "the command u"
+        raise BadRecord(f"{name}: {what} is zero all the time")
+    notes = list(record.notes)
+    count = record.count
+    carries = _carries(x, record.step, count)
+    if carries < 0.5 / record.step:
+        notes.append(
+            f"{name}: the position carries nothing above {carries:.3g} Hz, of the "
+            f"{0.5 / record.step:.4g} Hz that its sampling has room for: it was filtered or "
+            "interpolated"
+        )
+    clipped = np.zeros(len(x), dtype=bool)
+    for column in ("u", "i"):
+        if column in record.signals:
+            cut = _clipped(record.signals[column])
+            clipped |= cut
+            if np.mean(cut) > _CLIPPED:
+                notes.append(
+                    f"{name}: {column} is at its largest value in {100 * np.mean(cut):.0f} % of "
+                    "the samples: clipped? What was cut off tells nothing"
+                )
+    if _moves_one_way(x):
+        notes.append(
+            f"{name}: moves one way only: whatever shows at reversals, or differs by direction, "
+            "cannot be told from a constant force"
+        )
+    return Examination(carries, count, clipped, tuple(notes))
+
+
+def _moves_one_way(x: Vector) -> bool:
+    pace = np.diff(np.convolve(x, np.ones(21) / 21, "valid"))
+    some = 0.05 * np.abs(pace).max()
+    return not (np.any(pace > some) and np.any(pace < -some))
+
+
+def _clipped(values: Vector) -> npt.NDArray[np.bool_]:
+    """Samples that stand at the largest or smallest value, several in a row."""
+    known = values[np.isfinite(values)]
+    span = float(np.ptp(known))
+    flat = np.zeros(len(values), dtype=bool)
+    if span == 0:
+        return flat
+    for extreme in (known.max(), known.min()):
+        at = np.abs(values - extreme) <= 1e-9 * span
+        edges = np.diff(np.concatenate([[False], at, [False]]).astype(int))
+        for first, last in zip(
+            np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True
+        ):
+            flat[first:last] = last - first >= _IN_A_ROW
+    return flat
+
+
+def _carries(x: Vector, step: float, count: float) -> float:
+    """Frequency up to which a position carries information [Hz]."""
+    half = 0.5 / step
+    if count:
+        return half
+    every = _straight_between(x)
+    held = len(held_samples(x))
+    if held < len(x):
+        every = max(every, round(len(x) / held))
+    return half / every if every > 1 else _filtered_at(x, step)
+
+
+def _straight_between(x: Vector) -> int:
+    """At every how many samples a position bends, where it is straight between; else 1."""
+    bends = np.abs(np.diff(x, 2))
+    bent = np.flatnonzero(bends > _STRAIGHT * bends.max())
+    if not 10 < len(bent) < 0.7 * len(bends):
+        return 1
+    apart = np.diff(bent)
+    every = int(np.median(apart))
+    return every if np.mean(apart % every == 0) > _REGULAR else 1
+
+
+def _filtered_at(x: Vector, step: float) -> float:
+    """Frequency above which the spectrum falls as no drive's does [Hz]; else half the rate.
+
+    The acceleration that a force makes falls by less than 20 dB an octave, motor and springs
+    included; a filter's stop band lies 40 dB below what is just beneath it, and stays there.
+    """
+    half = 0.5 / step
+    segment = min(_SEGMENT, len(x) // 4)
+    lines, power = welch(np.diff(x, 2), 1 / step, "blackmanharris", segment, detrend=False)
+    of_position = power[1:-1] / (2 * np.sin(np.pi * lines[1:-1] * step)) ** 4
+    lines, power = lines[1:-1], power[1:-1]
+    lowest = _LEAKS / (segment * step)
+    if 2 * lowest > _HIGHEST * half:
+        return half
+    octaves = int(_BANDS * np.log2(_HIGHEST * half / (2 * lowest)))
+    found = half
+    for k in range(octaves + 1):
+        edge = 2 * lowest * 2 ** (k / _BANDS)
+        below = (lines > 0.5 * edge) & (lines < 0.9 * edge)
+        above = lines > min(1.25 * edge, 0.5 * (edge + half))
+        beneath, left = np.median(power[below]), np.median(power[above & (lines < 2 * edge)])
+        rests = of_position[above].max() <= 4 * np.median(of_position[below]) * _NOTHING
+        if left < _NOTHING * beneath and rests:
+            found = edge
+            break
+    return float(found)

@@ -1,0 +1,148 @@
+"""Stamps of time as loggers write them, and signals at even instants."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from .bad_record import BadRecord
+
+Vector = npt.NDArray[np.float64]
+
+JITTER = 0.2  # of a sampling interval, below which stamps are taken for even
+_LONGEST_GAP = 5  # samples that may be missing in a row
+_FOLLOWED = 0.1  # share of a stamp's lateness by which the even instants are moved
+_BEGINNING = 20  # samples whose stamps tell where the first instant is
+_HOLES = 0.1  # share of the samples that may be missing, or have the stamp of another
+
+
+def check_forwards(
+    name: Path | str, time: Vector, row: Callable[[int], int], may_stand: bool = False
+) -> Vector:
+    """The steps of a time that only grows [s], shape (n - 1,).
+
+    Parameters
+    ----------
+    row : function of int
+        What the user calls a sample; see `Table.row`.
+    may_stand : bool, optional
+        Whether two samples may have one stamp.
+
+    Raises
+    ------
+    BadRecord
+        If time goes backwards, or stands where it must not.
+    """
+    steps = np.diff(time)
+    back = np.flatnonzero(steps < 0 if may_stand else steps <= 0)
+    if len(back):
+        k = int(back[0])
+        what = "stands still" if steps[k] == 0 else "goes backwards"
+        raise BadRecord(
+            f"{name}: time {what} in row {row(k + 1)}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
+        )
+    return steps
+
+
+def evened(
+    name: Path | str, signals: Mapping[str, Vector], row: Callable[[int], int]
+) -> tuple[dict[str, Vector], float, str]:
+    """Signals at even instants, their interval [s], and what was done to them; empty for nothing.
+
+    Samples that miss a few of their neighbours, stamps that repeat or jitter: linear between
+    samples. What was recorded at a lower rate goes to the nearest instant.
+
+    Parameters
+    ----------
+    signals : mapping of str to ndarray, shape (n,)
+        ``time`` and others; SI.
+    row : function of int
+        What the user calls a sample.
+
+    Raises
+    ------
+    BadRecord
+        If time goes backwards, or too much is missing.
+    """
+    time = signals["time"]
+    steps = check_forwards(name, time, row, may_stand=True)
+    repeated = np.flatnonzero(steps == 0)
+    if len(repeated) > _HOLES * len(time):
+        raise BadRecord(
+            f"{name}: time stands still in {len(repeated)} of {len(time)} samples, the first in "
+            f"row {row(int(repeated[0]) + 1)}: its stamps are coarser than the sampling; write "
+            "them with more digits"
+        )
+    kept = {n: np.delete(v, repeated + 1) for n, v in signals.items()}
+    time = kept["time"]
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    uneven = np.flatnonzero(np.abs(steps - step) > JITTER * step)
+    if not len(uneven):
+        said = f"{len(repeated)} samples with the stamp of another left out"
+        return kept, float(time[-1] - time[0]) / (len(time) - 1), said if len(repeated) else ""
+    instants = _instants(time, step)
+    for _ in range(2):
+        slope, start = np.polyfit(instants, time, 1)
+        step = float(slope)
+        instants = np.round((time - start) / step).astype(int)
+    missing = np.maximum(np.diff(instants) - 1, 0)
+    k = int(np.argmax(missing))
+    if missing[k] > _LONGEST_GAP:
+        raise BadRecord(
+            f"{name}: a gap of {steps[k]:.4g} s after {time[k]:.6g} s, where the sampling interval "
+            f"is {step:.4g} s ({np.sum(missing > _LONGEST_GAP)} such); cut the record into pieces "
+            "without gaps"
+        )
+    holes = int(missing.sum())
+    if holes > _HOLES * len(time):
+        k = int(uneven[0])
+        raise BadRecord(
+            f"{name}: uneven sampling: {steps[k]:.4g} s after {time[k]:.6g} s, elsewhere "
+            f"{step:.4g} s ({len(uneven)} such); resample evenly, or cut the record into pieces "
+            "without gaps"
+        )
+    off = float(np.abs(time - start - step * instants).max())
+    first = math.ceil((time[0] - start) / step - 1e-6)
+    last = math.floor((time[-1] - start) / step + 1e-6)
+    even = start + step * np.arange(first, last + 1)
+    instants = np.clip(instants - first, 0, last - first)
+    out = {n: _at(even, time, v, instants) for n, v in kept.items()}
+    out["time"] = even
+    said = (
+        f"{holes} samples missing, {len(repeated)} with the stamp of another, stamps up to "
+        f"{1e3 * off:.3g} ms off even instants: resampled every {1e3 * step:.4g} ms, linear "
+        "between samples"
+    )
+    return out, step, said
+
+
+def _instants(time: Vector, step: float) -> npt.NDArray[np.int64]:
+    """Numbers of the even instants that jittering stamps belong to, shape (n,).
+
+    Each stamp is told from where those before it were on average, so that jitter does not add up.
+    """
+    numbers = np.zeros(len(time), dtype=int)
+    begun = time[:_BEGINNING]
+    last = float(np.median(begun - step * np.arange(len(begun))))
+    for k, stamp in enumerate(time[1:].tolist(), 1):
+        passed = max(0, round((stamp - last) / step))
+        numbers[k] = numbers[k - 1] + passed
+        last += passed * step
+        late = stamp - last
+        last += _FOLLOWED * late
+        step += _FOLLOWED**2 / 4 * late
+    return numbers
+
+
+def _at(even: Vector, time: Vector, values: Vector, instants: npt.NDArray[np.int64]) -> Vector:
+    known = np.isfinite(values)
+    if known.all():
+        return np.asarray(np.interp(even, time, values))
+    out = np.full(len(even), np.nan)
+    out[instants[known]] = values[known]
+    return out

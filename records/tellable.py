@@ -1,0 +1,23 @@
+"""Whether several records can carry one diagnosis, and what of them is doubtful."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .bad_record import BadRecord
+from .drive_record import DriveRecord
+from .examine import examine
+
+
+def check_tellable(records: Sequence[DriveRecord]) -> list[str]:
+    """Doubts of what records can tell.
+
+    Raises
+    ------
+    BadRecord
+        If they cannot carry a diagnosis at all.
+    """
+    channels = {tuple(sorted(set(r.signals) & {"i"})) for r in records}
+    if len(channels) > 1:
+        raise BadRecord("some records have the current `i` and some not; diagnose them apart")
+    return [note for record in records for note in examine(record).notes]

@@ -1,0 +1,126 @@
+"""Units in which machines record, and what makes SI of them.
+
+A rotary drive's angles and torques become the positions and forces of the screw that it turns: an
+angle `phi` is the way ``lead*phi/(2*pi)``, a torque `T` the force ``2*pi*T/lead``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from .bad_record import BadRecord
+
+UNITS = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
+    "angle": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi},
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6},
+    "angular velocity": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180,
+        "rev/s": 2 * math.pi,
+        "rpm": math.pi / 30,
+    },
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "torque": {"N*m": 1.0, "mN*m": 1e-3},
+    "voltage": {"V": 1.0, "mV": 1e-3},
+    "current": {"A": 1.0, "mA": 1e-3},
+    "temperature": {"degC": 1.0},
+}
+"""Factors to SI units, by quantity."""
+ROTARY = {"angle": "length", "angular velocity": "velocity", "torque": "force"}
+"""What a screw makes of the quantities of a rotation."""
+NO_UNIT = ("", "-", "1")
+"""What stands for no unit, or for one that nobody says."""
+_SPELLINGS = {
+    "sec": "s",
+    "µs": "us",
+    "µm": "um",
+    "µm/s": "um/s",
+    "°": "deg",
+    "°/s": "deg/s",
+    "1/min": "rpm",
+    "min-1": "rpm",
+    "r/min": "rpm",
+    "rev/min": "rpm",
+    "Nm": "N*m",
+    "N.m": "N*m",
+    "N·m": "N*m",
+    "mNm": "mN*m",
+    "mN.m": "mN*m",
+    "mN·m": "mN*m",
+    "°C": "degC",
+    "volt": "V",
+    "volts": "V",
+}
+_SIZED = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\*(.+)")
+
+
+def spelt(unit: str) -> str:
+    """A unit as `UNITS` spells it; other text as it is."""
+    unit = unit.strip().replace("μ", "µ")  # two characters look the same
+    return _SPELLINGS.get(unit, unit)
+
+
+def quantity_of(unit: str) -> str:
+    """The quantity that a unit measures; empty for none that is known."""
+    return next((q for q, units in UNITS.items() if spelt(unit) in units), "")
+
+
+class Conversion:
+    """What makes SI values of a linear motion out of a column.
+
+    Attributes
+    ----------
+    factor : float
+    quantity : str
+        Of the column as it was recorded; a key of `UNITS`.
+    """
+
+    def __init__(
+        self, column: str, text: str, quantities: Sequence[str], lead: float | None
+    ) -> None:
+        """Read a unit, or a number of units such as ``2.5e-6*m``.
+
+        Parameters
+        ----------
+        column : str
+            Our name of the column.
+        text : str
+            A unit, perhaps with a number before it that says how large one step of the column is.
+        quantities : sequence of str
+            What the column may measure.
+        lead : float or None
+            Of the screw [m]; None where nobody told.
+
+        Raises
+        ------
+        BadRecord
+        """
+        sized = _SIZED.fullmatch(text.strip())
+        size, unit = (_number(sized[1]), spelt(sized[2])) if sized else (1.0, spelt(text))
+        self.quantity = quantity_of(unit)
+        if not math.isfinite(size) or size == 0.0 or self.quantity not in quantities:
+            known = ", ".join(u for q in quantities for u in UNITS[q])
+            raise BadRecord(
+                f"--unit {column}={text}: expected one of {known}, or a number of them such as "
+                f"1e-3*{next(iter(UNITS[quantities[0]]))}"
+            )
+        self.factor = size * UNITS[self.quantity][unit]
+        if self.quantity in ROTARY:
+            if lead is None:
+                raise BadRecord(
+                    f"--unit {column}={text}: what this is along the screw depends on its lead; "
+                    "say --lead METRES, or give p (turns per metre) in --params"
+                )
+            per_metre = 2 * math.pi / lead
+            self.factor *= per_metre if self.quantity == "torque" else 1.0 / per_metre
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -1,0 +1,174 @@
+"""A drive's record: from anybody's columns and units to SI of a linear motion, at even instants."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ballscrew.records.bad_record import BadRecord
+from ballscrew.records.drive_record import checked, read_drive_records
+
+TIME = np.arange(0.0, 2.0, 1e-3)
+MOTION = {"time": TIME, "u": 3 * np.sin(5 * TIME), "x": 0.1 * np.sin(3 * TIME)}
+
+
+def write(path, table, header=None):
+    names = header or ",".join(table)
+    data = np.column_stack(list(table.values()))
+    np.savetxt(path, data, delimiter=",", header=names, comments="", fmt="%.12g")
+    return path
+
+
+def read(path, **options):
+    (record,) = read_drive_records([path], **options)
+    return record
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "size"),
+    [
+        ("time", "ms", 1e-3),
+        ("time", "us", 1e-6),
+        ("time", "min", 60.0),
+        ("x", "mm", 1e-3),
+        ("x", "um", 1e-6),
+        ("x", "2.5e-6*m", 2.5e-6),
+        ("u", "mV", 1e-3),
+        ("u", "-1*V", -1.0),
+        ("i", "mA", 1e-3),
+        ("force", "kN", 1e3),
+    ],
+)
+def test_units_are_said_for_each_column(tmp_path, column, unit, size):
+    given = MOTION | {"i": 0.5 * np.cos(TIME), "force": 2 * np.cos(3 * TIME)}
+    path = write(tmp_path / "a.csv", given | {column: given[column] / size})
+    record = read(path, units={column: unit})
+    np.testing.assert_allclose(record.signals[column], given[column], rtol=1e-9, atol=1e-11)
+    assert record.command == "voltage"
+
+
+@pytest.mark.parametrize(("unit", "per_turn"), [("rad", 2 * math.pi), ("deg", 360.0), ("rev", 1.0)])
+def test_a_rotary_record_becomes_a_linear_one_of_the_same_work(tmp_path, unit, per_turn):
+    lead, torque = 0.005, 0.3 * np.sin(TIME)
+    path = write(tmp_path / "a.csv", MOTION | {"u": torque, "x": MOTION["x"] / lead * per_turn})
+    record = read(path, units={"x": unit, "u": "N*m"}, lead=lead)
+    np.testing.assert_allclose(record.x, MOTION["x"], atol=1e-12)
+    assert record.command == "force"
+    angle = 2 * math.pi * MOTION["x"] / lead
+    np.testing.assert_allclose(
+        np.sum(record.u[1:] * np.diff(record.x)), np.sum(torque[1:] * np.diff(angle)), rtol=1e-9
+    )
+
+
+def test_the_units_that_the_file_says_are_taken_unless_the_user_says_others(tmp_path):
+    table = MOTION | {"time": 1e3 * TIME, "x": 1e3 * MOTION["x"]}
+    path = write(tmp_path / "a.csv", table, "time [ms],u,x [mm]")
+    np.testing.assert_allclose(read(path).x, MOTION["x"], atol=1e-12)
+    np.testing.assert_allclose(read(path, units={"x": "um"}).x, 1e-3 * MOTION["x"], atol=1e-12)
+
+
+def test_the_current_alone_is_a_command_and_a_force_is_one(tmp_path):
+    path = write(tmp_path / "a.csv", {"time": TIME, "i": MOTION["u"], "x": MOTION["x"]})
+    record = read(path)
+    assert record.current_alone
+    assert record.command == "current"
+    path = write(tmp_path / "b.csv", MOTION)
+    record = read(path, units={"u": "N"})
+    assert (record.current_alone, record.command) == (False, "force")
+
+
+@pytest.mark.parametrize(
+    ("units", "words"),
+    [
+        ({"x": "inch"}, "expected one of m, cm, mm, um, nm, rad, deg, rev, or a number of them"),
+        ({"x": "V"}, "--unit x=V: expected one of m"),
+        ({"x": "0*m"}, "--unit x=0[*]m: expected one of m"),
+        ({"speed": "rpm"}, "columns are time, u, x"),
+        ({"x": "deg"}, "say --lead METRES"),
+        ({"u": "N*m"}, "say --lead METRES"),
+    ],
+)
+def test_units_that_make_no_sense_are_refused(tmp_path, units, words):
+    with pytest.raises(BadRecord, match=words):
+        read(write(tmp_path / "a.csv", MOTION), units=units)
+
+
+def test_a_unit_of_the_file_that_nobody_knows_has_to_be_said(tmp_path):
+    lines = [
+        "time,u,x",
+        "s,%,m",
+        *(f"{t:.3f},{u:.6f},{x:.9f}" for t, u, x in zip(*MOTION.values(), strict=True)),
+    ]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(BadRecord, match="the file says that u is in '%'; say --unit u="):
+        read(path)
+    assert read(path, units={"u": "0.01*N"}).u.max() == pytest.approx(0.03, rel=1e-3)
+
+
+@pytest.mark.parametrize("factor", [10.0, 1e3, 1e6])
+def test_slow_records_and_times_that_are_no_seconds_are_refused(factor):
+    if factor == 10.0:  # a motion recorded at 10 Hz
+        signals = {n: np.tile(v[::10], 3) for n, v in MOTION.items()}
+        signals["time"] = 0.1 * np.arange(len(signals["x"]))
+    else:
+        signals = MOTION | {"time": factor * TIME}
+    with pytest.raises(BadRecord, match=r"too slow to see friction, .* --unit time=ms"):
+        checked("mine", signals)
+
+
+def test_missing_repeated_and_jittering_samples_are_put_right_and_said():
+    random = np.random.default_rng(0)
+    time = TIME + 4e-4 * random.uniform(-1, 1, len(TIME))
+    signals = {"time": time, "u": 3 * np.sin(5 * time), "x": 0.1 * np.sin(3 * time)}
+    signals["x"][700] = np.nan
+    keep = np.sort(np.r_[np.delete(np.arange(len(TIME)), [300, 301, 900, 1200]), 500])
+    record = checked("mine", {n: v[keep] for n, v in signals.items()})
+    assert record.step == pytest.approx(1e-3, rel=1e-3)
+    np.testing.assert_allclose(np.diff(record.time), record.step, rtol=1e-9)
+    np.testing.assert_allclose(record.x, 0.1 * np.sin(3 * record.time), atol=2e-6)
+    (note,) = record.notes
+    assert "1 with the stamp of another" in note
+    assert "stamps up to 0.3" in note or "stamps up to 0.4" in note
+    assert "resampled every 1 ms" in note
+
+
+def test_an_even_record_is_left_as_it_is():
+    record = checked("mine", MOTION)
+    assert record.notes == ()
+    np.testing.assert_array_equal(record.x, MOTION["x"])
+
+
+def test_a_slower_instruments_values_stay_where_they_were_when_samples_are_missing():
+    slow = np.full(len(TIME), np.nan)
+    slow[::10] = TIME[::10]
+    keep = np.delete(np.arange(len(TIME)), [301, 302])
+    signals = MOTION | {"temperature": slow}
+    record = checked("mine", {n: v[keep] for n, v in signals.items()})
+    known = np.isfinite(record.signals["temperature"])
+    assert known.sum() == 200
+    np.testing.assert_allclose(record.signals["temperature"][known], record.time[known], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("keep", "words"),
+    [
+        (np.r_[0:500, 550:2000], "a gap of 0.051 s after 0.499 s"),
+        (np.r_[0:500, 499:100:-1, 500:2000], "time goes backwards in row 502"),
+        (np.repeat(np.arange(2000), 2), "its stamps are coarser than the sampling"),
+        (np.flatnonzero(np.arange(2000) % 4 < 2), "uneven sampling"),
+    ],
+)
+def test_times_that_cannot_be_put_right_are_refused(keep, words):
+    with pytest.raises(BadRecord, match=words):
+        checked("mine", {n: v[keep] for n, v in MOTION.items()})
+
+
+def test_a_column_that_is_mostly_empty_is_refused_with_the_line_of_the_first_gap(tmp_path):
+    given = MOTION | {"x": np.where(TIME > 1.5, np.nan, MOTION["x"])}
+    path = write(tmp_path / "a.csv", given)
+    path.write_text(path.read_text().replace("nan", ""))
+    with pytest.raises(BadRecord, match=r"x is empty .* the first in row 1503"):
+        read(path)
