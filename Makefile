@@ -10,6 +10,7 @@ SOURCES := $(shell find ballscrew solver plant controllers fmus orchestration ri
 $(VENV)/installed: $(SOURCES) constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt setuptools wheel
+	rm -rf build  # what an earlier version left there would be installed, too
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[test]"
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-deps --force-reinstall .
 	touch $@

@@ -148,8 +148,10 @@ def _concluded(
     causes = tuple(
         _found_cause(situation, problem, found.choice, name, held) for name in held.order
     )
+    whole = gained(held.none, held.all, held.limits)
+    holds = whole.interval[0] > 0.0 and held.all.position_rms <= held.none.position_rms
     verdict = NONE
-    if best.rivals:
+    if best.rivals or (causes and not holds):
         verdict = PARTLY if causes else UNEXPLAINED
     elif causes:
         verdict = EXPLAINED
@@ -164,7 +166,6 @@ def _concluded(
     cell = witness(courses, believed, model, added_by(on_block, in_the_plant, courses).force)
     if cell is None and any("force" in r.signals for r in records):
         notes.append("the load cell's `force` is not used: the model does not say where it sits")
-    whole = gained(held.none, held.all, held.limits)
     predicted = np.concatenate([opposing(c, believed) for c in courses])
     lives = {r.name: r.lives for r in rivals(courses[:1], situation.model)}
     curves = Curves(

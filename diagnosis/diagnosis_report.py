@@ -18,8 +18,8 @@ from .load_cell import Witness
 
 REPORT = "report.html"
 DOES_NOT_HOLD = (
-    "What was found does not hold on data held out: there it is worse than the adjusted model, and "
-    "must not be relied on."
+    "What was found does not hold on data held out: there it may be worse than the adjusted model, "
+    "and must not be relied on."
 )
 _NOT_SHOWN = 1e-9  # relative change of a value that is as believed
 
@@ -44,11 +44,13 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == EXPLAINED:
         return f"{named} what the model gets wrong; no structure beyond noise is left."
-    if diagnosis.verdict == PARTLY:
+    if diagnosis.verdict == PARTLY and diagnosis.unnamed:
         return (
             f"{named} part of what the model gets wrong; structure is left that no cause "
             f"of the catalogue has: it lives {lives}."
         )
+    if diagnosis.verdict == PARTLY:
+        return f"{named} the data best, and this does not hold: on data held out it may be worse."
     return (
         "The model gets something wrong that no cause of the catalogue explains; the structure "
         f"lives {lives}."
@@ -56,10 +58,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 
 def does_not_hold(diagnosis: Diagnosis) -> bool:
-    """Whether, on data held out, what was found is worse than the model without it."""
+    """Whether, on data held out, what was found may be worse than the model without it."""
     before, after = diagnosis.adjusted_residual, diagnosis.final_residual
     found = bool(diagnosis.causes or diagnosis.unnamed)
-    return found and (after.force > before.force or after.position > before.position)
+    return found and (diagnosis.gain_interval[0] <= 0.0 or after.position > before.position)
 
 
 def rig_command(trial: str) -> str:

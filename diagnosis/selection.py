@@ -108,7 +108,11 @@ def state_problem(
         (CAUSES[c.name], c.shape.values) for c in found if not c.is_rival and CAUSES[c.name].refined
     ]
     shapes = in_threads(lambda one: one[0].at(courses, model, one[1]), asked)
-    named = [(cause.name, s, False) for (cause, _), s in zip(asked, shapes, strict=True)]
+    named = [
+        (cause.name, s, False)
+        for (cause, _), s in zip(asked, shapes, strict=True)
+        if not s.freed or s.freed in names  # a value that is certain is no cause
+    ]
     named += [(r.name, shape, True) for r in rivals(courses, model) for shape in r.shapes]
     shown = in_threads(lambda n: None if n[1].freed else response(courses, made, n[1]), named)
     for (name, shape, is_rival), block in zip(named, shown, strict=True):

@@ -220,7 +220,7 @@ def test_a_machines_export_is_diagnosed_as_the_same_record_in_si_units(tmp_path)
         lines.append(f"{1e3 * t:.9g};{torque:.12g};{angle:.12g};".replace(".", ","))
     export.write_bytes("\r\n".join(lines).encode("latin-1"))
     params = tmp_path / "drive.toml"
-    params.write_text(DRIVE + "[tolerance]\nsigma2 = 0\n")
+    params.write_text(DRIVE + "[tolerance]\nsigma2 = 0\nm = 0\n")
     told = []
     names = ("--map", "1=time", "--map", "Torque=u", "--map", "Actual position=x")
     for file, more in ((plain, ("--unit", "u=N")), (export, (*names, "--lead", lead))):
@@ -234,7 +234,7 @@ def test_a_machines_export_is_diagnosed_as_the_same_record_in_si_units(tmp_path)
     assert one["baseline_residual"] == pytest.approx(other["baseline_residual"], rel=1e-3)
     # a tolerance of zero holds a value
     assert "sigma2" not in one["adjustments"]
-    assert "m" in one["adjustments"]
+    assert "m" not in one["adjustments"]
     written = read_parameters(tmp_path / "plain" / "parameters.toml")
     assert written.plant["sigma2"].value == 20.0
 
