@@ -29,6 +29,7 @@ from .diagnosis import (
     Level,
     NextExperiment,
     OutOfReach,
+    holds,
 )
 from .drive_model import DriveModel
 from .evidence import conditioned, fit
@@ -149,9 +150,9 @@ def _concluded(
         _found_cause(situation, problem, found.choice, name, held) for name in held.order
     )
     whole = gained(held.none, held.all, held.limits)
-    holds = whole.interval[0] > 0.0 and held.all.position_rms <= held.none.position_rms
+    adjusted, final = _level(held.none), _level(held.all)
     verdict = NONE
-    if best.rivals or (causes and not holds):
+    if best.rivals or (causes and not holds(whole.interval, adjusted, final)):
         verdict = PARTLY if causes else UNEXPLAINED
     elif causes:
         verdict = EXPLAINED
@@ -188,8 +189,8 @@ def _concluded(
         where=_where(found, _level(baseline), _level(lowest), lives),
         floor=_level(lowest),
         baseline_residual=_level(baseline),
-        adjusted_residual=_level(held.none),
-        final_residual=_level(held.all),
+        adjusted_residual=adjusted,
+        final_residual=final,
         gain_interval=whole.interval,
         held_out=held.parts,
         causes=causes,

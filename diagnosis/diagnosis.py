@@ -36,6 +36,19 @@ class Level:
     position: float
 
 
+def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bool:
+    """Whether what was found is certainly better, on data held out, than the model without it.
+
+    Parameters
+    ----------
+    gain_interval : tuple of float
+        95 % of the share of the mean square in force that goes.
+    before, after : Level
+        The residual on those data without and with what was found.
+    """
+    return gain_interval[0] > 0.0 and after.position <= before.position
+
+
 @dataclass(frozen=True)
 class FoundCause:
     """A cause that was named.

@@ -12,7 +12,7 @@ from ..solver.kernel_cache import write_atomically
 from .causes import CAUSES
 from .closed_loop_effect import CONTROLLER, SETPOINT, STOP, ClosedLoopEffect, LoopCourse
 from .diagnose import UNITS
-from .diagnosis import EXPLAINED, NONE, PARTLY, Diagnosis, FoundCause, Level, names_of
+from .diagnosis import EXPLAINED, NONE, PARTLY, Diagnosis, FoundCause, Level, holds, names_of
 from .diagnosis_pictures import drawn, pictures_of, pictures_of_loop
 from .load_cell import Witness
 
@@ -59,9 +59,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 def does_not_hold(diagnosis: Diagnosis) -> bool:
     """Whether, on data held out, what was found may be worse than the model without it."""
-    before, after = diagnosis.adjusted_residual, diagnosis.final_residual
     found = bool(diagnosis.causes or diagnosis.unnamed)
-    return found and (diagnosis.gain_interval[0] <= 0.0 or after.position > before.position)
+    levels = diagnosis.adjusted_residual, diagnosis.final_residual
+    return found and not holds(diagnosis.gain_interval, *levels)
 
 
 def rig_command(trial: str) -> str:

@@ -14,12 +14,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers 
 
 import argparse
 import hashlib
-import json
 import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -46,6 +44,7 @@ from hidden_trials import (  # noqa: E402
     run_trial,
 )
 from provenance import git, provenance  # noqa: E402
+from resumed_trials import read_rows, run_all  # noqa: E402
 
 from ballscrew.orchestration.closed_loop import write_json  # noqa: E402
 from ballscrew.orchestration.pictures import STYLE, new_figure, write_figure  # noqa: E402
@@ -264,28 +263,6 @@ def in_turn(trials: list[Trial]) -> list[Trial]:
     return [t for _, t in sorted(places, key=lambda p: p[0])]
 
 
-def read_rows(path: Path, code: str) -> list[Row]:
-    """The trials that an earlier call of the same code has written."""
-    if not path.exists():
-        return []
-    read = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
-    return [Row(**r["row"]) for r in read if r["code"] == code]
-
-
-def run_all(trials: list[Trial], workers: int, path: Path, code: str) -> Iterator[Row]:
-    """The trials' rows as they come, kept in a file."""
-    draw_case(("none",), 0)  # compiled once, before there are several processes
-    with (
-        path.open("a", encoding="utf-8") as file,
-        ProcessPoolExecutor(max_workers=workers) as pool,
-    ):
-        for future in as_completed([pool.submit(run_trial, t) for t in trials]):
-            row = future.result()
-            file.write(json.dumps({"code": code, "row": asdict(row)}) + "\n")
-            file.flush()
-            yield row
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=SAMPLED, help="of every cause")
@@ -304,12 +281,14 @@ def main() -> int:
     code = code_digest()
     options.rows.parent.mkdir(parents=True, exist_ok=True)
     keys = {t.key for t in trials}
-    rows = [r for r in read_rows(options.rows, code) if r.key in keys] if options.resume else []
+    rows = read_rows(options.rows, code, keys, Row) if options.resume else []
     if not options.resume:
         options.rows.unlink(missing_ok=True)
     done = {r.key for r in rows}
     left = [t for t in in_turn(trials) if t.key not in done]
-    for count, row in enumerate(run_all(left, options.workers, options.rows, code), start=1):
+    draw_case(("none",), 0)  # compiled once, before there are several processes
+    coming = run_all(left, run_trial, options.workers, options.rows, code)
+    for count, row in enumerate(coming, start=1):
         rows.append(row)
         answer = ", ".join(row.named) or row.failure or row.verdict
         mark = "right" if row.right else "WRONG"

@@ -16,11 +16,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers 
 
 import argparse
 import hashlib
-import json
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -32,6 +30,7 @@ TARGET = ROOT / "docs" / "proof" / "diagnosis_worlds.json"
 ROWS = ROOT / "out" / "diagnosis_worlds.jsonl"
 
 from provenance import git  # noqa: E402
+from resumed_trials import read_rows, run_all  # noqa: E402
 from worlds import CATALOGUE, WORLDS, draw_case  # noqa: E402
 from worlds import OUTSIDE as NOT_IN_CATALOGUE  # noqa: E402
 from worlds_trials import (  # noqa: E402
@@ -45,7 +44,6 @@ from worlds_trials import (  # noqa: E402
     UNUSABLE,
     VISIBLE,
     Row,
-    Trial,
     plan_trials,
     run_trial,
 )
@@ -239,28 +237,6 @@ def save_matrices(rows: list[Row], target: Path) -> None:
         draw_confusion(list(matrix), answers, counts, target.with_name(f"{target.stem}_{world}"))
 
 
-def read_rows(path: Path, code: str, keys: set[str]) -> list[Row]:
-    """The trials that an earlier call of the same code has written."""
-    if not path.exists():
-        return []
-    read = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
-    return [Row(**r["row"]) for r in read if r["code"] == code and r["row"]["key"] in keys]
-
-
-def run_all(trials: list[Trial], workers: int, path: Path, code: str) -> Iterator[Row]:
-    """The trials' rows as they come, kept in a file."""
-    draw_case("fast_screw", ("load_bias",), 0)  # compiled once, before there are several processes
-    with (
-        path.open("a", encoding="utf-8") as file,
-        ProcessPoolExecutor(max_workers=workers) as pool,
-    ):
-        for future in as_completed([pool.submit(run_trial, t) for t in trials]):
-            row = future.result()
-            file.write(json.dumps({"code": code, "row": asdict(row)}) + "\n")
-            file.flush()
-            yield row
-
-
 def tell(rows: list[Row]) -> bool:
     """Print what is required and what was found, worst world first; whether all of it is met."""
     judged = [r.judge(rows) for r in requirements(worst_first(rows))]
@@ -297,12 +273,14 @@ def main() -> int:
     code = code_digest()
     options.rows.parent.mkdir(parents=True, exist_ok=True)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    rows = read_rows(options.rows, code, {t.key for t in trials}) if options.resume else []
+    rows = read_rows(options.rows, code, {t.key for t in trials}, Row) if options.resume else []
     if not options.resume:
         options.rows.unlink(missing_ok=True)
     done = {r.key for r in rows}
     left = [t for t in trials if t.key not in done]
-    for count, row in enumerate(run_all(left, options.workers, options.rows, code), start=1):
+    draw_case("fast_screw", ("load_bias",), 0)  # compiled once, before there are several processes
+    coming = run_all(left, run_trial, options.workers, options.rows, code)
+    for count, row in enumerate(coming, start=1):
         rows.append(row)
         mark = "WRONG" if row.wrong else "right" if row.right_first else "silent"
         answer = ", ".join(row.said) or row.message or row.verdict
