@@ -57,7 +57,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         description="Simulate the model you believe on what was recorded, name what it lacks, and "
         "measure the gain on data held out. Writes diagnosis.json, report.html, curves.parquet, a "
         "picture, the corrected values as parameters.toml, and where causes are found "
-        "extended_plant.fmu. Exit code 1: structure is left that no cause explains.",
+        "extended_plant.fmu. Exit code 1: structure is left that no cause explains, or what "
+        "was found does not hold on data held out.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
