@@ -27,9 +27,10 @@ NAMES = (
     "classical",
 )
 _EXAMPLES = """DATA are folders that `ballscrew rig` wrote, or CSV or MAT files with the columns
-time [s], force [N] (on the block, positive in +x) and x [m] or x_fine [m]. Separators, decimal
-commas, lines before the table and a line of units are found by themselves; a column without a name
-goes by its number. A rotary drive has x in rad, deg or rev and its torque as force.
+time [s], force [N] (on the block, positive in +x) and x [m], x_fine [m] or v [m/s]. Separators,
+decimal commas, lines before the table and a line of units are found by themselves; a column without
+a name goes by its number. A rotary drive has x in rad, deg or rev, or v in rpm, and its torque as
+force.
 
 examples:
   ballscrew identify out/trials --law modified_lugre --out out/identified

@@ -122,6 +122,7 @@ def smooth_motion(
     later: float = 0.0,
     from_rest: bool = False,
     like: Motion | None = None,
+    counted: bool = True,
 ) -> Motion:
     """Position, velocity and acceleration from samples of the position.
 
@@ -138,6 +139,8 @@ def smooth_motion(
         Whether the body was at rest before the first sample.
     like : Motion, optional
         A motion whose noise, counts, held samples and strength of smoothing are taken over.
+    counted : bool, optional
+        Whether the position may be that of an encoder; an integral of counted velocities is not.
     """
     given = later
     before = _REST if from_rest else 0
@@ -147,7 +150,7 @@ def smooth_motion(
         count, noise = like.count, like.noise
         held = np.concatenate([np.arange(before), before + like.held]) if before else like.held
     else:
-        count = count_size(position)
+        count = count_size(position) if counted else 0.0
         held = held_samples(position)
         noise = fast_noise(position[held])
     later -= (
@@ -315,7 +318,13 @@ def estimate_friction(record: Record) -> FrictionEstimate:
         count = 0.0
     force_noise = max(force_noise, count / math.sqrt(12))
     from_rest = abs(float(np.mean(record.force[:5]))) < 3 * max(force_noise, 1e-9)
-    motion = smooth_motion(record.position, record.step, lag_position - lag_force, from_rest)
+    motion = smooth_motion(
+        record.position,
+        record.step,
+        lag_position - lag_force,
+        from_rest,
+        counted=not record.velocity_alone,
+    )
     friction = record.force - record.mass * motion.a
     bend = record.mass * fast_noise(motion.a)
     noise = math.hypot(force_noise, bend)

@@ -16,6 +16,7 @@ from ..orchestration.closed_loop import write_json
 from ..orchestration.parameter_file import ParameterFile, Value
 from ..plant.law import law as friction_law
 from ..records.force_record import Record
+from ..records.velocity import INTEGRATED
 from ..solver.component import ForceTerm, symbol
 from .along_record import LAWS, Course, Fit, fit_along, lay_out
 from .bliman_sorine_map import NoSolution, map_points, read_points
@@ -214,6 +215,8 @@ def identify(
             f"reach {pull:.3g} N, samples come every {strangers[0].step:.3g} s: if that is not so, "
             "say the units"
         )
+    if any(r.velocity_alone for r in records):
+        notes.append(INTEGRATED)
     if law == "classical":
         notes.append(
             f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "

@@ -14,6 +14,8 @@ from .bad_record import BadRecord
 from .resolution import encoder_count
 from .sampling import evened
 from .table import in_si, read_table, renamed
+from .velocity import INTEGRATED, VELOCITY, columns_wanted, with_position
+from .velocity import QUANTITIES as VELOCITIES
 
 Vector = npt.NDArray[np.float64]
 
@@ -22,6 +24,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "time": ("time",),
     "u": (VOLTAGE, CURRENT, FORCE, "torque"),
     "x": ("length", "angle"),
+    VELOCITY: VELOCITIES,
     "i": (CURRENT,),
     "force": (FORCE, "torque"),
     "x_ref": ("length", "angle"),
@@ -44,8 +47,8 @@ class DriveRecord:
     ----------
     name : str
     signals : mapping of str to ndarray, shape (n,)
-        Columns by name, SI; ``time``, ``x`` and one of ``u`` and ``i`` are always there. What was
-        recorded at a lower rate is NaN in between.
+        Columns by name, SI; ``time``, ``x`` and one of ``u`` and ``i`` are always there, and ``v``
+        where `x` is its integral. What was recorded at a lower rate is NaN in between.
     step : float
         Sampling interval [s].
     command : {"voltage", "current", "force"}
@@ -78,10 +81,15 @@ class DriveRecord:
     def x(self) -> Vector:
         return self.signals["x"]
 
+    @property
+    def velocity_alone(self) -> bool:
+        """Whether the velocity was recorded and no position."""
+        return VELOCITY in self.signals
+
     @cached_property
     def count(self) -> float:
         """Step of a counted position [m]; 0 if it is not counted."""
-        return encoder_count(self.x)
+        return 0.0 if self.velocity_alone else encoder_count(self.x)
 
 
 def read_drive_records(
@@ -115,11 +123,12 @@ def _read(
     path: Path, mapping: Mapping[str, str], units: Mapping[str, str], lead: float | None
 ) -> DriveRecord:
     file = path / "record.csv" if path.is_dir() else path
+    found = read_table(file)
     table = renamed(
-        read_table(file),
+        found,
         mapping,
-        list(QUANTITIES),
-        [("time",), ("u", "i"), ("x",)],
+        columns_wanted(found, mapping, QUANTITIES),
+        [("time",), ("u", "i"), ("x", VELOCITY)],
         "; leave cells empty where a slower instrument has no value",
     )
     signals, measured = in_si(table, units, QUANTITIES, lead)
@@ -140,7 +149,7 @@ def checked(
     ----------
     name : str
     signals : mapping of str to ndarray, shape (n,)
-        ``time``, ``x``, and ``u`` or ``i``; perhaps others.
+        ``time``, ``x`` or ``v``, and ``u`` or ``i``; perhaps others.
     command : {"voltage", "current", "force"}, optional
         What `u` is.
     row : function of int, optional
@@ -152,7 +161,8 @@ def checked(
         If they cannot be a drive's record.
     """
     signals = {n: np.asarray(v, dtype=float) for n, v in signals.items()}
-    needed = ("time", "u" if "u" in signals else "i", "x")
+    motion = "x" if "x" in signals else VELOCITY
+    needed = ("time", "u" if "u" in signals else "i", motion)
     samples = len(signals["time"])
     known = np.ones(samples, dtype=bool)
     for column in needed:
@@ -182,18 +192,23 @@ def checked(
     lasts = float(signals["time"][-1] - signals["time"][0])
     if lasts < _SHORTEST:
         raise BadRecord(f"{name}: lasts {lasts:.3g} s, expected at least {_SHORTEST:g} s")
-    _check_size(name, "x", float(np.ptp(signals["x"])), _LARGEST_WAY, "m", "mm")
+    signals = with_position(signals, step)
+    notes = [said] if said else []
+    if motion == VELOCITY:
+        notes.append(INTEGRATED)
+    unit, other = ("m", "mm") if motion == "x" else ("m/s", "rpm")
+    _check_size(name, motion, float(np.ptp(signals["x"])), _LARGEST_WAY, unit, other)
     if "u" in signals:
         unit, other = {VOLTAGE: ("V", "mV"), CURRENT: ("A", "mA"), FORCE: ("N", "mN")}[command]
         _check_size(name, "u", float(np.abs(signals["u"]).max()), _LARGEST[command], unit, other)
     if "i" in signals:
         _check_size(name, "i", float(np.nanmax(np.abs(signals["i"]))), _LARGEST[CURRENT], "A", "mA")
-    return DriveRecord(name, signals, step, command, (f"{name}: {said}",) if said else ())
+    return DriveRecord(name, signals, step, command, tuple(f"{name}: {n}" for n in notes))
 
 
 def _check_size(name: str, column: str, size: float, largest: float, unit: str, other: str) -> None:
     if size > largest:
         raise BadRecord(
-            f"{name}: {column} covers {size:.4g}, too much for {unit}; if it is in another unit, "
-            f"say so, as --unit {column}={other}"
+            f"{name}: {column} covers {size:.4g}{' m' if column == VELOCITY else ''}, too much for "
+            f"{unit}; if it is in another unit, say so, as --unit {column}={other}"
         )

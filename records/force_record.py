@@ -21,6 +21,8 @@ from scipy.stats import t as student
 from .bad_record import BadRecord
 from .sampling import JITTER, check_forwards
 from .table import Table, in_si, read_table, renamed
+from .velocity import INTEGRATED, VELOCITY, columns_wanted, with_position
+from .velocity import QUANTITIES as VELOCITIES
 
 Vector = npt.NDArray[np.float64]
 
@@ -28,6 +30,7 @@ QUANTITIES = {
     "time": ("time",),
     "x": ("length", "angle"),
     "x_fine": ("length",),
+    VELOCITY: VELOCITIES,
     "force": ("force", "torque"),
     "u": ("voltage",),
     "v_ref": ("velocity", "angular velocity"),
@@ -38,11 +41,16 @@ LEAST_SAMPLES = 20
 FINE_RANGE = 1e-4  # of a fine position beside a coarse one; calibrated over 70 um [m]
 # Beyond these a column is refused unless its unit is said: range, and the unit it looks like. The
 # thread of the screw is 0.262 m long.
-_LARGEST = {"x": (0.3, "mm"), "x_fine": (0.02, "um"), "force": (2e3, "mN")}
+_LARGEST = {
+    "x": (0.3, "mm"),
+    "x_fine": (0.02, "um"),
+    VELOCITY: (0.3, "mm/s"),  # of its integral
+    "force": (2e3, "mN"),
+}
 _SMALLEST = {"force": (2e-3, "kN")}
 _UNSAID_GAIN_DOUBT = 0.01  # of a fine position whose calibration is not told
 _LONGEST_STEP = 0.5  # [s]
-_SI = {"x": "m", "x_fine": "m", "force": "N"}
+_SI = {"x": "m", "x_fine": "m", VELOCITY: "m/s", "force": "N"}
 
 
 @dataclass(frozen=True)
@@ -53,7 +61,8 @@ class Record:
     ----------
     name : str
     signals : mapping of str to ndarray, shape (n,)
-        Columns by name, SI units: ``time``, ``force`` and ``x`` or ``x_fine`` are always there.
+        Columns by name, SI units: ``time``, ``force`` and ``x`` or ``x_fine`` are always there, and
+        ``v`` where `x` is its integral.
     step : float
         Sampling interval [s].
     mass : float
@@ -87,6 +96,11 @@ class Record:
     @property
     def force(self) -> Vector:
         return self.signals["force"]
+
+    @property
+    def velocity_alone(self) -> bool:
+        """Whether the velocity was recorded and no position."""
+        return VELOCITY in self.signals
 
     @property
     def position_name(self) -> str:
@@ -158,19 +172,22 @@ def read_record(
     if path.is_dir():
         file = path / "record.csv"
         about = _read_about(path / "trial.json")
+    found = read_table(file)
     table = renamed(
-        read_table(file),
+        found,
         mapping,
-        list(QUANTITIES),
-        (("time",), ("force",), ("x", "x_fine")),
+        columns_wanted(found, mapping, QUANTITIES),
+        (("time",), ("force",), ("x", "x_fine", VELOCITY)),
         ": recorded at different rates? Bring them to one rate first",
     )
     _check_numbers(path, table)
     said = {*units, *table.units}
     signals, _ = in_si(table, units, QUANTITIES, lead)
     step = _check_time(path, signals["time"], "time" in said, table)
-    for name, values in signals.items():
-        _check_unit(path, name, values, name in said)
+    signals = with_position(signals, step)
+    for name in signals.keys() - {VELOCITY}:
+        theirs = VELOCITY if name == "x" and VELOCITY in signals else name
+        _check_unit(path, theirs, signals[name], theirs in said)
     if mass is None:
         mass = _rig_mass(about)
     if not (math.isfinite(mass) and mass >= 0):
@@ -194,7 +211,9 @@ def with_description(
     BadRecord
         If `about` is not what a rig writes.
     """
-    notes = () if about else ("no trial.json: all columns are taken to have the same lag",)
+    notes = [] if about else ["no trial.json: all columns are taken to have the same lag"]
+    if VELOCITY in signals:
+        notes.append(INTEGRATED)
     record = Record(
         name,
         signals,
@@ -203,7 +222,7 @@ def with_description(
         _lags(about),
         delay_doubt=step / math.sqrt(12),
         about=about,
-        notes=notes,
+        notes=tuple(notes),
     )
     if record.position_name != "x_fine":
         return record
@@ -329,10 +348,11 @@ def _check_unit(path: Path, name: str, values: Vector, said: bool) -> None:
         return
     unit = _SI[name]
     span = float(np.ptp(values)) if name != "force" else float(np.abs(values).max())
+    way = " m" if name == VELOCITY else ""
     limit, other = _LARGEST[name]
     if span > limit:
         raise BadRecord(
-            f"{path}: {name} covers {span:.4g}, too much for {unit}; if it is in {other} say "
+            f"{path}: {name} covers {span:.4g}{way}, too much for {unit}; if it is in {other} say "
             f"--unit {name}={other}, if it is in {unit} say --unit {name}={unit}"
         )
     limit, other = _SMALLEST.get(name, (0.0, ""))

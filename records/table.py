@@ -181,7 +181,8 @@ def renamed(
     for wanted, *others in needed:
         if not {wanted, *others} & theirs_of.keys():
             raise BadRecord(
-                f"{path}: has no column {wanted!r}{near(wanted, columns)}; there are "
+                f"{path}: has no column {' nor '.join(map(repr, (wanted, *others)))}"
+                f"{near(wanted, columns)}; there are "
                 f"{there}; use --map theirs={wanted}"
             )
     named = {n: columns[theirs_of[n]] for n in known if n in theirs_of}

@@ -55,7 +55,7 @@ _SPELLINGS = {
     "volt": "V",
     "volts": "V",
 }
-_SIZED = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\*(.+)")
+_SIZED = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)(?:\s*\*\s*|\s+)(.+)")
 
 
 def spelt(unit: str) -> str:
@@ -82,7 +82,7 @@ class Conversion:
     def __init__(
         self, column: str, text: str, quantities: Sequence[str], lead: float | None
     ) -> None:
-        """Read a unit, or a number of units such as ``2.5e-6*m``.
+        """Read a unit, or a number of units such as ``2.5e-6*m`` or ``9.84e-5 N*m``.
 
         Parameters
         ----------

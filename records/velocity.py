@@ -1,0 +1,56 @@
+"""Records whose instrument gave the velocity and not the position, as motor controllers do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import numpy.typing as npt
+from scipy.integrate import cumulative_trapezoid
+
+from .table import Table
+
+Vector = npt.NDArray[np.float64]
+
+VELOCITY = "v"
+QUANTITIES = ("velocity", "angular velocity")
+INTEGRATED = (
+    "x is the integral of v: where the motion began is not known, and errors of v add up, so that "
+    "nothing is to be told by the place"
+)
+_POSITIONS = {"x", "x_fine"}
+
+
+def columns_wanted(table: Table, mapping: Mapping[str, str], known: Iterable[str]) -> list[str]:
+    """Our names without the velocity, where the file has a position and nobody mapped a velocity.
+
+    Parameters
+    ----------
+    table : Table
+        Under the file's names.
+    mapping : mapping of str to str
+        ``theirs -> ours``.
+    known : iterable of str
+        Our names.
+    """
+    measured = _POSITIONS & {*table.columns, *mapping.values()}
+    needless = measured and VELOCITY not in mapping.values()
+    return [n for n in known if n != VELOCITY or not needless]
+
+
+def with_position(signals: Mapping[str, Vector], step: float) -> dict[str, Vector]:
+    """Signals with the integral of ``v`` as ``x``; without ``v`` where a position was recorded.
+
+    The integral is linear between samples and begins at zero.
+
+    Parameters
+    ----------
+    signals : mapping of str to ndarray, shape (n,)
+        At even instants; [m/s].
+    step : float
+        Sampling interval [s].
+    """
+    if _POSITIONS & signals.keys():
+        return {n: s for n, s in signals.items() if n != VELOCITY}
+    x = cumulative_trapezoid(signals[VELOCITY], dx=step, initial=0.0)
+    return {**signals, "x": np.asarray(x, dtype=float)}
