@@ -27,11 +27,12 @@ if TYPE_CHECKING:
     from .solver.component import Component
 
 _EXAMPLES = """DATA are CSV, MAT or Parquet files with the columns time [s], u [V] and x [m], or
-v [m/s] where no position was recorded, and i [A] where it was measured; several are one study. Separators,
-decimal commas, lines before the table and a line of units are found by themselves; a column without
-a name goes by its number. With kind = "drive", u may be a force or a torque, as in --unit u=N. FILE.toml says what you believe, see
-docs/parameters.md: kind ("ball_screw" or "drive"), law, [plant] in SI units and [tolerance], the
-relative doubt of each value (default half of its interval, else 0.03).
+v [m/s] where no position was recorded, and i [A] where it was measured; several are one study.
+Separators, decimal commas, lines before the table and a line of units are found by themselves; a
+column without a name goes by its number. With kind = "drive", u may be a force or a torque, as in
+--unit u=N. FILE.toml says what you believe, see docs/parameters.md: kind ("ball_screw" or "drive"),
+law, [plant] in SI units and [tolerance], the relative doubt of each value (default half of its
+interval, else 0.03).
 
 examples:
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis

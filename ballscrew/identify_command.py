@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from .supervision import tell
 if TYPE_CHECKING:
     from .diagnosis.identification import Identification
     from .diagnosis.intervals import Interval
+    from .orchestration.parameter_file import ParameterFile
 
 NAMES = (
     "lugre",
@@ -39,6 +41,7 @@ examples:
   ballscrew identify drive.csv --law lugre --map "Pos. [deg]=x" --map Torque=force \
     --unit force=mN*m --lead 0.005 --out out/drive
   ballscrew identify run.mat --law lugre --map qm=x --map t=time --mass 95 --out out/emps
+  ballscrew identify a.csv b.csv --law classical --offset --fix Vs=1e-3 --out out/loaded
 """
 
 
@@ -63,6 +66,20 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "--mass",
         metavar="KG",
         help="mass between load cell and block (default m of --params, the rig's, or 1)",
+    )
+    add(
+        "--fix",
+        action="append",
+        default=[],
+        metavar="NAME[=VALUE]",
+        help="hold a parameter of the law, or the offset, at a value in SI units (default that of "
+        "--params)",
+    )
+    add(
+        "--offset",
+        action="store_true",
+        help="fit a constant force, too: a load, or the zero of the load cell; positive against "
+        "motion in +x",
     )
     add_params(add, "what is known; the written file keeps what these records do not tell")
     add("--json", action="store_true", help="print the result as JSON")
@@ -90,6 +107,13 @@ def _identify(options: argparse.Namespace) -> int:
             model = believed(told)
         if mass is None and "m" in told.plant:
             mass = model.values["m"]
+    fixed = _fixed(options.fix, told)
+    from .diagnosis.identification import CannotHold, check_held, identify
+
+    try:
+        check_held(options.law, fixed, options.offset)
+    except CannotHold as error:
+        raise BadRequest(f"--fix, --offset: {error}") from error
     try:
         records = read_records(
             options.data, columns.mapping, columns.units, mass, columns.lead_with(told)
@@ -97,10 +121,8 @@ def _identify(options: argparse.Namespace) -> int:
     except BadRecord as error:
         raise BadRequest(str(error)) from error
     _prepare(options.out, [*options.data, options.params])
-    from .diagnosis.identification import identify
-
     tell(f"fitting {options.law}")
-    result = identify(records, options.law, told)
+    result = identify(records, options.law, told, fixed, options.offset)
     _save(options.out, result.save)
     if options.json:
         print(json.dumps(result.to_dict()))
@@ -122,13 +144,31 @@ def _identify(options: argparse.Namespace) -> int:
     return TRUSTED if result.believed else NOT_TRUSTED
 
 
+def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]:
+    """Values of ``--fix``; those without one are of the parameter file."""
+    from .cli import BadRequest, _named, _number
+
+    given = _named("--fix", [t for t in texts if "=" in t], "NAME=VALUE")
+    fixed = {name: _number(f"--fix {name}", text) for name, text in given.items()}
+    for name in (t for t in texts if "=" not in t):
+        if name in fixed:
+            raise BadRequest(f"--fix {name} is given twice; expected once")
+        if told is None or name not in told.plant:
+            raise BadRequest(
+                f"--fix {name}: nobody says its value; say --fix {name}=VALUE, or give {name} in "
+                "--params"
+            )
+        fixed[name] = told.plant[name].value
+    return fixed
+
+
 def _table(result: Identification) -> str:
     lines = [f"{'parameter':<14}{'value':>13}  {'95 % interval':<28}{'unit':<8}"]
     for name, i in result.parameters.items():
-        word = "" if i.identified else "not identified"
+        word = "held" if name in result.fixed else "" if i.identified else "not identified"
         lines.append(f"{name:<14}{i.value:>13.6g}  {_interval(i):<28}{i.unit:<8}{word}".rstrip())
     for side, table in result.per_direction.items():
-        values = ", ".join(f"{n} {i.value:.5g}" for n, i in table.items())
+        values = ", ".join(f"{n} {i.value:.5g} ({_interval(i)})" for n, i in table.items())
         lines.append(f"{side}: {values}")
     lines.append(
         f"noise of the load cell {result.fit.noise:.3g} N, unexplained {result.unexplained:.3g} N"

@@ -9,13 +9,14 @@ over displacement. Unknown besides the law's parameters, each with the spread th
 - the displacement of each record before its first sample, of the size of the position's error, or
   free where a record does not begin without force;
 - the scale of each record's position, where its sensor was calibrated with an error;
-- how fast each record's body is shaken to and fro below what its position shows.
+- how fast each record's body is shaken to and fro below what its position shows;
+- if asked for, a constant force beside the friction, a load or the zero of the load cell.
 
 The classical law says nothing of a block that sticks: there only the largest force before each
 break-away counts, which is Fs.
 
 The maximum is found by Fisher scoring on the logarithms of the parameters, or on coordinates that
-suit the law better, see `values_of`. Standard errors come
+suit the law better, see `values_of`. What is known may be held. Standard errors come
 from the scores of pieces of the records (the piece is the unit of what is independent, so that
 residuals that hang together within it are accounted for), corrected for their leverage, with
 Student's t for their number; they are never smaller than what the likelihood says when it is not
@@ -35,18 +36,22 @@ from scipy.stats import t as student
 from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ..records.force_record import Record
 from .friction_estimation import FrictionEstimate, Motion, estimate_friction
-from .intervals import CONFIDENCE, Interval, is_narrow
+from .intervals import CONFIDENCE, NARROW, Interval, is_narrow
 from .law_along_record import ELEMENTS, KINDS, STATES, friction_along, score
 from .replay import replayed, with_play
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
+OFFSET = "offset"
+"""Name of the constant force [N], against motion in +x as the plants have it."""
 SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; no record here says anything of it
 PIECE = 1.0  # length of what is taken as independent [s]
 _WALD = 0.25  # reach in logarithms beyond which the profile is followed
 OWN = 4  # unknowns that each record has for itself: displacement, scale twice, shaking
 _WIDE = 3.0  # spread of the logarithm of a parameter of which nothing is known
+_WIDE_OFFSET = 10.0  # spread of a constant force of which nothing is known, in the largest force
+_CERTAIN = 1e-9  # spread of what is held
 _FREE_SHIFT = 1e-3  # [m]
 _SHAKING = 5e-7  # spread of a motion below what sensors show [m/s]: 0.05 um at some hertz
 # Share of the largest force: what changes by more in a sampling interval hardly counts, since the
@@ -77,6 +82,7 @@ EXAMPLES = 12  # of what rebuilding a motion does
 _LONGEST_TOGETHER = 100.0  # samples whose position is wrong in the same way
 _CORNER = 1.3  # the smoothed position is less certain where a motion begins
 _UNSEEN = 0.3  # share of a sample's change of force that the course between samples may hide
+_FROM_PIECES = "maximum likelihood, errors from pieces of the records"
 _STEP = 1e-4  # of finite differences, in logarithms
 _LONGEST_MOVE = 0.7  # of one iteration, in logarithms
 _UNTIL_COMPARED = 12  # iterations from each first guess: with five the wrong one may be ahead
@@ -90,12 +96,15 @@ class Law:
     ----------
     directional : bool
         Whether either direction has parameters of its own.
+    offset : bool
+        Whether a constant force is fitted beside it.
     """
 
     name: str
     parameters: tuple[str, ...]
     units: tuple[str, ...]
     directional: bool = False
+    offset: bool = False
 
 
 _LUGRE = ("sigma0", "sigma1", "sigma2", "Fc", "Fs", "Vs")
@@ -125,12 +134,17 @@ def values_of(law: Law, coordinates: Vector) -> Vector:
     their difference and f2*(1 - eta) hardly change: these two, eps_f and eta's odds are its
     coordinates. Maxwell slip's shares are one together, since a common factor is that of Fc and Fs:
     their ratios to the last are its coordinates, and the last's own coordinate does nothing.
+    A constant force beside the law is its own coordinate [N], the last.
 
     Parameters
     ----------
     law : Law
     coordinates : ndarray, shape (..., p) or (..., 2 p)
+        One more where the law has an offset.
     """
+    if law.offset:
+        of_law = values_of(replace(law, offset=False), coordinates[..., :-1])
+        return np.concatenate([of_law, coordinates[..., -1:]], axis=-1)
     values = np.exp(coordinates)
     if law.name == "bliman_sorine":
         parts = []
@@ -209,6 +223,11 @@ class Course:
     def clocks(self) -> int:
         return int(self.clock.max()) + 1
 
+    @property
+    def level(self) -> float:
+        """Size of the friction where it is large [N]."""
+        return max(float(np.quantile(np.abs(self.force - self.inertial), 0.98)), 1e-9)
+
     def of_record(self) -> npt.NDArray[np.int64]:
         """Number of the record of each sample, shape (n,)."""
         return np.repeat(np.arange(self.records), np.diff(self.starts))
@@ -221,7 +240,8 @@ class Fit:
     Attributes
     ----------
     names : tuple of str
-        Parameters as fitted; ``_pos`` and ``_neg`` at their ends where directions are apart.
+        Parameters as fitted; ``_pos`` and ``_neg`` at their ends where directions are apart. The
+        offset, where there is one, is the last.
     coordinates : ndarray, shape (p,)
     delays : ndarray, shape (clocks,)
         [s]
@@ -357,12 +377,13 @@ class Problem:
 
     def __init__(self, course: Course, law: Law, tied: bool) -> None:
         self.course, self.law, self.tied = course, law, tied
-        self.size = len(law.parameters) * (1 if tied else 2)
+        self.of_law = len(law.parameters) * (1 if tied else 2)
+        self.size = self.of_law + law.offset
         # Stribeck's curve falls: coordinates of Fc and Fs, which is never less
         self.peaked: list[tuple[int, int]] = []
         if "Fs" in law.parameters:
             fc, fs = (law.parameters.index(n) for n in ("Fc", "Fs"))
-            firsts = range(0, self.size, len(law.parameters))
+            firsts = range(0, self.of_law, len(law.parameters))
             self.peaked = [(first + fc, first + fs) for first in firsts]
         self.owner = course.of_record()
         self.friction = np.empty(len(course.x))
@@ -401,7 +422,8 @@ class Problem:
         v = speed * (1 + gain + 2 * bend * way)
         values = values_of(self.law, coordinates)
         half = len(self.law.parameters)
-        forwards, backwards = values[:half], values[-half:]
+        forwards, backwards = values[:half], values[self.of_law - half : self.of_law]
+        constant = float(values[-1]) if self.law.offset else 0.0
         sharpness = 0.0 if self.law.name == "lugre" else SHARPNESS
         friction_along(
             KINDS[self.law.name],
@@ -417,12 +439,14 @@ class Problem:
             self.friction,
             np.zeros(STATES),
         )
+        self.friction += constant
         if self.law.name == "classical":
             where = ~self.spoken
             self.friction[where] = course.force[where] - inertial[where]
             static = half - 2  # Fs, before Vs
             for k, sign in self.break_aways.items():
-                self.friction[k] = sign * (forwards if sign > 0 else backwards)[static]
+                held = sign * (forwards if sign > 0 else backwards)[static]
+                self.friction[k] = held + constant
         return self.friction + inertial
 
     def later(self, force: Vector, delays: Vector) -> Vector:
@@ -548,6 +572,8 @@ class Climb:
         )
         self.centre = self.vector(self.point)
         wide = np.full(problem.size, _WIDE)
+        wide[problem.of_law :] = _WIDE_OFFSET * course.level
+        wide[list(held)] = _CERTAIN
         self.doubt = np.concatenate(
             [
                 wide,
@@ -712,8 +738,8 @@ class Climb:
                 matrix[np.diag_indices_from(matrix)] *= 1 + damping
                 step = np.zeros(len(slope))
                 step[free] = np.linalg.solve(matrix, slope[free])
-                p = self.problem.size
-                far = max(float(np.max(np.abs(step[:p]), initial=0.0)), abs(float(step[-1])))
+                logarithms = np.append(step[: self.problem.of_law], step[-1])
+                far = float(np.max(np.abs(logarithms)))
                 if far > _LONGEST_MOVE:
                     step *= _LONGEST_MOVE / far
                 candidate = self.point.moved(step)
@@ -736,8 +762,10 @@ def fit_along(
     tied: bool | None = None,
     guess: Mapping[str, float] | None = None,
     follow: bool = True,
+    fixed: Mapping[str, float] | None = None,
+    offset: bool = False,
 ) -> Fit:
-    """Fit all parameters of a law to the force of the records.
+    """Fit the parameters of a law to the force of the records.
 
     Parameters
     ----------
@@ -752,21 +780,35 @@ def fit_along(
         First guesses of all parameters.
     follow : bool, optional
         Whether wide intervals are followed along the profile likelihood.
+    fixed : mapping of str to float, optional
+        Parameters that are held at a value, by the law's names: in both directions where these
+        are apart, unless the name ends in ``_pos`` or ``_neg``; and `OFFSET`.
+    offset : bool, optional
+        Whether a constant force [N] is fitted, too.
     """
-    described = LAWS[law]
+    fixed = fixed or {}
+    described = replace(LAWS[law], offset=offset or OFFSET in fixed)
     tied = not described.directional if tied is None else tied
     course = lay_out(records) if course is None else course
     problem = Problem(course, described, tied)
     best: Climb | None = None
     lowest = math.inf
-    starts = _starts(course, described)
+    constant = fixed.get(OFFSET, _first_offset(course) if described.offset else 0.0)
+    starts = _starts(course, described, constant)
     if guess:
+        constant = fixed.get(OFFSET, guess.get(OFFSET, 0.0))
         starts = [np.array([guess[n] for n in described.parameters])]
+    names, _ = _fitted_names(described, tied)
+    held = [j for j, n in enumerate(names) if n in fixed or _bare(n) in fixed]
     hidden: Vector | None = None  # costs are compared: all guesses have the first one's
     for start in starts:
-        one = coordinates_of(described, start)
-        coordinates = one if tied else np.concatenate([one, one])
-        climb = Climb(problem, coordinates, hidden=hidden)
+        sides = [start] if tied else [start, start.copy()]
+        for side, end in zip(sides, ("",) if tied else ("_pos", "_neg"), strict=True):
+            for k, name in enumerate(described.parameters):
+                side[k] = fixed.get(name + end, fixed.get(name, side[k]))
+        parts = [coordinates_of(LAWS[law], side) for side in sides]
+        parts += [np.array([constant])] if described.offset else []
+        climb = Climb(problem, np.concatenate(parts), held, hidden)
         hidden = climb.hidden
         cost = climb.run(_UNTIL_COMPARED)
         if cost < lowest:
@@ -777,12 +819,25 @@ def fit_along(
         best.look_back()
         cost = best.run(25)
     fit = _summed_up(best, cost)
-    return replace(fit, intervals=_intervals(fit, best, follow))
+    return replace(fit, intervals=_intervals(fit, best, follow, fixed))
 
 
-def _starts(course: Course, law: Law) -> list[Vector]:
-    """First guesses from what the eye would take from the friction-velocity map."""
+def _bare(name: str) -> str:
+    """A parameter's name without its direction."""
+    return name.removesuffix("_pos").removesuffix("_neg")
+
+
+def _first_offset(course: Course) -> float:
+    """What lies between the friction of both directions [N]; 0 where there is but one."""
     friction = course.force - course.inertial
+    fast = 0.3 * float(np.quantile(np.abs(course.v), 0.98))
+    sides = [friction[course.v > fast], friction[course.v < -fast]]
+    return 0.5 * sum(float(np.median(s)) for s in sides) if all(map(len, sides)) else 0.0
+
+
+def _starts(course: Course, law: Law, offset: float) -> list[Vector]:
+    """First guesses from what the eye would take from the friction-velocity map."""
+    friction = course.force - course.inertial - offset
     pull = np.abs(friction)
     speed = np.abs(course.v)
     top = float(np.quantile(speed, 0.98))
@@ -886,7 +941,9 @@ def _summed_up(climb: Climb, cost: float) -> Fit:
         whole += said**2
     scale = np.sqrt(np.maximum(np.maximum(least, whole) / np.diag(robust), 1.0))
     covariance = robust * np.outer(scale, scale)
-    covariance[np.diag_indices(p)] += FLOOR**2 + rounded + _of_sensors(climb)
+    floor = np.full(p, FLOOR)
+    floor[problem.of_law :] *= course.level
+    covariance[np.diag_indices(p)] += floor**2 + rounded + _of_sensors(climb)
     share = np.array(shares)
     # Satterthwaite's; what is known beforehand is known for certain
     known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
@@ -927,7 +984,7 @@ def _of_sensors(climb: Climb) -> Vector:
     found = values_of(law, climb.point.coordinates)
     values = {n: float(v) for n, v in zip(fitted, found, strict=True)}
     variances = np.zeros(problem.size)
-    for j, name in enumerate(fitted):
+    for j, name in enumerate(fitted[: problem.of_law]):
         bare = law.parameters[j % len(law.parameters)]
         if bare in _ELASTIC:
             way = presliding_way(law, values, name[len(bare) :])
@@ -968,7 +1025,7 @@ def peak_unseen(fit: Fit, course: Course, parameter: str) -> bool:
     sensor's scale does, too; or no peak of static friction is told from sliding. Dahl's law bends
     from the first, so that without its end its beginning is a guess as well.
     """
-    name = parameter.removesuffix("_pos").removesuffix("_neg")
+    name = _bare(parameter)
     end = parameter[len(name) :]
     static = "Fc" if fit.law.name == "dahl" else "Fs"
     peaked = name not in ("Fs", "Vs") or (
@@ -978,7 +1035,7 @@ def peak_unseen(fit: Fit, course: Course, parameter: str) -> bool:
         return True
     if name not in {"dahl": fit.law.parameters, "bliman_sorine": ()}.get(fit.law.name, ("Fs",)):
         return False
-    friction = (fit.predicted - course.inertial)[fit.spoken]
+    friction = (fit.predicted - course.inertial)[fit.spoken] - fit.values.get(OFFSET, 0.0)
     pull = {"_pos": friction, "_neg": -friction}.get(end, np.abs(friction))
     return float(np.max(pull)) < _REACHED * fit.values[static + end]
 
@@ -990,13 +1047,13 @@ def hardly_slides(fit: Fit, course: Course, parameter: str) -> bool:
     and where they slide at one speed, or at speeds at which that curve has hardly fallen, what is
     left of it, its width and the viscous slope are told by nothing.
     """
-    name = parameter.removesuffix("_pos").removesuffix("_neg")
+    name = _bare(parameter)
     rigid = fit.law.name == "classical"
     curve = ["Fc", "Vs", "sigma2"]
     sliding = curve.copy()
     if fit.law.name == "maxwell_slip":  # shares of what is held when all elements slip
         sliding += ["C", "Fs", *(f"alpha{i}" for i in range(1, ELEMENTS + 1))]
-    if fit.law.name not in _SLIDING or (name not in sliding and not rigid):
+    if name == OFFSET or fit.law.name not in _SLIDING or (name not in sliding and not rigid):
         return False
     end = parameter[len(name) :]
     yielding = presliding_way(fit.law, fit.values, end)
@@ -1061,13 +1118,16 @@ def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
 
 
 def _fitted_names(law: Law, tied: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    last, unit = ((OFFSET,), ("N",)) if law.offset else ((), ())
     if tied:
-        return law.parameters, law.units
-    names = [f"{n}_{side}" for side in ("pos", "neg") for n in law.parameters]
-    return tuple(names), law.units * 2
+        return law.parameters + last, law.units + unit
+    names = tuple(f"{n}_{side}" for side in ("pos", "neg") for n in law.parameters)
+    return names + last, law.units * 2 + unit
 
 
-def _intervals(fit: Fit, climb: Climb, follow: bool) -> dict[str, Interval]:
+def _intervals(
+    fit: Fit, climb: Climb, follow: bool, fixed: Mapping[str, float]
+) -> dict[str, Interval]:
     values = values_of(fit.law, fit.coordinates)
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
     errors = np.sqrt(np.diag(fit.covariance))
@@ -1079,6 +1139,22 @@ def _intervals(fit: Fit, climb: Climb, follow: bool) -> dict[str, Interval]:
         reach = float(quantile[j]) * error
         low: float | None
         high: float | None
+        if j in climb.held:
+            given = fixed[name] if name in fixed else fixed[_bare(name)]
+            held = Interval(given, fit.units[j], 0.0, given, given, "given, held", True)
+            intervals[name] = held
+            continue
+        if name == OFFSET:
+            intervals[name] = Interval(
+                value,
+                fit.units[j],
+                error,
+                value - reach,
+                value + reach,
+                _FROM_PIECES,
+                reach <= NARROW * max(abs(value), climb.problem.course.level),
+            )
+            continue
         if hardly_slides(fit, climb.problem.course, name):
             low, high, error = None, None, math.inf
             method = "none: a parameter of sliding, from records that hardly slide"
@@ -1092,10 +1168,10 @@ def _intervals(fit: Fit, climb: Climb, follow: bool) -> dict[str, Interval]:
             tail = 50 * (1 - CONFIDENCE)
             low, high = (float(b) for b in np.percentile(drawn[:, j], [tail, 100 - tail]))
             error = float(np.subtract(*np.percentile(drawn[:, j], [84.13, 15.87]))) / 2 / value
-            method = "maximum likelihood, errors from pieces of the records, drawn"
+            method = _FROM_PIECES + ", drawn"
         elif reach < _WALD or not follow:
             low, high = value * math.exp(-reach), value * math.exp(reach)
-            method = "maximum likelihood, errors from pieces of the records"
+            method = _FROM_PIECES
         else:
             low, high = profile_bounds(climb, fit, j, reach**2 / float(fit.sharpest[j]))
             method = "profile likelihood"
@@ -1122,7 +1198,10 @@ def _drawn(fit: Fit) -> Matrix:
     normal = random.standard_normal((4000, len(root))) @ root.T
     freedom = float(fit.freedom.min())
     heavy = np.sqrt(freedom / random.chisquare(freedom, (4000, 1)))
-    return values_of(fit.law, fit.coordinates + np.clip(normal * heavy, -_FARTHEST, _FARTHEST))
+    far = normal * heavy
+    logarithms = far[:, : len(root) - fit.law.offset]
+    np.clip(logarithms, -_FARTHEST, _FARTHEST, out=logarithms)
+    return values_of(fit.law, fit.coordinates + far)
 
 
 def blurred_elements(fit: Fit, count: float) -> set[str]:
@@ -1141,7 +1220,7 @@ def blurred_elements(fit: Fit, count: float) -> set[str]:
         return set()
     names = set()
     drawn = _drawn(fit)
-    for first in range(0, len(fit.names), len(fit.law.parameters)):
+    for first in range(0, len(fit.names) - fit.law.offset, len(fit.law.parameters)):
         own = drawn[:, first : first + len(fit.law.parameters)]
         stiffness, shares = own[:, :ELEMENTS], own[:, ELEMENTS : 2 * ELEMENTS]
         held = shares * own[:, -2:-1]
@@ -1161,7 +1240,8 @@ def profile_bounds(
     centre = float(fit.coordinates[j])
     bounds: list[float | None] = []
     for sign in (-1.0, 1.0):
-        walk = Climb(climb.problem, climb.point.coordinates, held=[j], hidden=climb.hidden)
+        held = [j, *climb.held]
+        walk = Climb(climb.problem, climb.point.coordinates, held, climb.hidden)
         walk.centre = climb.centre
         walk.doubt = climb.doubt.copy()
         walk.doubt[j] = 1e6  # the bound is the data's

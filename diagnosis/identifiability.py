@@ -14,15 +14,39 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from .along_record import Climb, Course, Fit, Problem, hardly_slides, peak_unseen, values_of
+from .along_record import (
+    OFFSET,
+    Climb,
+    Course,
+    Fit,
+    Problem,
+    hardly_slides,
+    peak_unseen,
+    values_of,
+)
 from .intervals import NARROW
 from .lugre_dynamics import assumed_damping
 
 Vector = npt.NDArray[np.float64]
 
+FORWARDS, BACKWARDS = "forwards", "backwards"
+
 _COUNT = 1e-3 / 512  # of the encoder, Section 2.2.1 and Table 2.1 [m]
 _FINE = 5e-8  # noise of a capacitance sensor [m]
 _FAST = 5e-4  # sampling interval of an acquisition ten times as fast [s]
+
+
+def ways(course: Course) -> list[str]:
+    """The directions in which records move, at least one of `FORWARDS` and `BACKWARDS`."""
+    found = []
+    for way, sign in ((FORWARDS, 1.0), (BACKWARDS, -1.0)):
+        moved = np.maximum(sign * np.diff(course.x), 0.0)
+        moved[course.starts[1:-1] - 1] = 0.0
+        if float(moved.sum()) > 0.02 * float(np.abs(moved).max(initial=0.0)) and (
+            float(np.sum(moved)) > 5e-6
+        ):
+            found.append(way)
+    return found or [FORWARDS]
 
 
 @dataclass(frozen=True)
@@ -105,6 +129,8 @@ def candidates(fit: Fit, parameter: str) -> list[Candidate]:
 
 def which_would_do(fit: Fit, parameter: str, count: float) -> str:
     """The first candidate trial that would identify a parameter, or that none of them would."""
+    if parameter == OFFSET:
+        return "the same motion in both directions would do"
     options = candidates(fit, parameter)
     coordinates = _plausible(fit)
     for option in options:
@@ -190,6 +216,10 @@ def why_not(fit: Fit, parameter: str, course: Course) -> str:
     )
     if float(travelled.max()) < 3e-6:
         return f"nothing moves {way}"
+    if fit.law.offset and len(ways(course)) == 1 and name in (OFFSET, "Fc", "Fs"):
+        return "the records move one way only, where a constant force and friction look alike"
+    if name == OFFSET:
+        return f"too few samples show both directions for the noise of {fit.noise:.2g} N"
     values = fit.values
     if hardly_slides(fit, course, parameter):
         return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +13,17 @@ import numpy.typing as npt
 from scipy.stats import chi2
 
 from ..orchestration.closed_loop import write_json
-from ..orchestration.parameter_file import ParameterFile, Value
+from ..orchestration.parameter_file import DRIVE, ParameterFile, Value
 from ..plant.law import law as friction_law
 from ..records.force_record import Record
+from ..records.table import near
 from ..records.velocity import INTEGRATED
 from ..solver.component import ForceTerm, symbol
-from .along_record import LAWS, Course, Fit, fit_along, lay_out
+from .along_record import LAWS, OFFSET, Course, Fit, fit_along, lay_out
 from .bliman_sorine_map import NoSolution, map_points, read_points
 from .dahl_fit import fit_dahl
 from .friction_estimation import FrictionEstimate, estimate_friction
-from .identifiability import which_would_do, why_not
+from .identifiability import BACKWARDS, FORWARDS, ways, which_would_do, why_not
 from .intervals import Interval, averaged, spread
 from .lugre_dynamics import assumed_damping, held_stiffness, secant_bias
 from .stribeck_fit import STUCK, StribeckPoints, fit_stribeck, stribeck_points
@@ -31,11 +32,19 @@ Vector = npt.NDArray[np.float64]
 
 MISFIT = 2.0  # what the law leaves, in noise of the force, beyond which it is not believed
 _LEAST_DIFFERENCE = 1e-3  # probability of such different directions if they were the same
-_SIDES = {"forwards": "_pos", "backwards": "_neg"}
+_SIDES = {FORWARDS: "_pos", BACKWARDS: "_neg"}
+_TOGETHER = {  # parameters that are not fitted in coordinates of their own
+    "bliman_sorine": ("f1", "f2", "eta"),
+    "maxwell_slip": tuple(n for n in LAWS["maxwell_slip"].parameters if n.startswith("alpha")),
+}
 
 
 class UnknownLaw(ValueError):
     """There is no law of this name to identify."""
+
+
+class CannotHold(ValueError):
+    """A parameter cannot be held at a value; the message says why and what can."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +54,11 @@ class Identification:
     Attributes
     ----------
     parameters : dict of str to Interval
-        Of the law as it stands: our estimator on all records.
+        Of the law as it stands, and of the offset if it was asked for: our estimator on all
+        records.
     per_direction : dict of str to dict of str to Interval
-        ``forwards``, ``backwards`` and ``averaged``, fitted apart; empty for one direction only.
+        ``forwards``, ``backwards`` and ``averaged``, fitted apart with the offset of
+        `parameters`; empty for one direction only.
     thesis : dict
         The thesis' formulas on the same records.
     fit : Fit
@@ -61,6 +72,8 @@ class Identification:
     notes : tuple of str
     told : ParameterFile or None
         What was known of the drive before; goes into the result's parameter file.
+    fixed : mapping of str to float
+        What was held.
     """
 
     law: str
@@ -76,6 +89,7 @@ class Identification:
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
     told: ParameterFile | None = None
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def believed(self) -> bool:
@@ -115,11 +129,12 @@ class Identification:
         another = given.law not in ("", self.law)
         replaced = {p.name for p in _law_of(given.law).parameters} if another else set()
         values = {n: v for n, v in given.plant.items() if n not in replaced}
-        values |= {
-            name: Value(i.value, i.unit, _bounds(i), f"identified from {names}")
-            for name, i in self.parameters.items()
-            if i.identified
-        }
+        for name, i in self.parameters.items():
+            if i.identified and (name != OFFSET or given.kind == DRIVE):
+                held = name in self.fixed
+                source = "given, held" if held else f"identified from {names}"
+                if not (held and name in values and values[name].value == i.value):
+                    values[name] = Value(i.value, i.unit, None if held else _bounds(i), source)
         reasons = {n: i.because for n, i in self.parameters.items() if not i.identified}
         return replace(
             given, path=None, law=self.law, plant=values, found={}, not_identified=reasons
@@ -153,8 +168,60 @@ def _law_of(name: str) -> ForceTerm:
     return friction_law(name)(symbol("v"))
 
 
+def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> None:
+    """Refuse what cannot be held at a value, and an offset that cannot be told.
+
+    Parameters
+    ----------
+    law : str
+        One of `LAWS`.
+    fixed : mapping of str to float
+        Values by the law's names, or `OFFSET` [N].
+    offset : bool, optional
+        Whether a constant force is to be fitted.
+
+    Raises
+    ------
+    CannotHold
+    """
+    described = LAWS[law]
+    names = list(described.parameters)
+    if described.directional:
+        names = [n + end for end in _SIDES.values() for n in names]
+    together = _TOGETHER.get(law, ())
+    for name, value in fixed.items():
+        if name in together:
+            others = ", ".join(n for n in together if n != name)
+            raise CannotHold(
+                f"{name} of {law} is fitted together with {others} and cannot be held alone"
+            )
+        if name != OFFSET and name not in names:
+            raise CannotHold(
+                f"{law} has no parameter {name!r}{near(name, [*names, OFFSET])}; it has "
+                f"{', '.join(names)}, and there is {OFFSET}"
+            )
+        if not math.isfinite(value) or (name != OFFSET and value <= 0):
+            raise CannotHold(
+                f"{name} is {value:g}, expected a {'finite number' if name == OFFSET else 'number'}"
+                + ("" if name == OFFSET else " above 0; a small one leaves its effect out")
+            )
+    if offset and OFFSET in fixed:
+        raise CannotHold(
+            f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; expected one of them"
+        )
+    if offset and described.directional:
+        raise CannotHold(
+            f"{law} has a friction of its own for each direction, from which a constant force is "
+            f"not told; hold {OFFSET} at a value"
+        )
+
+
 def identify(
-    records: Sequence[Record], law: str, told: ParameterFile | None = None
+    records: Sequence[Record],
+    law: str,
+    told: ParameterFile | None = None,
+    fixed: Mapping[str, float] | None = None,
+    offset: bool = False,
 ) -> Identification:
     """Identify a law's parameters from records.
 
@@ -165,11 +232,16 @@ def identify(
         One of `LAWS`.
     told : ParameterFile, optional
         What is known of the drive beside; the result's parameter file keeps it.
+    fixed : mapping of str to float, optional
+        Parameters that are held at a value, SI; `OFFSET` may be one.
+    offset : bool, optional
+        Whether a constant force is fitted beside the law, as a load or a load cell's zero makes it.
 
     Raises
     ------
     UnknownLaw
         If there is no such law here.
+    CannotHold
     ValueError
         If there are no records.
     """
@@ -179,21 +251,24 @@ def identify(
         raise ValueError("no records to identify from")
     estimates = [estimate_friction(r) for r in records]
     course = lay_out(records, estimates)
-    fit = fit_along(records, law, course)
+    fixed = dict(fixed or {})
+    check_held(law, fixed, offset)
+    fit = fit_along(records, law, course, fixed=fixed, offset=offset)
     judged = {n: _judged(fit, n, course) for n in fit.names}
     per_direction: dict[str, dict[str, Interval]] = {}
     notes = []
-    ways = _ways(course)
-    if fit.tied and len(ways) == 2:
+    moved = ways(course)
+    if fit.tied and len(moved) == 2:
         guess = {n: i.value for n, i in judged.items()}
-        apart = fit_along(records, law, course, tied=False, guess=guess, follow=False)
+        held = fixed | ({OFFSET: guess[OFFSET]} if offset else {})
+        apart = fit_along(records, law, course, tied=False, guess=guess, follow=False, fixed=held)
         split = {n: _judged(apart, n, course) for n in apart.names}
         per_direction = _by_direction(split, fit.law.parameters)
-        notes += _difference(apart, split)
+        notes += _difference(apart, split, fixed)
     elif not fit.tied:
         per_direction = _by_direction(judged, fit.law.parameters)
     else:
-        notes.append(f"motion {ways[0]} only: nothing is known of the other direction")
+        notes.append(f"motion {moved[0]} only: nothing is known of the other direction")
     points = stribeck_points(list(records), estimates)
     residual = (course.force - fit.predicted)[fit.spoken]
     noise = float(np.median([e.force_noise for e in estimates]))
@@ -214,6 +289,15 @@ def identify(
             f"without trial.json, by name and --unit, positions cover up to {way:.3g} m, forces "
             f"reach {pull:.3g} N, samples come every {strangers[0].step:.3g} s: if that is not so, "
             "say the units"
+        )
+    if offset:
+        notes.append(
+            "a constant force and a Coulomb friction that differs by direction look alike while "
+            "sliding: the offset is that of a friction that is the same both ways"
+        )
+    if OFFSET in judged and (told is None or told.kind != DRIVE):
+        notes.append(
+            'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
         )
     if any(r.velocity_alone for r in records):
         notes.append(INTEGRATED)
@@ -241,6 +325,7 @@ def identify(
         doubts=tuple(doubts),
         notes=tuple(notes),
         told=told,
+        fixed=fixed,
     )
 
 
@@ -255,18 +340,6 @@ def _judged(fit: Fit, name: str, course: Course) -> Interval:
     )
 
 
-def _ways(course: Course) -> list[str]:
-    ways = []
-    for way, sign in (("forwards", 1.0), ("backwards", -1.0)):
-        moved = np.maximum(sign * np.diff(course.x), 0.0)
-        moved[course.starts[1:-1] - 1] = 0.0
-        if float(moved.sum()) > 0.02 * float(np.abs(moved).max(initial=0.0)) and (
-            float(np.sum(moved)) > 5e-6
-        ):
-            ways.append(way)
-    return ways or ["forwards"]
-
-
 def _by_direction(
     split: Mapping[str, Interval], names: Sequence[str]
 ) -> dict[str, dict[str, Interval]]:
@@ -275,17 +348,17 @@ def _by_direction(
     return table
 
 
-def _difference(apart: Fit, split: Mapping[str, Interval]) -> list[str]:
+def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, float]) -> list[str]:
     """Whether the two directions differ by more than chance."""
     half = len(apart.law.parameters)
     seen = [
         j
         for j, n in enumerate(apart.law.parameters)
-        if all(split[n + end].identified for end in _SIDES.values())
+        if n not in fixed and all(split[n + end].identified for end in _SIDES.values())
     ]
     if not seen:
         return []
-    turn = np.zeros((len(seen), 2 * half))
+    turn = np.zeros((len(seen), len(apart.coordinates)))
     for row, j in enumerate(seen):
         turn[row, j], turn[row, j + half] = 1.0, -1.0
     gap = turn @ apart.coordinates

@@ -118,11 +118,60 @@ def test_bad_requests_are_one_line(data, tmp_path):
         ((data[0], "--law", "dahl", *STRANGER, "--mass", "heavy"), "expected a number"),
         ((data[0], "--law", "dahl", *STRANGER[:6], "--unit", "x=inch"), "expected one of m, cm"),
         ((data[0], "--law", "dahl", *STRANGER, "--unit", "x=inch"), "given as mm and as inch"),
+        ((data[0], "--law", "dahl", *STRANGER, "--fix", "sigma"), "nobody says its value"),
+        ((data[0], "--law", "dahl", *STRANGER, "--fix", "sigma=stiff"), "expected a number"),
+        ((data[0], "--law", "dahl", *STRANGER, "--fix", "sigma=-1"), "expected a number above 0"),
+        ((data[0], "--law", "dahl", *STRANGER, "--fix", "F=1"), "no parameter 'F'"),
+        ((data[0], "--law", "dahl", *STRANGER, "--fix", "Fc", "--fix", "Fc=1"), "given twice"),
+        (
+            (data[0], "--law", "dahl", *STRANGER, "--offset", "--fix", "offset=1"),
+            "held at 1 N and fitted",
+        ),
     ):
         with pytest.raises(BadRequest) as caught:
             run(*arguments, "--out", str(tmp_path))
         assert words in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_values_are_held_and_a_constant_force_is_fitted(data, tmp_path, capsys):
+    believed = tmp_path / "believed.toml"
+    believed.write_text(
+        'format = "ballscrew-parameters 1"\nkind = "drive"\nlaw = "dahl"\n'
+        "[plant]\nalpha = 1.0\nm = 1.0\n"
+    )
+    fix = ("--fix", "alpha", "--fix", "sigma=87750", "--offset")
+    out = tmp_path / "out"
+    given = (*data, "--law", "dahl", *STRANGER, "--params", str(believed), *fix)
+    assert run(*given, "--out", str(out)) == 0
+    printed = capsys.readouterr()
+    rows = {line.split()[0]: line for line in printed.out.splitlines() if line}
+    assert rows["alpha"].endswith("held")
+    assert rows["sigma"].endswith("held")
+    assert "a constant force and a Coulomb friction" in printed.err
+    told = json.loads((out / "identified.json").read_text())["parameters"]
+    assert told["sigma"]["low"] == told["sigma"]["high"] == 87750.0
+    assert told["offset"]["low"] <= 0.0 <= told["offset"]["high"]
+    assert told["Fc"]["low"] <= DAHL["Fc"] <= told["Fc"]["high"]
+    written = read_parameters(out / "parameters.toml").plant
+    assert written["offset"].value == told["offset"]["value"]
+    assert written["sigma"].source == "given, held"
+
+
+def test_a_record_of_the_velocity_gives_the_parameters_and_says_so(data, tmp_path, capsys):
+    paths = []
+    for k, path in enumerate(data):
+        t, q, force = np.loadtxt(path, delimiter=";", skiprows=1).T
+        step = t[1] - t[0]
+        speed = np.round(np.gradient(np.interp(t, t, q), step), 3)
+        paths.append(tmp_path / f"{k}.csv")
+        table = np.column_stack([t, speed, force])
+        header = "time;v [mm/s];force"
+        np.savetxt(paths[-1], table, delimiter=";", header=header, comments="", fmt="%.9g")
+    run(*map(str, paths), "--law", "dahl", "--out", str(tmp_path / "out"))
+    told = json.loads((tmp_path / "out" / "identified.json").read_text())["parameters"]
+    assert told["Fc"]["low"] <= DAHL["Fc"] <= told["Fc"]["high"]
+    assert "x is the integral of v" in capsys.readouterr().err
 
 
 def test_the_command_knows_all_laws_that_can_be_identified():

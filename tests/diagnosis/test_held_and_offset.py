@@ -1,0 +1,147 @@
+"""A constant force beside the friction is found with its interval; what is known may be held."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_records import constant_velocity, record_of, sine_velocity
+
+from ballscrew.diagnosis.along_record import fit_along
+from ballscrew.diagnosis.identification import CannotHold, check_held, identify
+from ballscrew.orchestration.parameter_file import ParameterFile, Value
+
+DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}
+LUGRE = {
+    "sigma0": 66967.0,
+    "sigma1": 344.56,
+    "sigma2": 173.0,
+    "Fc": 1.284,
+    "Fs": 2.35,
+    "Vs": 1.14e-3,
+}
+LOAD = 0.6
+DRIVE = ParameterFile(kind="drive")
+
+
+def loaded(record, load=LOAD):
+    """The record of a drive that a constant force pulls at, as a block on a slope has it."""
+    return replace(record, signals={**record.signals, "force": record.force + load})
+
+
+def mostly_forwards(seed, law=DAHL, load=LOAD):
+    """Three trials forwards and one backwards."""
+    random = np.random.default_rng(seed)
+    trials = [sine_velocity(s * 1e-3, 1.0, 3.15) for s in (1, 1, 1, -1)]
+    return [loaded(record_of(t, "dahl", law, random), load) for t in trials]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identify(mostly_forwards(1), "dahl", DRIVE, offset=True)
+
+
+def test_a_constant_force_is_found_with_its_interval(found):
+    offset = found.parameters["offset"]
+    assert offset.identified
+    assert offset.unit == "N"
+    assert offset.low <= LOAD <= offset.high
+    assert offset.high - offset.low < 0.1
+    for name, truth in DAHL.items():
+        interval = found.parameters[name]
+        assert interval.low <= truth <= interval.high, name
+    assert found.believed
+
+
+def test_without_it_the_friction_is_wrong(found):
+    without = identify(mostly_forwards(1), "dahl")
+    fc = without.parameters["Fc"]
+    assert fc.low > 1.1 * DAHL["Fc"]
+    assert not without.believed
+    apart = {side: without.per_direction[side]["Fc"].value for side in ("forwards", "backwards")}
+    assert apart["forwards"] - apart["backwards"] == pytest.approx(2 * LOAD, rel=0.1)
+    again = {side: found.per_direction[side]["Fc"].value for side in ("forwards", "backwards")}
+    assert again["forwards"] == pytest.approx(again["backwards"], rel=0.05)
+
+
+def test_the_interval_of_the_offset_holds_the_truth_as_often_as_it_says():
+    held = 0
+    for seed in range(12):
+        load = (-1.5, 0.0, 0.6)[seed % 3]
+        fit = fit_along(mostly_forwards(seed, load=load), "dahl", offset=True)
+        offset = fit.intervals["offset"]
+        held += offset.low <= load <= offset.high
+        assert offset.identified
+    assert held >= 10  # a share of 0.95 gives less once in fifty times
+
+
+def test_an_offset_beside_sliding_friction_is_found():
+    random = np.random.default_rng(3)
+    speeds = (5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+    trials = [constant_velocity(s * v) for v in speeds for s in (1, -1)]
+    records = [loaded(record_of(t, "lugre", LUGRE, random)) for t in trials]
+    fit = fit_along(records, "classical", offset=True)
+    for name, truth in (("offset", LOAD), ("Fc", 1.284), ("sigma2", 173.0)):
+        interval = fit.intervals[name]
+        assert interval.low <= truth <= interval.high, (name, interval)
+
+
+def test_an_offset_goes_into_the_file_of_a_drive_and_of_no_ball_screw(found):
+    assert found.parameter_file().plant["offset"].value == found.parameters["offset"].value
+    screw = replace(found, told=None)
+    assert "offset" not in screw.parameter_file().plant
+    of_screw = identify(mostly_forwards(1)[2:], "dahl", offset=True)
+    assert any("offset is not in parameters.toml" in note for note in of_screw.notes)
+
+
+def test_one_direction_tells_no_offset_and_it_is_said():
+    result = identify(mostly_forwards(1)[:2], "dahl", offset=True)
+    offset = result.parameters["offset"]
+    assert not offset.identified
+    assert "one way only" in offset.because
+    assert "both directions" in offset.would_do
+    assert not result.believed
+
+
+def test_what_is_held_stays_and_the_rest_is_told_better():
+    records = mostly_forwards(2, load=0.0)
+    told = ParameterFile(plant={"sigma": Value(DAHL["sigma"], "N/m", None, "a book")})
+    free = identify(records, "dahl", told)
+    held = identify(records, "dahl", told, fixed={"sigma": DAHL["sigma"]})
+    sigma, alpha = held.parameters["sigma"], held.parameters["alpha"]
+    assert (sigma.value, sigma.low, sigma.high) == (DAHL["sigma"],) * 3
+    assert sigma.method == "given, held"
+    assert alpha.low <= DAHL["alpha"] <= alpha.high
+    before = free.parameters["alpha"]
+    assert alpha.high - alpha.low < before.high - before.low
+    for side in held.per_direction.values():
+        assert side["sigma"].value == pytest.approx(DAHL["sigma"], rel=1e-12)
+    assert held.parameter_file().plant["sigma"] == told.plant["sigma"]
+
+
+def test_an_offset_that_is_known_is_held():
+    result = identify(mostly_forwards(1), "dahl", DRIVE, fixed={"offset": LOAD})
+    fc = result.parameters["Fc"]
+    assert fc.low <= DAHL["Fc"] <= fc.high
+    assert result.parameters["offset"].value == LOAD
+    assert result.parameter_file().plant["offset"].source == "given, held"
+
+
+@pytest.mark.parametrize(
+    ("law", "fixed", "offset", "words"),
+    [
+        ("dahl", {"sgma": 1.0}, False, r"no parameter 'sgma' \(nearest: sigma"),
+        ("dahl", {"sigma": 0.0}, False, "sigma is 0, expected a number above 0"),
+        ("dahl", {"offset": float("nan")}, False, "expected a finite number"),
+        ("dahl", {"offset": 1.0}, True, "held at 1 N and fitted"),
+        ("bliman_sorine", {"f1": 1.0}, False, "fitted together with f2, eta"),
+        ("maxwell_slip", {"alpha1": 0.2}, False, "cannot be held alone"),
+        ("directional_lugre", {"Fc": 1.0}, False, "no parameter 'Fc'"),
+        ("directional_lugre", {}, True, "hold offset at a value"),
+    ],
+)
+def test_what_cannot_be_held_or_told_is_refused_in_one_line(law, fixed, offset, words):
+    with pytest.raises(CannotHold, match=words) as refused:
+        check_held(law, fixed, offset)
+    assert "\n" not in str(refused.value)
