@@ -40,6 +40,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/diagnosis_worlds.py --resume
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/emps.py
+	$(BIN)/python proofs/tro2021.py
 	$(BIN)/python proofs/interrupts.py
 
 bench: $(VENV)/installed

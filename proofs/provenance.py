@@ -34,6 +34,7 @@ DEPENDS_ON = {
     "diagnosis": ("solver", "plant", "rig", "records", "diagnosis"),
     "reproduction": (*LOOP, "proofs/reproduction.py"),
     "emps": ("solver", "plant", "records", "diagnosis", "proofs/emps.py"),
+    "tro2021": ("solver", "plant", "records", "diagnosis", "proofs/tro2021.py"),
     "exchange": (
         *("solver", "plant", "fmus", "proofs/exchange.py"),
         *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),
@@ -53,6 +54,7 @@ SHOWS = {
     "diagnosis": "hidden effects are named",
     "reproduction": "Chapter 3 of the thesis beside this program",
     "emps": "effects hidden in the record of a real machine are named",
+    "tro2021": "friction of two measured drives by direction, judged on speeds left out",
     "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
     "interrupts": "interrupted and killed commands end in time and leave the run before whole",
 }
