@@ -3,8 +3,8 @@
 A lead screw and a worm drive, recorded by their motor controller at constant speeds and in start
 and stop (A. Mablekos-Alexiou, L. da Cruz, C. Bergeles, "Friction-Inclusive Modeling of Sliding
 Contact Transmission Systems in Robotics", IEEE Transactions on Robotics 37(4), 2021; repository
-RViMLab/TRO2021-Dynamic-Modelling). Writes ``docs/proof/tro2021.json``. The data are not passed on
-here: the first argument is their folder, or ``BALLSCREW_TRO2021`` is.
+RViMLab/TRO2021-Dynamic-Modelling). Writes ``docs/proof/tro2021.json`` and a picture of each drive.
+The data are not passed on here: the first argument is their folder, or ``BALLSCREW_TRO2021`` is.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from provenance import provenance
@@ -28,6 +29,7 @@ from scipy.stats import t as student
 
 from ballscrew.diagnosis.along_record import OFFSET, Fit, fit_along, values_of
 from ballscrew.diagnosis.identification import Identification, identify
+from ballscrew.orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.force_record import Record, read_record
 from ballscrew.solver.kernel_cache import write_atomically
@@ -57,6 +59,7 @@ STEADY = "steady_state/0.096kg"
 _STEP = 1e-4  # of finite differences in the coordinates
 _PLATEAU = 0.9  # share of a profile's speed from which on it counts as reached
 _CONFIDENCE = 0.95
+_FEWEST_TURNS = 5.0  # in which one to three periods a turn are told from a slow course
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,7 @@ class Forecast:
 
     @property
     def holds(self) -> bool:
-        return abs(self.measured - self.foretold) <= self.half_width
+        return bool(abs(self.measured - self.foretold) <= self.half_width)
 
 
 def forecasts(fit: Fit, seen: Sequence[Point], new: Sequence[Point]) -> list[Forecast]:
@@ -183,6 +186,31 @@ def plateaus(record: Record) -> list[Point]:
     return points
 
 
+def turns(record: Record, lead: float) -> float:
+    """Turns of the motor's shaft in a record."""
+    return float(np.ptp(record.position)) / lead
+
+
+def with_the_turn(record: Record, lead: float) -> float:
+    """Share of a steady run's variance of the force that goes with the turn of the shaft.
+
+    One to three periods a turn, after a straight line in time is taken out; the phase is free,
+    since nobody knows where the run began.
+    """
+    time = record.time - record.time.mean()
+    angle = 2 * math.pi * record.position / lead
+    line = np.column_stack([np.ones_like(time), time])
+    waves = [f(k * angle) for k in (1, 2, 3) for f in (np.sin, np.cos)]
+    rest = [left_by(columns, record.force) for columns in (line, np.column_stack([line, *waves]))]
+    return 1.0 - rest[1] / rest[0]
+
+
+def left_by(columns: Vector, values: Vector) -> float:
+    """Sum of squares that a linear fit leaves."""
+    found, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    return float(np.sum((values - columns @ found) ** 2))
+
+
 def told(result: Identification) -> dict[str, Any]:
     said = result.to_dict()
     brief = ("value", "unit", "low", "high", "identified")
@@ -192,15 +220,56 @@ def told(result: Identification) -> dict[str, Any]:
             side: {n: {k: i[k] for k in brief} for n, i in table.items()}
             for side, table in said["per_direction"].items()
         },
-        "left_of_the_force_N": result.fit.noise,
         "unexplained_N": result.unexplained,
-        "noise_from_sample_to_sample_N": said["load_cell_noise_N"],
         "believed": result.believed,
         "doubts": said["doubts"],
     }
 
 
-def examine_drive(folder: Path, lead: float) -> dict[str, Any]:
+def draw(
+    name: str,
+    fit: Fit,
+    points: Sequence[Point],
+    runs: Sequence[Point],
+    per_cent: float,
+    lead: float,
+) -> None:
+    """Mean torque over speed, the fit with its band for another run, and start and stop."""
+    rpm = 60 / lead
+    with mpl.rc_context(STYLE):
+        figure, ((axes,),) = new_figure(1, 1, (7.5, 4.2))
+        top = max(abs(p.velocity) for p in points)
+        for sign in (1.0, -1.0):
+            speeds = sign * np.geomspace(0.005 * top, top, 120)
+            asked = [Point("", float(v), 0.0) for v in speeds]
+            said = forecasts(fit, points, asked)
+            middle = np.array([abs(f.foretold) for f in said]) / per_cent
+            half = np.array([f.half_width for f in said]) / per_cent
+            colour = COLOURS[0 if sign > 0 else 1]
+            label = "forwards" if sign > 0 else "backwards"
+            axes.plot(rpm * np.abs(speeds), middle, color=colour, label=f"{label}, fitted")
+            axes.fill_between(
+                rpm * np.abs(speeds), middle - half, middle + half, color=colour, alpha=0.2, lw=0
+            )
+            for kind, marker in ((points, "o"), (runs, "D")):
+                side = [p for p in kind if p.velocity * sign > 0]
+                axes.plot(
+                    [rpm * abs(p.velocity) for p in side],
+                    [abs(p.force) / per_cent for p in side],
+                    marker,
+                    color=colour,
+                    mfc=colour if marker == "o" else "none",
+                    ms=4 if marker == "o" else 8,
+                    ls="none",
+                    label=f"{label}, {'steady runs' if marker == 'o' else 'start and stop'}",
+                )
+        axes.set_xlabel("speed of the motor [rpm]")
+        axes.set_ylabel("torque [% of nominal]")
+        axes.legend(fontsize=8)
+        write_figure(figure, TARGET.parent, f"tro2021_{name}")
+
+
+def examine_drive(name: str, folder: Path, lead: float) -> dict[str, Any]:
     """All that is found of one drive."""
     per_cent = PER_CENT * 2 * math.pi / lead
     records, refused = read_folder(folder / STEADY, lead)
@@ -210,6 +279,7 @@ def examine_drive(folder: Path, lead: float) -> dict[str, Any]:
     runs = [p for record in profiles for p in plateaus(record)]
     start_stop = forecasts(fit, points, runs)
     left = [p.force - curve(fit, fit.coordinates, p.velocity) for p in points]
+    draw(name, fit, points, runs, per_cent, lead)
     within = [float(r.force.std()) for r in records]
     return {
         "newtons_per_percent_of_nominal": per_cent,
@@ -221,6 +291,9 @@ def examine_drive(folder: Path, lead: float) -> dict[str, Any]:
         "with_an_offset": told(identify(records, LAW, offset=True)),
         "scatter_of_runs_percent_of_nominal": float(np.std(left)) / per_cent,
         "spread_within_a_run_percent_of_nominal": float(np.median(within)) / per_cent,
+        "share_of_it_with_the_turn": float(
+            np.median([with_the_turn(r, lead) for r in records if turns(r, lead) > _FEWEST_TURNS])
+        ),
         "speeds_left_out": speeds_left_out(records, per_cent),
         "start_stop": {
             **summary(start_stop, per_cent),
@@ -237,11 +310,13 @@ def main() -> int:
     report: dict[str, Any] = dict(provenance("tro2021"))
     for name, (folder, lead) in DRIVES.items():
         print(name, file=sys.stderr)
-        report[name] = examine_drive(data / folder, lead)
+        report[name] = examine_drive(name, data / folder, lead)
         write_atomically(TARGET, (json.dumps(report, indent=1) + "\n").encode())
     for name in DRIVES:
         for what, found in report[name]["speeds_left_out"].items():
             print(f"{name}, speeds left out, {what}: {found['held']} of {found['runs']} hold")
+        found = report[name]["start_stop"]
+        print(f"{name}, start and stop: {found['held']} of {found['runs']} hold")
     return 0
 
 
