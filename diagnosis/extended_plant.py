@@ -88,9 +88,8 @@ def extended_plant(
         raise BadExtension(
             "resistance_drift: a drive has no resistance; its kind is not ball_screw"
         )
-    values: dict[str, float] = {}
-    for _, own in found:
-        values |= last_record(own)
+    own = {name: last_record(numbers) for name, numbers in found}
+    values = {n: v for numbers in own.values() for n, v in numbers.items()}
     if "presliding_hysteresis" in names:
         model = bristled(model, values["sigma0"])
     make = bare_ball_screw if model.has_motor else bare_direct_drive
@@ -99,12 +98,12 @@ def extended_plant(
     curve = curve_of(model.law).xreplace({v: sp.Abs(v) + _SLOWEST})
     first = [n for n in names if n not in (*_PARTING, *_BEFORE_THE_FORCE)]
     for name in (*first, *(n for n in _PARTING if n in names)):
-        plant = CAUSES[name].extend(plant, curve)
+        plant = CAUSES[name].extend(plant, curve, own[name])
     if model.law == "classical":
         plant = _able_to_stick(plant)
     plant = with_amplifier(plant) if model.has_motor else with_command_limit(plant)
     for name in (n for n in _BEFORE_THE_FORCE if n in names):
-        plant = CAUSES[name].extend(plant, curve)
+        plant = CAUSES[name].extend(plant, curve, own[name])
     known = {p.name for p in plant.all_parameters}
     missing = [n for n in values if n not in known]
     if missing:

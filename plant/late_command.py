@@ -45,6 +45,26 @@ def with_late_command(plant: Component, delay: Parameter) -> Component:
     return replace(plant, **held, parameters=(*plant.parameters, delay))
 
 
+def with_filtered_command(plant: Component, lag: Parameter) -> Component:
+    """The plant with its command `u` behind a filter of first order, settled at zero at first.
+
+    Parameters
+    ----------
+    plant : Component
+        Has an input `u`.
+    lag : Parameter
+        The filter's time constant [s]; its minimum is more than 0.
+    """
+    u, given = symbol("u"), symbol("u_filtered")
+    unit = next(i.unit for i in plant.inputs if i.name == "u")
+    state = State(
+        given.name, unit, "command behind its filter", (u - given) / symbol(lag.name), nominal=10.0
+    )
+    held = plant.equations_with({u: given})
+    held["states"] = (*held["states"], state)
+    return replace(plant, **held, parameters=(*plant.parameters, lag))
+
+
 def _coefficients(own: int, other: int) -> list[sp.Rational]:
     """Of Padé's polynomial of degree `own`, the other being of degree `other`, lowest first."""
     both = own + other

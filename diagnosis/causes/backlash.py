@@ -34,8 +34,8 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     return Shape(("gap",), force=force, values=values, sure=0.2)
 
 
-def _extend(plant: Component, curve: sp.Expr) -> Component:
-    del curve
+def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
     from ...plant.two_masses import with_gap
 
     return with_gap(plant)
@@ -49,6 +49,6 @@ CAUSE = Cause(
     (parameter("gap", "m", "between screw and block"),),
     _extend,
     confirm="reverse slowly with the current recorded: it falls to nothing until the gap is closed",
-    refined="gap",
+    refined=("gap",),
     mistaken_for=("compliance", "parameter_error", "unexplained"),
 )

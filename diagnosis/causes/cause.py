@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,12 @@ DRY = symbol("dry_friction")
 ENGAGED = symbol("engaged")
 """Share of the sliding friction that has come up since a reversal, with its sign, -1 to 1."""
 
+RELAXATION = symbol("relaxation_time")
+"""By which the bristles' damping leads their deflection, sigma1/sigma0; 0 without bristles [s]."""
+
+ACTING = symbol("acting")
+"""Force of the motor or of the drive on what moves [N]."""
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -41,23 +48,20 @@ class Shape:
     force, command : list of ndarray, shape (n, amplitudes), one per record; None: nothing
         Force against motion in +x [N] and change of the command [its unit] for each amplitude at
         one.
-    current : list of ndarray, shape (n, amplitudes), one per record; None: nothing
-        What a sample of the current shows beyond what the commands make of it on average [A].
     values : mapping of str to float
         What the cause depends on otherwise, as it is taken here, SI.
     sure : float, optional
         The amplitude is one, give or take this: it is `values` that has the size.
-    freed : str, optional
-        Instead of a force: a parameter of the model that may be anything.
+    freed : tuple of str
+        Instead of a force: parameters of the model that may be anything.
     """
 
     amplitudes: tuple[str, ...]
     force: list[Matrix] | None = None
     command: list[Matrix] | None = None
-    current: list[Matrix] | None = None
     values: Mapping[str, float] = field(default_factory=dict)
     sure: float | None = None
-    freed: str | None = None
+    freed: tuple[str, ...] = ()
 
 
 Courses = Sequence["Course"]
@@ -79,14 +83,14 @@ class Cause:
     at : function of (courses, model, values) to a Shape
     parameters : tuple of Parameter
         What it is told by; the defaults are those of no effect.
-    extend : function of (plant, curve) to a plant
+    extend : function of (plant, curve, values) to a plant
         The plant, not yet able to stick, with the cause in it; `curve` is the friction of steady
-        sliding without its viscous part, as a function of ``v``.
+        sliding without its viscous part, as a function of ``v``; `values` are those found.
     confirm : str
         What would confirm it.
     mistaken_for : tuple of str
-    refined : str, optional
-        The one of `values` that is found between the grid's points.
+    refined : tuple of str
+        Those of `values` that are found between the grid's points; of each form one at most.
     beyond : function of (courses, model) to str or None
         Why these records cannot show it at all.
     on_screw : bool
@@ -101,9 +105,42 @@ class Cause:
     extend: Callable[..., Component]
     confirm: str
     mistaken_for: tuple[str, ...] = ()
-    refined: str | None = None
+    refined: tuple[str, ...] = ()
     beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
     on_screw: bool = False
+
+    def refined_of(self, values: Values) -> str | None:
+        """Which of these values is found between the grid's points, if any."""
+        return next((n for n in self.refined if n in values), None)
+
+
+def of_forms(first: Cause, *others: Cause) -> Cause:
+    """One cause that machines have in several forms, told by the names of their values.
+
+    Name and wording are those of the first.
+    """
+    forms = (first, *others)
+
+    def form_of(values: Values) -> Cause:
+        return next(f for f in forms if set(values) <= {p.name for p in f.parameters})
+
+    def grid(courses: Courses, model: DriveModel) -> list[Values]:
+        return [values for f in forms for values in f.grid(courses, model)]
+
+    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+        return form_of(values).at(courses, model, values)
+
+    def extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+        return form_of(values).extend(plant, curve, values)
+
+    return replace(
+        first,
+        grid=grid,
+        at=at,
+        extend=extend,
+        parameters=tuple(dict.fromkeys(p for f in forms for p in f.parameters)),
+        refined=tuple(dict.fromkeys(n for f in forms for n in f.refined)),
+    )
 
 
 def parameter(name: str, unit: str, meaning: str, default: float = 0.0) -> Parameter:
@@ -120,7 +157,7 @@ def force_cause(
     constants: tuple[Parameter, ...] = (),
     grid: Callable[[Courses, DriveModel], list[Values]] = lambda courses, model: [{}],
     beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None,
-    refined: str | None = None,
+    refined: tuple[str, ...] = (),
     per_record: bool = False,
     on_screw: bool = False,
 ) -> Cause:
@@ -130,7 +167,7 @@ def force_cause(
     ----------
     amplitudes : mapping of Parameter to expression
         Force against motion in +x for the amplitude at one, in the symbols ``x``, ``v``, ``t``,
-        `FRICTION`, `DRY`, the plant's parameters and the `constants`.
+        `FRICTION`, `DRY`, `RELAXATION`, `ACTING`, the plant's parameters and the `constants`.
     grid : function of (courses, model) to a list of mappings
         Values of the constants to try.
     per_record : bool
@@ -150,16 +187,25 @@ def force_cause(
             ]
         return Shape(told, force=force, values=values)
 
-    def extend(plant: Component, curve: sp.Expr) -> Component:
+    def extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+        del values
         friction = -next(t.force for t in plant.terms if t.name == "friction")
+        acting = next(t.force for t in plant.terms if t.name in ("motor", "drive"))
         known = {p.name for p in plant.all_parameters}
         bristle = friction - symbol("sigma2") * symbol("v") if "sigma2" in known else friction
+        relaxation = symbol("sigma1") / symbol("sigma0") if "sigma0" in known else sp.Integer(0)
         opposing = sp.Add(*[symbol(n) * e for n, e in zip(names, expressions, strict=True)])
         return plant.with_force(
             ForceTerm(
                 name=name,
                 force=-opposing.xreplace(
-                    {FRICTION: friction, DRY: bristle, ENGAGED: bristle / curve}
+                    {
+                        FRICTION: friction,
+                        DRY: bristle,
+                        ENGAGED: bristle / curve,
+                        ACTING: acting,
+                        RELAXATION: relaxation,
+                    }
                 ),
                 meaning=says,
                 parameters=tuple(p for p in (*amplitudes, *constants) if p.name not in known),
@@ -189,19 +235,30 @@ def engaged(course: Course, model: DriveModel) -> Vector:
 def _along(
     expressions: Sequence[sp.Expr], course: Course, model: DriveModel, values: Mapping[str, float]
 ) -> Matrix:
-    signals = {
-        "x": course.middle_x,
-        "v": course.middle_v,
-        "t": course.time + 0.5 * course.step,
-        FRICTION.name: course.bristle + model.linear_friction * course.middle_v,
-        DRY.name: course.bristle,
-        ENGAGED.name: engaged(course, model),
+    signals: dict[str, Callable[[], Vector]] = {
+        "x": lambda: course.middle_x,
+        "v": lambda: course.middle_v,
+        "t": lambda: course.time + 0.5 * course.step,
+        FRICTION.name: lambda: course.bristle + model.linear_friction * course.middle_v,
+        DRY.name: lambda: course.bristle,
+        ENGAGED.name: lambda: engaged(course, model),
+        ACTING.name: lambda: (
+            model.per_ampere * course.mean_i if model.has_motor else model.values["gain"] * course.u
+        ),
     }
-    numbers = {**model.values, **values}
+    stiffness = model.values.get("sigma0", 0.0)
+    relaxation = model.values.get("sigma1", 0.0) / stiffness if stiffness else 0.0
+    numbers = {**model.values, RELAXATION.name: relaxation, **values}
     columns = []
     for expression in expressions:
-        free = sorted(s.name for s in sp.sympify(expression).free_symbols)
-        function = sp.lambdify([symbol(n) for n in free], expression, "numpy")
-        column = function(*(signals[n] if n in signals else numbers[n] for n in free))
+        free, function = _compiled(expression)
+        column = function(*(signals[n]() if n in signals else numbers[n] for n in free))
         columns.append(np.broadcast_to(column, course.x.shape))
     return np.column_stack(columns)
+
+
+@cache
+def _compiled(expression: sp.Expr) -> tuple[tuple[str, ...], Callable[..., Vector]]:
+    """Names of an expression's symbols, and a function of them."""
+    free = tuple(sorted(s.name for s in sp.sympify(expression).free_symbols))
+    return free, sp.lambdify([symbol(n) for n in free], expression, "numpy", cse=True)

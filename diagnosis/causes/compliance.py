@@ -34,8 +34,8 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     return Shape(("stiffness",), force=force, values=values, sure=0.3)
 
 
-def _extend(plant: Component, curve: sp.Expr) -> Component:
-    del curve
+def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
     from ...plant.two_masses import with_spring
 
     return with_spring(plant)
@@ -49,6 +49,6 @@ CAUSE = Cause(
     (parameter("stiffness", "N/m", "of what lies between encoder and block", 1e9),),
     _extend,
     confirm="a sensor on the block beside the encoder: the two part when the force reverses",
-    refined="stiffness",
+    refined=("stiffness",),
     mistaken_for=("parameter_error", "backlash"),
 )

@@ -6,23 +6,33 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import sympy as sp
 
-from ...solver.component import TIME, Component, symbol
-from .cause import FRICTION, Courses, Shape, Values, Vector, force_cause, parameter
+from ...solver.component import symbol
+from .cause import FRICTION, Cause, Courses, Shape, Values, Vector, force_cause, of_forms, parameter
+from .in_time import InTime, in_time
+from .travel import changing, either_way, viscous_share
 
 if TYPE_CHECKING:
     from ..course import Course
     from ..drive_model import DriveModel
 
+_SHARE = "drift_viscous_share"
+_NAME = "friction_drift"
+_SAYS = "friction changes in the course of the record"
+_CONFIRM = "the same motion again and again, with a thermometer: friction follows it"
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
-    del model
-    found: list[Values] = [{"drift_time": max(float(c.time[-1]) for c in courses)}]
-    warmth = [_temperature(c) for c in courses]
-    if all(t is not None and np.ptp(t) > 0 for t in warmth):
-        found.append({"warming": 0.0})
-    return found
+
+def _form(how: InTime) -> Cause:
+    return force_cause(
+        _NAME,
+        _SAYS,
+        {parameter(how.change, "1", "share by which friction grows"): changing(_SHARE, how.course)},
+        confirm=_CONFIRM,
+        mistaken_for=("resistance_drift", "position_trend_friction"),
+        constants=(how.constant, viscous_share(_SHARE)),
+        grid=lambda courses, model: either_way(how.grid(courses, model), _SHARE),
+        refined=how.refined,
+    )
 
 
 def _temperature(course: Course) -> Vector | None:
@@ -34,9 +44,13 @@ def _temperature(course: Course) -> Vector | None:
     return np.interp(course.time, course.time[known], recorded[known])
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    if "warming" not in values:
-        return _IN_TIME.at(courses, model, values)
+def _with_temperature_grid(courses: Courses, model: DriveModel) -> list[Values]:
+    del model
+    warmth = [_temperature(c) for c in courses]
+    return [{"warming": 0.0}] if all(t is not None and np.ptp(t) > 0 for t in warmth) else []
+
+
+def _with_temperature_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     warmth = [t for t in map(_temperature, courses) if t is not None]
     mean = float(np.concatenate(warmth).mean())
     force = [
@@ -46,38 +60,20 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     return Shape(("friction_per_kelvin",), force=force, values=values)
 
 
-def _extend(plant: Component, curve: sp.Expr) -> Component:
-    return _WITH_TEMPERATURE.extend(_IN_TIME.extend(plant, curve), curve)
-
-
-_IN_TIME = force_cause(
-    "friction_drift",
-    "friction changes in the course of the record",
-    {
-        parameter("friction_drift", "1", "share by which friction grows in drift_time"): FRICTION
-        * TIME
-        / symbol("drift_time")
-    },
-    confirm="the same motion again and again, with a thermometer: friction follows it",
-    mistaken_for=("resistance_drift", "position_trend_friction"),
-    constants=(parameter("drift_time", "s", "time of that growth", 1.0),),
-    grid=_grid,
-)
-_WITH_TEMPERATURE = force_cause(
-    "friction_with_temperature",
-    _IN_TIME.says,
-    {
-        parameter("friction_per_kelvin", "1/K", "share by which friction grows per degree"): (
-            FRICTION * symbol("warming")
-        )
-    },
-    confirm=_IN_TIME.confirm,
-    constants=(parameter("warming", "K", "of the screw, above the mean of the records"),),
+_WITH_TEMPERATURE = replace(
+    force_cause(
+        _NAME,
+        _SAYS,
+        {
+            parameter("friction_per_kelvin", "1/K", "share by which friction grows per degree"): (
+                FRICTION * symbol("warming")
+            )
+        },
+        confirm=_CONFIRM,
+        constants=(parameter("warming", "K", "of the screw, above the mean of the records"),),
+        grid=_with_temperature_grid,
+    ),
+    at=_with_temperature_at,
 )
 
-CAUSE = replace(
-    _IN_TIME,
-    at=_at,
-    extend=_extend,
-    parameters=(*_IN_TIME.parameters, *_WITH_TEMPERATURE.parameters),
-)
+CAUSE = of_forms(*(_form(how) for how in in_time("friction", "drift_time")), _WITH_TEMPERATURE)

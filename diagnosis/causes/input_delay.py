@@ -1,4 +1,4 @@
-"""A command that arrives late, by whole samples and fractions."""
+"""A command that arrives late: all of it at once, or smeared by a filter."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy.typing as npt
 import sympy as sp
 
 from ...solver.component import Component
-from .cause import Cause, Courses, Shape, Values, parameter
+from ..weak_form import lagged
+from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
@@ -26,41 +27,55 @@ def late(u: npt.NDArray[np.float64], delay: float, step: float) -> npt.NDArray[n
     return np.asarray((1.0 - share) * before[1:] + share * before[:-1])
 
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _delayed(courses: Courses, model: DriveModel, values: Values) -> Shape:
     del model
-    return [{"delay": float(share) * courses[0].step} for share in _SHARES]
+    command = [(late(c.u, values["delay"], c.step) - c.u)[:, None] for c in courses]
+    return Shape(("delay",), command=command, values=values, sure=0.35)
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    command, current = [], []
-    for c in courses:
-        mean = late(c.u, values["delay"], c.step)
-        command.append((mean - c.u)[:, None])
-        # a sample of the current sees the voltage at the end of the interval, not its mean
-        last = late(c.u, values["delay"] // c.step * c.step, c.step)
-        seen = (
-            np.append(0.0, (last - mean)[:-1]) / model.values["R"] if model.has_motor else 0.0 * c.u
-        )
-        current.append(seen[:, None])
-    return Shape(("delay",), command=command, current=current, values=values, sure=0.35)
+def _filtered(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    del model
+    command = [
+        (lagged(c.u[:, None], c.step, values["command_lag"]) - c.u[:, None]) for c in courses
+    ]
+    return Shape(("command_lag",), command=command, values=values, sure=0.35)
 
 
-def _extend(plant: Component, curve: sp.Expr) -> Component:
-    del curve
+def _extend_delayed(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
     from ...plant.late_command import with_late_command
 
-    (delay,) = CAUSE.parameters
+    (delay,) = _DELAY.parameters
     return with_late_command(plant, replace(delay, minimum=1e-7))
 
 
-CAUSE = Cause(
+def _extend_filtered(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
+    from ...plant.late_command import with_filtered_command
+
+    (lag,) = _LAG.parameters
+    return with_filtered_command(plant, replace(lag, minimum=1e-7))
+
+
+_DELAY = Cause(
     "input_delay",
     "the command reaches the drive late",
-    _grid,
-    _at,
+    lambda courses, model: [{"delay": float(share) * courses[0].step} for share in _SHARES],
+    _delayed,
     (parameter("delay", "s", "by which the command arrives late", 1e-4),),
-    _extend,
+    _extend_delayed,
     confirm="a step of the command with the current recorded: the current begins late",
-    refined="delay",
+    refined=("delay",),
     mistaken_for=("unmodelled_inertia",),
 )
+_LAG = replace(
+    _DELAY,
+    grid=lambda courses, model: [
+        {"command_lag": float(share) * courses[0].step} for share in _SHARES
+    ],
+    at=_filtered,
+    parameters=(parameter("command_lag", "s", "time constant of the command's filter", 1e-4),),
+    extend=_extend_filtered,
+    refined=("command_lag",),
+)
+CAUSE = of_forms(_DELAY, _LAG)

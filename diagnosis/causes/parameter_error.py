@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import sympy as sp
@@ -15,21 +16,19 @@ if TYPE_CHECKING:
 
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     del courses
-    return [{name: value} for name, value in model.values.items() if _may_be(name, model)]
-
-
-def _may_be(name: str, model: DriveModel) -> bool:
-    return name in model.adjustable and name not in ("m", "Jm")  # these are inertia
+    names = [n for n in model.adjustable if n not in ("m", "Jm")]  # these are inertia
+    # more than two at once can be anything: all forces together are the mass
+    sets = [*combinations(names, 1), *combinations(names, 2)]
+    return [{n: model.values[n] for n in those} for those in sets]
 
 
 def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     del courses, model
-    (name,) = values
-    return Shape((name,), freed=name)
+    return Shape(tuple(values), freed=tuple(values))
 
 
-def _extend(plant: Component, curve: sp.Expr) -> Component:
-    del curve
+def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
     return plant  # its values are others
 
 

@@ -42,8 +42,8 @@ def _beyond(courses: Courses, model: DriveModel) -> str | None:
     return None if model.law == "classical" else "the believed law has presliding of its own"
 
 
-def _extend(plant: Component, curve: sp.Expr) -> Component:
-    del curve
+def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
     return plant  # the law is another one, see `bristled`
 
 
@@ -55,7 +55,7 @@ CAUSE = Cause(
     (parameter("sigma0", "N/m", "stiffness of the bristles", 1e6),),
     _extend,
     confirm="small slow movements to and fro: force over position is a loop",
-    refined="sigma0",
+    refined=("sigma0",),
     mistaken_for=("compliance", "backlash"),
     beyond=_beyond,
 )

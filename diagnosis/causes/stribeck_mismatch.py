@@ -46,12 +46,12 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     return Shape(("dF_low",), force=force, values=values)
 
 
-def _extend(plant: Component, curve: sp.Expr) -> Component:
+def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     """The bend goes into the law's curve where it has Stribeck's, else beside the law."""
     names = [p.name for p in plant.all_parameters]
     bent = [n for n in names if n.partition("_")[0] in ("Fc", "Fs")]
     if not any(n.startswith("Fs") for n in bent):
-        return _ADDED.extend(plant, curve)
+        return _ADDED.extend(plant, curve, values)
     bend = symbol("dF_low") * _BEND
     return plant.substituted(
         {symbol(n): symbol(n) + bend for n in bent},
@@ -67,7 +67,7 @@ _ADDED = force_cause(
     mistaken_for=("nonlinear_viscous", "parameter_error"),
     constants=(parameter("V_mismatch", "m/s", "speed by which it has fallen to 1/e", 1.0),),
     grid=_grid,
-    refined="V_mismatch",
+    refined=("V_mismatch",),
 )
 
 CAUSE = replace(_ADDED, at=_at, extend=_extend)

@@ -2,27 +2,49 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import sympy as sp
 
 from ...solver.component import symbol
-from .cause import force_cause, parameter
+from .cause import ACTING, Cause, Courses, Values, force_cause, of_forms, parameter
 from .travel import periods
 
-_ANGLE = 2 * sp.pi * symbol("ripples_per_metre") * symbol("x")
+if TYPE_CHECKING:
+    from ..drive_model import DriveModel
 
-CAUSE = force_cause(
-    "torque_ripple",
-    "the drive's force swings with the motor's angle, whichever way it turns",
-    {
-        parameter("ripple_cos", "N", "force with the cosine of the angle"): sp.cos(_ANGLE),
-        parameter("ripple_sin", "N", "force with the sine of the angle"): sp.sin(_ANGLE),
-    },
-    confirm="move slowly over a few turns both ways: the swing keeps its sign",
-    mistaken_for=("position_periodic_friction",),
-    constants=(parameter("ripples_per_metre", "1/m", "swings per metre", 1.0),),
-    grid=lambda courses, model: periods(
-        courses, model, "ripples_per_metre", range(1, 9), flips=False
-    ),
-    per_record=True,
-    on_screw=True,
+
+def _form(
+    swings: str, names: str, unit: str, of: sp.Expr, harmonics: tuple[int, ...], tried: range
+) -> Cause:
+    def grid(courses: Courses, model: DriveModel) -> list[Values]:
+        return periods(courses, model, swings, tried, flips=False)
+
+    amplitudes = {}
+    for times in harmonics:
+        angle = 2 * sp.pi * times * symbol(swings) * symbol("x")
+        suffix = f"_{times}" if len(harmonics) > 1 else ""
+        for name, wave in (("cos", sp.cos(angle)), ("sin", sp.sin(angle))):
+            told = parameter(
+                f"{names}_{name}{suffix}", unit, f"swing with the {name}ine of the angle"
+            )
+            amplitudes[told] = of * wave
+    return force_cause(
+        "torque_ripple",
+        "the drive's force swings with the motor's angle, whichever way it turns",
+        amplitudes,
+        confirm="move slowly over a few turns both ways: the swing keeps its sign",
+        mistaken_for=("position_periodic_friction",),
+        constants=(parameter(swings, "1/m", "swings per metre", 1.0),),
+        grid=grid,
+        per_record=True,
+        on_screw=True,
+    )
+
+
+_ONE = sp.Integer(1)
+CAUSE = of_forms(
+    _form("ripples_per_metre", "ripple", "N", _ONE, (1,), range(1, 9)),
+    _form("double_ripples_per_metre", "ripple", "N", _ONE, (1, 2), range(1, 5)),
+    _form("constant_ripples_per_metre", "constant_ripple", "1", -ACTING, (1,), range(1, 7)),
 )

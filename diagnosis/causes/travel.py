@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import sympy as sp
 from scipy.ndimage import median_filter
+from scipy.optimize import minimize_scalar
 
 from ...solver.component import Parameter, symbol
-from .cause import DRY, FRICTION, Courses, Values, Vector, parameter
+from .cause import DRY, FRICTION, RELAXATION, Courses, Values, Vector, parameter
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
@@ -19,7 +20,7 @@ _FEWEST_PERIODS = 2  # in the travel
 _MOST_PERIODS = 250
 _FINER = 5  # periods that are tried, to each whole one in the travel
 _CELLS = 4096  # of the travel: 16 in the shortest period
-_PEAKS = 10
+_PEAKS = 6
 _AROUND = 75  # fifths of a period of the travel
 
 
@@ -29,9 +30,13 @@ def viscous_share(name: str) -> Parameter:
     return parameter(name, "1", "share of the viscous friction that changes, too")
 
 
-def changing(name: str) -> sp.Expr:
-    """The friction that changes along the travel."""
-    return DRY + symbol(name) * (FRICTION - DRY)
+def changing(name: str, course: sp.Expr) -> sp.Expr:
+    """Friction of which a share changes along a course: the dry part, and `name` of the rest.
+
+    Where the law has bristles, its level changes: what holds the bristles gives way with them.
+    """
+    rate = symbol("v") * sp.diff(course, symbol("x"))
+    return DRY * (course + RELAXATION * rate) + symbol(name) * (FRICTION - DRY) * course
 
 
 def either_way(values: list[Values], name: str) -> list[Values]:
@@ -49,7 +54,7 @@ def middle_and_half(courses: Courses) -> tuple[float, float]:
 def periods(
     courses: Courses, model: DriveModel, name: str, harmonics: Sequence[int], flips: bool
 ) -> list[Values]:
-    """Swings per metre to try: those of the screw's turn, or the strongest of the record.
+    """Swings per metre to try: those of the screw's turn, and the strongest of the record.
 
     Parameters
     ----------
@@ -63,11 +68,10 @@ def periods(
     middle, half = middle_and_half(courses)
     low, way = middle - half, 2 * half
     turns = model.values.get("p")
-    if turns:
-        return [{name: k * turns} for k in harmonics if k * turns * way > _FEWEST_PERIODS]
+    found = [k * turns for k in harmonics if k * turns * way > _FEWEST_PERIODS] if turns else []
     tried = np.arange(_FEWEST_PERIODS * _FINER, _MOST_PERIODS * _FINER)
-    found = tried / (_FINER * way)
-    power = np.zeros(len(found))
+    swings = tried / (_FINER * way)
+    power = np.zeros(len(swings))
     for c in courses:
         force = c.unknown * (np.sign(c.v) if flips else 1.0)
         power += _power((c.x - low) / way, force - force.mean())[tried]
@@ -75,7 +79,11 @@ def periods(
     rises = power / median_filter(power, _AROUND, mode="nearest")
     inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
     best = inner[np.argsort(-rises[inner])][:_PEAKS]
-    return [{name: float(found[k])} for k in np.sort(best)]
+    apart = 1.0 / (_FINER * way)  # closer ones are the same
+    for k in np.sort(best):
+        if all(abs(swings[k] - f) > apart for f in found):
+            found.append(_peak(courses, float(swings[k]), apart, flips))
+    return [{name: f} for f in found]
 
 
 def _power(place: Vector, force: Vector) -> Vector:
@@ -83,3 +91,17 @@ def _power(place: Vector, force: Vector) -> Vector:
     cell = np.minimum((place * _CELLS).astype(int), _CELLS - 1)
     summed = np.bincount(cell, force, _CELLS)
     return np.asarray(np.abs(np.fft.rfft(summed, _FINER * _CELLS)) ** 2)
+
+
+def _peak(courses: Courses, swings: float, apart: float, flips: bool) -> float:
+    """Where around there the record has most power [1/m]."""
+
+    def power(tried: float) -> float:
+        sums = [
+            np.sum(c.unknown * (np.sign(c.v) if flips else 1.0) * np.exp(2j * np.pi * tried * c.x))
+            for c in courses
+        ]
+        return -float(np.sum(np.abs(sums) ** 2))
+
+    ends = (swings - apart, swings + apart)
+    return float(minimize_scalar(power, bounds=ends, method="bounded", options={"maxiter": 12}).x)

@@ -12,15 +12,23 @@ from .cause import Cause, Courses, Shape, Values, parameter
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
 
+_LEAST = 0.5  # of what holds a drive back within a window
+
 
 def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     del courses, model
-    return Shape(("m",), values=values, freed="m")
+    return Shape(("m",), values=values, freed=("m",))
 
 
-def _extend(plant: Component, curve: sp.Expr) -> Component:
-    del curve
+def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
     return plant  # the mass is another one
+
+
+def _beyond(courses: Courses, model: DriveModel) -> str | None:
+    if all(model.inertia < _LEAST * c.inertia for c in courses):
+        return "what is moved is too light for these samples: its speed settles between them"
+    return None
 
 
 CAUSE = Cause(
@@ -32,4 +40,5 @@ CAUSE = Cause(
     _extend,
     confirm="accelerate hard both ways at the same speeds: force over acceleration",
     mistaken_for=("parameter_error", "input_delay"),
+    beyond=_beyond,
 )

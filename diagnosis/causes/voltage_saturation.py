@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import sympy as sp
 
-from ...solver.component import Component
-from .cause import Cause, Courses, Shape, Values, parameter
+from ...solver.component import Component, symbol
+from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
 
 # of the largest command; the last cuts nothing off, as an end for what is sought between them
 _LEVELS = 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)
+
+_SCALES = np.geomspace(0.6, 12.0, 10)  # of the largest command; a bend, not a limit
 
 
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:
@@ -30,12 +33,32 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     return Shape(("voltage_limit",), command=command, values=values, sure=0.3)
 
 
-def _extend(plant: Component, curve: sp.Expr) -> Component:
-    del curve
+def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
     return plant  # its limit is another one
 
 
-CAUSE = Cause(
+def _bent_grid(courses: Courses, model: DriveModel) -> list[Values]:
+    del model
+    largest = max(float(np.abs(c.u).max()) for c in courses)
+    return [{"voltage_scale": largest * float(k)} for k in _SCALES]
+
+
+def _bent_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    del model
+    scale = values["voltage_scale"]
+    command = [(scale * np.tanh(c.u / scale) - c.u)[:, None] for c in courses]
+    return Shape(("voltage_scale",), command=command, values=values, sure=0.3)
+
+
+def _bent(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
+    u, scale = symbol("u"), symbol("voltage_scale")
+    given = {u: scale * sp.tanh(u / scale)}
+    return plant.substituted(given, parameters=(*plant.parameters, *_BEND.parameters))
+
+
+_CLIP = Cause(
     "voltage_saturation",
     "the amplifier gives less than the largest commands ask for",
     _grid,
@@ -43,6 +66,17 @@ CAUSE = Cause(
     (parameter("voltage_limit", "V", "largest voltage, either sign", 1e6),),
     _extend,
     confirm="measure the motor's voltage at the largest command",
-    refined="voltage_limit",
+    refined=("voltage_limit",),
     mistaken_for=("nonlinear_viscous", "resistance_drift"),
 )
+_BEND = replace(
+    _CLIP,
+    grid=_bent_grid,
+    at=_bent_at,
+    parameters=(
+        parameter("voltage_scale", "V", "voltage that a bent amplifier comes near to", 1e6),
+    ),
+    extend=_bent,
+    refined=("voltage_scale",),
+)
+CAUSE = of_forms(_CLIP, _BEND)

@@ -34,7 +34,7 @@ SAMPLES = 3000
 ROTOR = 4.2e-7
 
 FOUND = {
-    "direction_asymmetry": {"asymmetry": 0.1},
+    "direction_asymmetry": {"asymmetry": 0.1, "asymmetry_viscous_share": 1.0},
     "position_periodic_friction": {
         "periods_per_metre": 1000.0,
         "periodic_viscous_share": 1.0,
@@ -54,13 +54,73 @@ FOUND = {
     "presliding_hysteresis": {"sigma0": 1e5},
     "unmodelled_inertia": {"m": 2.0},
     "input_delay": {"delay": 3e-4},
-    "friction_drift": {"friction_drift": 0.2, "drift_time": 20.0},
+    "friction_drift": {"friction_drift": 0.2, "drift_time": 20.0, "drift_viscous_share": 1.0},
     "resistance_drift": {"R_drift": 0.1, "warming_time": 20.0},
     "backlash": {"gap": 2e-5},
     "compliance": {"stiffness": 1e6},
     "voltage_saturation": {"voltage_limit": 20.0},
     "parameter_error": {"Fc": 1.5},
 }
+OTHER_FORMS = [
+    (
+        "position_periodic_friction",
+        {
+            "double_periods_per_metre": 1000.0,
+            "periodic_viscous_share": 0.0,
+            "friction_cos_1": 0.2,
+            "friction_sin_1": 0.0,
+            "friction_cos_2": 0.1,
+            "friction_sin_2": 0.1,
+        },
+    ),
+    (
+        "position_trend_friction",
+        {
+            "x_bow": 0.0,
+            "bow_half": 0.01,
+            "trend_viscous_share": 1.0,
+            "friction_slope": 0.1,
+            "friction_bow": 0.3,
+        },
+    ),
+    (
+        "position_trend_friction",
+        {"x_worn": 0.0, "way_worn": -0.01, "trend_viscous_share": 1.0, "friction_worn": 0.4},
+    ),
+    (
+        "torque_ripple",
+        {
+            "double_ripples_per_metre": 1000.0,
+            "ripple_cos_1": 0.1,
+            "ripple_sin_1": 0.0,
+            "ripple_cos_2": 0.1,
+            "ripple_sin_2": 0.2,
+        },
+    ),
+    (
+        "torque_ripple",
+        {
+            "constant_ripples_per_metre": 1000.0,
+            "constant_ripple_cos": 0.2,
+            "constant_ripple_sin": 0.1,
+        },
+    ),
+    ("nonlinear_viscous", {"viscous_power": 0.5, "viscous_speed": 0.05, "F_power": 1.0}),
+    ("nonlinear_viscous", {"V_viscous": 0.02, "dsigma2": -60.0}),
+    (
+        "friction_drift",
+        {"friction_settling_time": 1.0, "drift_viscous_share": 1.0, "friction_settling": 0.3},
+    ),
+    (
+        "friction_drift",
+        {"friction_step_time": 1.0, "drift_viscous_share": 1.0, "friction_step": 0.3},
+    ),
+    ("friction_drift", {"warming": 10.0, "friction_per_kelvin": 0.02}),
+    ("resistance_drift", {"R_settling_time": 1.0, "R_settling": 0.2}),
+    ("resistance_drift", {"R_step_time": 1.0, "R_step": 0.2}),
+    ("input_delay", {"command_lag": 3e-3}),
+    ("voltage_saturation", {"voltage_scale": 15.0}),
+]
 SIZED = ("gap", "stiffness", "delay")  # their amplitude is one, the size is the value itself
 
 
@@ -86,6 +146,16 @@ def test_every_cause_can_be_exported_with_its_values(tmp_path, name, law_name):
         assert float(described[parameter].start) == value
     assert read_believed(files.parameters).kind == "ball_screw"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["extended_plant.fmu", "parameters.toml"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values"), OTHER_FORMS, ids=lambda p: "+".join(p) if isinstance(p, dict) else p
+)
+def test_every_form_of_a_cause_is_part_of_the_plant_with_its_values(name, values):
+    plant = extended_plant(believed(), [(name, values)])
+    known = {p.name: p.default for p in plant.all_parameters}
+    assert {n: known[n] for n in values} == values
+    assert generate(with_law_ports(plant)).states
 
 
 def test_all_causes_at_once_are_one_plant():
@@ -181,8 +251,8 @@ def command():
     return 12.0 * np.sum(swings, axis=0) / np.abs(np.sum(swings, axis=0)).max()
 
 
-def simulated(model, *names):
-    run = Model(generate(with_law_ports(plant_with(model, *names))))
+def simulated(model, found):
+    run = Model(generate(with_law_ports(extended_plant(model, found))))
     names = [s.name for s in run.kernel.states]
     states = np.empty((SAMPLES * PARTS + 1, len(names)))
     states[0] = run.x
@@ -212,22 +282,25 @@ def laid(motion, bristle=0.0):
     """The motion as a diagnosis has it, without any noise."""
     record = {"time": np.arange(SAMPLES) * STEP, "u": command(), "x": motion.x, "i": motion.i}
     known = {"x": motion.x, "v": motion.v, "i": motion.i, "bristle": bristle}
-    known |= {"record": DriveRecord("swings", record, STEP), "channels": ("x",)}
+    known |= {"record": DriveRecord("swings", record, STEP), "width": 1, "calibration": {}}
     return Course(**{f.name: np.zeros(SAMPLES) for f in fields(Course)} | known)
 
 
-def foretold(model, motion, *names):
+def foretold(model, motion, found):
     """Force along that motion by the model, without and with the causes' shapes [N]."""
     offset = 0.0 if model.has_motor else model.values["offset"]
     bristle = model.friction(motion.x, motion.v, STEP) - offset
     course = laid(motion, bristle)
     without = bristle + model.linear_friction * midway(motion.v) + offset
     whole = without.copy()
-    for name in names:
-        shape = CAUSES[name].at([course], model, FOUND[name])
-        sizes = [1.0 if a in SIZED else FOUND[name][a] for a in shape.amplitudes]
+    for name, values in found:
+        shape = CAUSES[name].at([course], model, values)
+        sizes = [1.0 if a in SIZED else values[a] for a in shape.amplitudes]
         whole += shape.force[0] @ np.array(sizes)
     return without, whole
+
+
+_FORCES = ("position_periodic_friction", "position_trend_friction", "nonlinear_viscous")
 
 
 def apart(seen, told, where):
@@ -247,8 +320,19 @@ def apart(seen, told, where):
     ids=["periodic and load", "compliance", "drive, sticking", "backlash", "bend, sticking"],
 )
 def test_the_force_in_motion_is_the_one_it_was_found_by(model, names):
-    motion = simulated(model, *names)
-    without, whole = foretold(model, motion, *names)
+    check_force_in_motion(model, [(n, FOUND[n]) for n in names])
+
+
+@pytest.mark.parametrize(
+    "form", [f for f in OTHER_FORMS if f[0] in _FORCES], ids=lambda f: "+".join(f[1])
+)
+def test_the_force_of_each_form_is_the_one_it_was_found_by(form):
+    check_force_in_motion(believed(), [form])
+
+
+def check_force_in_motion(model, found):
+    motion = simulated(model, found)
+    without, whole = foretold(model, motion, found)
     moving = np.abs(motion.v) > 1e-4  # stuck, the classical law does not say which force
     moving[:-1] &= np.sign(motion.v[1:]) == np.sign(motion.v[:-1])
     moving[:20] = moving[-2:] = False
@@ -257,9 +341,10 @@ def test_the_force_in_motion_is_the_one_it_was_found_by(model, names):
     assert apart(motion.force, without, moving) > 0.02
 
 
-def test_a_late_command_arrives_as_the_delay_foretells():
-    motion = simulated(believed(), "input_delay")
-    u, found = command(), FOUND["input_delay"]
+@pytest.mark.parametrize("found", [{"delay": 3e-4}, {"command_lag": 3e-3}], ids="+".join)
+def test_a_late_command_arrives_as_was_foretold(found):
+    motion = simulated(believed(), [("input_delay", found)])
+    u = command()
     change = CAUSES["input_delay"].at([laid(motion)], believed(), found).command[0][:, 0]
     later = np.arange(SAMPLES) > 20
     assert apart(motion.arrived, u + change, later) < 5e-4
