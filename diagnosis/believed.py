@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from ..fmus.interface import START
@@ -83,6 +84,33 @@ def believed(file: ParameterFile, law: str | None = None) -> DriveModel:
         n: file.tolerance[n] if n in file.tolerance else _doubt(file.plant.get(n)) for n in adjusted
     }
     return DriveModel(file.kind, used, values, tolerance)
+
+
+def with_lead(file: ParameterFile, lead: float | None) -> ParameterFile:
+    """The file with the way of the screw per turn [m], where its plant has a screw.
+
+    Raises
+    ------
+    BadParameters
+        If the file says the lead, too.
+    """
+    if lead is None:
+        return file
+    if "p" in file.plant:
+        raise BadParameters(
+            f"--lead and p of {file.path} both say what a turn of the screw is; expected one of "
+            "them"
+        )
+    if file.kind != BALL_SCREW:
+        return file
+    return replace(file, plant={**file.plant, "p": Value(1 / lead, "1/m", None, "--lead")})
+
+
+def lead_of(file: ParameterFile | None, lead: float | None) -> float | None:
+    """The lead as it is given [m], else by `p` of the file; None if neither says it."""
+    if lead is None and file is not None and "p" in file.plant:
+        return 1 / file.plant["p"].value
+    return lead
 
 
 def _plant(kind: str, law: str) -> Component:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..orchestration.parameter_file import ParameterFile, Value
+from ..orchestration.parameter_file import Diagnosed, ParameterFile, Value
 from ..solver.component import Component
 from .diagnosis import Diagnosis
 from .extended_plant import FOUND, extended_plant, last_record, parameter_file
@@ -22,7 +22,8 @@ def corrected(
         With the causes, where one can be made.
     told : ParameterFile or None
         What was believed. A value that the diagnosis leaves keeps its interval and source, and so
-        do values that take no part: of the amplifier, of controllers, of the rig.
+        do values that take no part: of the amplifier, of controllers, of the rig. A motor that is
+        left out, see `commanded`, has none.
     """
     told = told or ParameterFile()
     file = parameter_file(plant or extended_plant(result.mended, []))
@@ -45,13 +46,23 @@ def corrected(
         return replace(value, source="believed")
 
     values = {n: with_source(n, v) for n, v in file.plant.items()}
+    others = told.plant if told.kind == file.kind else {}
     return replace(
         told,
         path=None,
         kind=file.kind,
         law=file.law,
-        plant=values | {n: v for n, v in told.plant.items() if n not in values},
+        plant=values | {n: v for n, v in others.items() if n not in values},
         found={n: with_source(n, v) for n, v in file.found.items()},
         tolerance={},
         not_identified={},
+        diagnosis=Diagnosed(
+            records=result.records,
+            command=result.command,
+            command_shift=result.command_shift,
+            law=result.believed.law,
+            believed=result.believed.values,
+            adjusted=result.adjusted.values,
+            causes={c.name: last_record(c.parameters) for c in result.causes},
+        ),
     )

@@ -1,89 +1,98 @@
-"""One record on its way through a diagnosis: signals, motion, noise, and the law along it."""
+"""One record on its way through a diagnosis: signals, motion, and the law along it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
+from scipy.signal import savgol_filter, welch
 
 from ..records.drive_record import DriveRecord
 from ..records.resolution import fast_noise
-from .compiled import compiled
 from .drive_model import DriveModel, midway
-from .innovations import smooth
+from .weak_form import averaged, between_samples, lagged, noise_gains
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-_FIRST_RMS = 2.0  # of the friction: before the law is known along the motion
-_FIRST_MEMORY = 0.02  # [s]
-_SHAKES = 6  # draws that tell how a doubtful position blurs the law
-_SHAKE_MEMORY = 0.01  # [s]
-_SHARPEST = 0.1  # of a count to which an edge tells where a slow drive is
-_NEAR = 2.0  # counts
-_LONGEST_REST = 0.05  # near one place, beyond which samples tell nothing [s]
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Of the instruments, and of the force that no model foretells.
-
-    Attributes
-    ----------
-    channels : ndarray, shape (channels,)
-        Variances of position [m^2] and current [A^2].
-    rms, memory : float
-        Of the unmodelled force [N] and how soon it forgets itself [s].
-    """
-
-    channels: Vector
-    rms: float
-    memory: float
+_SHOWN = 0.05  # of the friction: what a position's noise may make of the force in a window
+_SHORTEST, _SHORT, _LONGEST = 2e-4, 1e-3, 0.02  # spacing of the windows [s]
+_OF_BAND = 0.35  # of the period that a position carries: shorter windows see a filter
+_MOST_WINDOWS = 10_000
+_SHAKES = 4  # draws that tell how a doubtful motion blurs the law
+_AROUND = 5  # windows
+_FALLS = 4.0  # powers of ten within an octave, that only a filter makes
+_LONGEST_REST = 0.05  # beyond which samples tell nothing [s]
+_SLOW = 3e-3  # of the record's fast speeds: slower is rest
+_OFFSET = 0.1  # of its root mean square: a current sensor's doubt
 
 
 @dataclass(frozen=True)
 class Course:
-    """A record with its motion as the drive's own equations smooth it.
+    """A record with its motion and what the law says along it.
 
     Attributes
     ----------
     record : DriveRecord
-    channels : tuple of {"x", "i"}
-    signals : ndarray, shape (n, channels)
+    width : int
+        Spacing of the windows, and quarter of the length of one, in samples.
+    inertia, resistance : float
+        What an unforeseen way costs in force, see `sluggishness` [kg], and the resistance [Ohm], as
+        believed: balances are told in their terms.
+    current_share : float
+        Of the noise of the balance of voltages, in its variance, what the current's reading makes;
+        the rest is the velocity's.
     x, v, i : ndarray, shape (n,)
         Smoothed motion and the current [m, m/s, A]; `i` is zero without a motor.
-    blur : ndarray, shape (n,)
-        Standard deviation of `x` [m].
-    unknown : ndarray, shape (n,)
-        What opposes the motion beside the law [N], as smoothed.
     bristle : ndarray, shape (n,)
         The law's force without its viscous part and offset, on average over the interval after
         each sample [N].
-    extra : ndarray, shape (n,)
-        Variance of the force that the doubt of the position makes [N^2].
-    coarse : ndarray, shape (n, channels)
-        By how much more a sample's variance is than its instrument's: a counted position that
-        rests in one count says the same again and again.
+    unknown : ndarray, shape (n,)
+        Force that opposes the motion and that the model does not have [N].
+    doubt : ndarray, shape (windows,)
+        Variance of the law's force that the doubt of the motion makes [N^2].
+    calibration : mapping of str to float
+        What the instruments are off by, as far as it is known: ``command_shift`` in sampling
+        intervals, ``current_offset`` [A] and ``current_gain`` of what is read, and
+        ``current_jump``, the share of a voltage's jump that a sample at its time has already.
+    by_current : bool
+        Whether the motor's force is taken from the current, else from the voltage and the mean
+        speed: where the speed follows the voltage within a sampling interval, no sample shows the
+        currents in between.
     """
 
     record: DriveRecord
-    channels: tuple[str, ...]
-    signals: Matrix
+    width: int
+    inertia: float
+    resistance: float
     x: Vector
     v: Vector
     i: Vector
-    blur: Vector
-    unknown: Vector
     bristle: Vector
-    extra: Vector
-    coarse: Matrix
+    unknown: Vector
+    doubt: Vector
+    current_share: float = 1.0
+    calibration: Mapping[str, float] = field(default_factory=dict)
+    by_current: bool = False
 
     @property
     def step(self) -> float:
         return self.record.step
+
+    @property
+    def has_current(self) -> bool:
+        return "i" in self.record.signals
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Balances that the record can fill: of forces, and of voltages where `i` is known."""
+        return ("force", "voltage") if self.has_current else ("force",)
 
     @property
     def time(self) -> Vector:
@@ -92,22 +101,11 @@ class Course:
 
     @cached_property
     def rests(self) -> npt.NDArray[np.bool_]:
-        """Where the drive stays within two of the encoder's counts for long, shape (n,).
-
-        Such samples do not count: there rounding is no noise but one unknown constant, and the law,
-        which is stiff at rest, makes a force of it.
-        """
-        stays = np.ones(len(self.x))
-        if self.record.count:
-            _dwell(self.x, _NEAR * self.record.count, stays)
-        return np.asarray(stays * self.step > _LONGEST_REST)
-
-    def shown(self, current: Matrix) -> npt.NDArray[np.float64]:
-        """A current, shape (n, m), as the channels show it, shape (n, channels, m)."""
-        out = np.zeros((len(self.x), len(self.channels), current.shape[1]))
-        if "i" in self.channels:
-            out[:, self.channels.index("i")] = current
-        return out
+        """Where the drive rests for long, shape (n,): any force below break-away may act there."""
+        least = 2.0 * position_noise(self.record) / _LONGEST_REST
+        slow = np.abs(self.v) < max(_SLOW * float(np.quantile(np.abs(self.v), 0.95)), least)
+        length = max(round(_LONGEST_REST / self.step), 2)
+        return np.asarray(binary_opening(slow, np.ones(length, dtype=bool)))
 
     @property
     def middle_x(self) -> Vector:
@@ -135,75 +133,147 @@ class Course:
         return self.record.u
 
 
-def instrument_noise(record: DriveRecord) -> tuple[tuple[str, ...], Matrix, Vector]:
-    """Channels, signals (n, channels) and variances of the instruments."""
-    x = record.signals["x"]
-    count = record.count
-    # a drive that trembles is no noise of its encoder
-    spread = max(count / math.sqrt(12) if count else fast_noise(x), 1e-12)
-    channels, columns, variances = ["x"], [x], [spread**2]
-    if "i" in record.signals:
-        channels.append("i")
-        columns.append(record.signals["i"])
-        variances.append(max(fast_noise(record.signals["i"]), 1e-9) ** 2)
-    return tuple(channels), np.column_stack(columns), np.array(variances)
+def position_noise(record: DriveRecord) -> float:
+    """Standard deviation of a position's reading [m]."""
+    return max(record.count / math.sqrt(12.0), fast_noise(record.x), 1e-12)
+
+
+class Doubt(NamedTuple):
+    """How far an instrument may be off: a spread, and what is beyond belief."""
+
+    spread: float
+    low: float
+    high: float
+
+
+def doubts(course: Course) -> dict[str, Doubt]:
+    """What the instruments may be off by, under the names of `Course.calibration`.
+
+    A command acts from where it is written, or half an interval to either side of it; of a jump of
+    the voltage, a sample of the current at its time has nothing yet, or all.
+    """
+    found = {"command_shift": Doubt(0.4, -0.6, 0.6)}
+    if course.has_current:
+        offset = _OFFSET * float(np.sqrt(np.nanmean(course.record.signals["i"] ** 2)))
+        found["current_offset"] = Doubt(offset, -3.0 * offset, 3.0 * offset)
+        found["current_gain"] = Doubt(0.03, -0.06, 0.06)
+        found["current_jump"] = Doubt(0.4, 0.0, 1.0)
+    return found
 
 
 def lay_along(record: DriveRecord, model: DriveModel) -> Course:
-    """Smooth the motion, first without any law, then with what the law says along it."""
-    channels, signals, variances = instrument_noise(record)
-    n = len(record.time)
-    nothing = np.zeros(n)
-    course = Course(
-        record,
-        channels,
-        signals,
-        x=nothing,
-        v=nothing,
-        i=nothing,
-        blur=nothing,
-        unknown=nothing,
-        bristle=nothing,
-        extra=nothing,
-        coarse=np.ones(signals.shape),
+    """Smooth the motion and follow the law along it."""
+    noise = position_noise(record)
+    # noise of the second difference of smeared positions, times what moves, against the friction
+    share = model.inertia * noise * math.sqrt(record.step) / (_SHOWN * model.friction_scale)
+    spacing = (math.sqrt(8.0 / 3.0) * share) ** 0.4
+    # long enough for the drive to have answered, short enough to see it answer
+    answers = model.inertia / max(model.linear_friction + model.braking, 1e-9)
+    least = min(max(answers, _SHORTEST), _SHORT)
+    spacing = min(max(spacing, least, _OF_BAND / carried(record)), _LONGEST)
+    width = max(round(spacing / record.step), -(-len(record.x) // _MOST_WINDOWS), 1)
+    window = min(4 * width + 1, len(record.x) // 2 * 2 - 1)
+    x = savgol_filter(record.x, window, 3)
+    v = savgol_filter(record.x, window, 3, deriv=1, delta=record.step)
+    nothing = np.zeros(len(x))
+    current = _current(record, v, model)
+    resistance = model.values["R"] if model.has_motor else 0.0
+    course = Course(record, width, 0.0, resistance, x, v, current, nothing, nothing, nothing)
+    course = replace(
+        course,
+        inertia=sluggishness(course, model),
+        current_share=_current_share(course, model, noise),
+        calibration=dict.fromkeys(doubts(course), 0.0),
     )
-    noise = Noise(variances, _FIRST_RMS * model.friction_scale, _FIRST_MEMORY)
-    course = _smoothed(course, model, noise, np.zeros(n), np.zeros(n))
-    for rms in (0.5, 0.1):
-        course = _sharpened(course)
-        noise = replace(noise, rms=rms * model.friction_scale)
-        friction = model.friction(course.x, course.v, course.step)
-        extra = _blurred(course, model, friction)
-        course = _smoothed(course, model, noise, friction, extra)
-    return follow(course, model)
+    return replace(follow(course, model), doubt=_doubt(course, model, noise))
 
 
-def resmoothed(
-    course: Course,
-    model: DriveModel,
-    noise: Noise,
-    more: Vector,
-    volts: Vector,
-    amperes: Vector,
-) -> Course:
-    """The course in the light of better values.
+def sluggishness(course: Course, model: DriveModel) -> float:
+    """What holds a drive back within a window: mass, and half a window of what brakes it [kg]."""
+    braking = model.linear_friction + (0.0 if course.by_current else model.braking)
+    return model.inertia + 0.5 * course.width * course.step * braking
 
-    Parameters
-    ----------
-    more, volts, amperes : ndarray, shape (n,)
-        Force beside the law's [N], command beside the recorded, and what a sample of the current
-        shows beyond what commands make of it [A].
+
+def voltage_scale(course: Course, model: DriveModel) -> float:
+    """By which a voltage left over is told in the noise that it has under the believed resistance.
+
+    Were it told in volts, a model with a small resistance would leave less of a noisy current; in
+    amperes, one with a large resistance less of a noisy velocity.
     """
-    friction = model.friction(course.x, course.v, course.step) + more
-    return follow(_smoothed(course, model, noise, friction, course.extra, volts, amperes), model)
+    ratio = model.values["R"] / (course.resistance * (1.0 + course.calibration["current_gain"]))
+    return 1.0 / math.sqrt(1.0 + course.current_share * (ratio**2 - 1.0))
+
+
+def _current_share(course: Course, model: DriveModel, noise: float) -> float:
+    if not course.has_current:
+        return 1.0
+    of_average, of_rate = noise_gains(course.width)
+    step = float(np.median(np.abs(np.diff(np.unique(course.i))))) if len(course.i) > 1 else 0.0
+    current = course.resistance * of_average * max(fast_noise(course.i), step / math.sqrt(12.0))
+    velocity = model.back_emf * of_rate * noise / course.step
+    return current**2 / max(current**2 + velocity**2, 1e-300)
+
+
+def driven_by_current(course: Course, model: DriveModel) -> Course:
+    """The course with the motor's force taken from the current."""
+    course = replace(course, by_current=True)
+    return replace(course, inertia=sluggishness(course, model))
+
+
+def _doubt(course: Course, model: DriveModel, noise: float) -> Vector:
+    """Variance of the law's force that the doubt of the motion makes, shape (windows,) [N^2].
+
+    The motion is doubtful by its noise, and by what smoothing it over twice the time changes.
+    """
+    random = np.random.default_rng(0)
+    n, width = len(course.x), course.width
+    window = min(8 * width + 1, n // 2 * 2 - 1)
+    smoother = savgol_filter(course.record.x, window, 3)
+    blur = np.hypot(noise / math.sqrt(width), smoother - course.x)
+    known = averaged(model.friction(course.x, course.v, course.step), width)
+    total = np.zeros(len(known))
+    for _ in range(_SHAKES):
+        shake = savgol_filter(random.standard_normal(n), window, 3) * math.sqrt(width) * blur
+        v = course.v + np.gradient(shake, course.step)
+        total += (averaged(model.friction(course.x + shake, v, course.step), width) - known) ** 2
+    return np.asarray(uniform_filter1d(total / _SHAKES, _AROUND))
+
+
+def carried(record: DriveRecord) -> float:
+    """Frequency up to which a position tells anything [Hz]; half the sampling rate where all does.
+
+    What an encoder reads has a floor of rounding at all frequencies; where the spectrum falls far
+    below it within less than an octave, a filter went over the position.
+    """
+    bent = np.diff(record.x, 2)
+    frequency, power = welch(bent, 1.0 / record.step, nperseg=min(512, len(bent)))
+    level = np.log10(median_filter(power[1:], 9) + 1e-300)
+    octave = len(level) // 2
+    for k in range(len(level) // 16, octave):
+        if level[k] - np.max(level[2 * k :]) > _FALLS:
+            return float(frequency[k + 1])
+    return float(frequency[-1])
+
+
+def _current(record: DriveRecord, v: Vector, model: DriveModel) -> Vector:
+    """The motor's current at the samples, measured or as the voltage makes it [A]."""
+    if not model.has_motor:
+        return np.zeros(len(v))
+    if "i" in record.signals:
+        read = record.signals["i"]
+        known = np.isfinite(read)
+        return np.interp(record.time, record.time[known], read[known])
+    resistance = model.values["R"]
+    goal = (record.u - model.back_emf * v) / resistance
+    late = lagged(goal[:, None], record.step, model.values["L"] / resistance)[:, 0]
+    return np.append(late[:1], late[:-1])
 
 
 def follow(course: Course, model: DriveModel) -> Course:
     """The course with the law's force along it."""
     friction = model.friction(course.x, course.v, course.step)
-    extra = _blurred(course, model, friction)
     offset = 0.0 if model.has_motor else model.values["offset"]
-    return replace(course, bristle=friction - offset, extra=extra)
+    return replace(course, bristle=friction - offset)
 
 
 def opposing(course: Course, model: DriveModel) -> Vector:
@@ -212,99 +282,24 @@ def opposing(course: Course, model: DriveModel) -> Vector:
     return law + model.linear_friction * course.middle_v
 
 
-def _smoothed(
-    course: Course,
-    model: DriveModel,
-    noise: Noise,
-    friction: Vector,
-    extra: Vector,
-    volts: Vector | float = 0.0,
-    amperes: Vector | None = None,
-) -> Course:
-    drive = model.linear(course.step, course.channels, noise.channels, noise.rms, noise.memory)
-    start = np.zeros(len(drive.move))
-    start[0] = course.signals[0, 0]
-    signals = course.signals
-    if amperes is not None:
-        signals = signals - course.shown(amperes[:, None])[:, :, 0]
-    given = (signals, course.coarse, course.u + volts, friction, extra, start)
-    out = smooth(drive, *given)
-    state = out.state
-    current = state[:, 2] if model.has_motor else np.zeros(len(state))
-    return replace(
-        course,
-        x=np.ascontiguousarray(state[:, 0]),
-        v=np.ascontiguousarray(state[:, 1]),
-        i=np.ascontiguousarray(current),
-        blur=out.spread[:, 0],
-        unknown=np.ascontiguousarray(state[:, -1]),
+def true_current(course: Course) -> Vector:
+    """What the reading says of the current at the samples, before the voltage jumps, (n,) [A]."""
+    return (course.i - course.calibration["current_offset"]) / (
+        1.0 + course.calibration["current_gain"]
     )
 
 
-def _sharpened(course: Course) -> Course:
-    """A counted position read by its edges.
-
-    The sample after an edge was crossed lies within what the drive went since the one before it;
-    one without a new count says no more than those before it. Both are in `coarse`. To take all
-    counts for rounded positions would tie their error to the command of a controller that acts on
-    them.
-    """
-    count = course.record.count
-    if not count:
-        return course
-    x = course.record.x
-    # since the sample before; where the drive turns round, as far as it may have gone in between
-    since = np.abs(np.diff(course.x, prepend=course.x[0]))
-    bend = np.abs(np.gradient(np.gradient(course.x)))
-    bend = np.maximum(bend, np.maximum(np.append(bend[1:], 0.0), np.append(0.0, bend[:-1])))
-    way = np.minimum(np.maximum(since, np.append(since[1:], 0.0)) + bend, count)
-    steps = np.diff(x, prepend=x[0])
-    read = np.where(steps > 0, x + 0.5 * way, x + 0.5 * count)
-    read = np.where(steps < 0, x + count - 0.5 * way, read) - 0.5 * count
-    ends = np.concatenate([[0], np.flatnonzero(steps), [len(x)]])
-    lengths = np.diff(ends)
-    coarse = np.repeat(lengths.astype(float), lengths)
-    coarse = np.where(steps != 0, np.maximum(way / count, _SHARPEST) ** 2, coarse)
-    signals, factors = course.signals.copy(), course.coarse.copy()
-    signals[:, 0], factors[:, 0] = read, coarse
-    return replace(course, signals=signals, coarse=factors)
-
-
-@compiled
-def _dwell(x: Vector, near: float, stays: Vector) -> None:
-    """How many samples in a row, around each, are within `near` of it."""
-    n = len(x)
-    for k in range(n):
-        first = k
-        while first > 0 and abs(x[first - 1] - x[k]) < near:
-            first -= 1
-        last = k
-        while last + 1 < n and abs(x[last + 1] - x[k]) < near:
-            last += 1
-        stays[k] = last - first + 1
-
-
-def _blurred(course: Course, model: DriveModel, friction: Vector) -> Vector:
-    """Variance of the law's force that the doubt of the position makes, as white noise [N^2].
-
-    Where a counted position rests, nobody knows where in its count it does: that is one constant
-    for each rest, and what it makes of the bristles goes on until they have slid.
-    """
-    random = np.random.default_rng(0)
-    n = len(friction)
-    memory = max(_SHAKE_MEMORY / course.step, 1.0)
-    kernel = np.exp(-0.5 * (np.arange(-4 * memory, 4 * memory + 1) / memory) ** 2)
-    rests = course.rests
-    turns = np.cumsum(np.diff(rests.astype(int), prepend=0) == 1)
-    total = np.zeros(n)
-    for _ in range(_SHAKES):
-        white = random.standard_normal(n + len(kernel) - 1)
-        shake = np.convolve(white, kernel / math.sqrt(float(np.sum(kernel**2))), "valid")
-        place = random.uniform(-0.5, 0.5, int(turns[-1]) + 1)[turns] * course.record.count
-        place = np.convolve(np.where(rests, place, 0.0), kernel / kernel.sum(), "same")[:n]
-        shake = shake * course.blur + place
-        v = course.v + np.gradient(shake, course.step)
-        total += (model.friction(course.x + shake, v, course.step) - friction) ** 2
-    window = np.ones(round(2 * memory) + 1)
-    window /= window.sum()
-    return np.asarray(np.convolve(total / _SHAKES, window, "same") * 2 * memory)
+def mean_current(course: Course, model: DriveModel) -> Vector:
+    """The true current, on average over the interval after each sample, shape (n,) [A]."""
+    resistance = model.values["R"]
+    jumps = np.diff(course.u, prepend=course.u[0]) / resistance
+    # of a jump, the sample may have a share already
+    had = course.calibration["current_jump"] * jumps
+    slowed = max(model.linear_friction + model.braking, 1e-12)
+    return between_samples(
+        true_current(course) - had,
+        jumps,
+        course.step,
+        model.values["L"] / resistance,
+        model.inertia / slowed,
+    )

@@ -11,12 +11,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from ..orchestration.parameter_file import ParameterFile, read_parameters
 from ..plant import ball_screw, direct_drive
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.tellable import check_tellable
+from .acceptance import Accepted, accepted
 from .along_record import LAWS
-from .believed import read_believed
+from .believed import believed as believed_of
+from .believed import lead_of, with_lead
 from .causes import CAUSES
+from .commanded import commanded
 from .course import Course, opposing
 from .diagnosis import (
     EXPLAINED,
@@ -28,27 +32,25 @@ from .diagnosis import (
     FoundCause,
     Level,
     NextExperiment,
+    NotNamed,
     OutOfReach,
     holds,
 )
 from .drive_model import DriveModel
-from .evidence import conditioned, fit
-from .held_out import HeldOut, gained, judged, with_values
+from .evidence import Conditioned, conditioned, fit
+from .held_out import HeldOut, gained, judged, laps_of, parts_of, with_values
 from .load_cell import witness
-from .regression import Added, filters, response
-from .residuals import Residual, floor, residual
+from .next_experiment import UNNAMED, motion_for, reach_of, trial_for
+from .regression import Added, filters, responses, whitened
+from .residuals import Residual, floor, repetition, residual
 from .rivals import rivals
 from .search import Found, Situation, added_by, search
+from .search import adjusted as values_adjusted
 from .selection import (
-    NEAR,
-    PRICE,
     Candidate,
-    Choice,
     Explanation,
     Problem,
     amplitudes,
-    p_value,
-    restricted_to,
     scores,
 )
 
@@ -57,30 +59,11 @@ Vector = npt.NDArray[np.float64]
 _SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
 _SEEN = 5.0  # standard deviations
 _FREED_SHOWN = 0.1  # of a value that may be wrong
+_AT_FLOOR = 2.0  # times the floor: more is not explained
 UNITS = {p.name: p.unit for p in (*ball_screw.PARAMETERS, *direct_drive.PARAMETERS)} | {
     name: unit
     for law in LAWS.values()
     for name, unit in zip(law.parameters, law.units, strict=True)
-}
-# A trial of `ballscrew rig` that tells a cause from those it is mistaken for.
-TRIALS_FOR = {
-    "direction_asymmetry": ("viscous", "the same speeds both ways, several of them"),
-    "load_bias": ("viscous", "the same speeds both ways, several of them"),
-    "position_periodic_friction": ("2.3.1/1", "slow steady motion over many turns, both ways"),
-    "position_trend_friction": ("2.3.1/16", "slow steady motion over the whole travel, both ways"),
-    "torque_ripple": ("2.3.1/1", "slow steady motion over many turns, both ways"),
-    "nonlinear_viscous": ("viscous", "constant speeds up to the highest"),
-    "stribeck_mismatch": ("2.3.1", "constant speeds, close together where the curve bends"),
-    "presliding_hysteresis": ("presliding", "a slow staircase of the force below break-away"),
-    "compliance": ("presliding", "a slow staircase of the force below break-away"),
-    "backlash": ("2.4/1", "slow reversals with the current recorded"),
-    "unmodelled_inertia": ("2.6/9", "the fastest sine: force against acceleration"),
-    "input_delay": ("2.10/1", "a step of the command with the current recorded"),
-    "friction_drift": ("viscous/1", "the same constant speed, again and again"),
-    "resistance_drift": ("viscous/1", "the same constant speed again and again, current recorded"),
-    "voltage_saturation": ("viscous/60", "the highest speed, voltage at the motor recorded"),
-    "parameter_error": ("2.3.1", "constant speeds both ways"),
-    "unexplained": ("2.3.1", "constant speeds both ways over the whole travel"),
 }
 
 
@@ -90,13 +73,16 @@ def diagnose(
     law: str | None = None,
     mapping: Mapping[str, str] | None = None,
     progress: Callable[[str], None] = lambda doing: None,
+    units: Mapping[str, str] | None = None,
+    lead: float | None = None,
 ) -> Diagnosis:
     """What a simulation of recorded runs gets wrong, why, and how much better it can be.
 
     Parameters
     ----------
     data : sequence of path-like
-        CSV, MAT or Parquet files with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A].
+        CSV, MAT or Parquet files with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A];
+        ``i`` alone is taken as the command, see `commanded`.
     params : path-like, optional
         The believed model, see `read_believed`; the nominal axis by default.
     law : str, optional
@@ -104,14 +90,19 @@ def diagnose(
     mapping : mapping of str to str, optional
         ``theirs -> ours`` names of columns.
     progress : function of what is being done, optional
+    units : mapping of str to str, optional
+        Unit of a column (our name); default what the file says, else SI.
+    lead : float, optional
+        Way of the screw per turn [m], where the parameter file has no `p`.
 
     Raises
     ------
     BadRecord, BadParameters
         With one line that says what cannot be used and why.
     """
-    believed = read_believed(params, law)
-    return diagnose_records(read_drive_records(data, mapping), believed, progress)
+    told = with_lead(ParameterFile() if params is None else read_parameters(params), lead)
+    records = read_drive_records(data, mapping, units, lead_of(told, lead))
+    return diagnose_records(records, believed_of(told, law), progress)
 
 
 def diagnose_records(
@@ -119,9 +110,10 @@ def diagnose_records(
     believed: DriveModel,
     progress: Callable[[str], None] = lambda doing: None,
 ) -> Diagnosis:
-    """As `diagnose`, of records in memory."""
+    """As `diagnose`, of records in memory; `believed` of the result takes the command they have."""
     began = time.perf_counter()
-    notes = check_tellable(records)
+    records, believed, notes = commanded(records, believed)
+    notes += check_tellable(records)
     progress("looking for causes")
     found = search(records, believed)
     progress("judging on data held out")
@@ -139,32 +131,34 @@ def _concluded(
     notes: list[str],
     began: float,
 ) -> Diagnosis:
-    situation, problem, best = found.situation, found.problem, found.choice.best
+    situation, problem = found.situation, found.problem
     courses, noise = situation.courses, situation.noise
-    names = best.causes
-    held = judged(situation, problem, names, len(best.members))
+    laps = laps_of(courses)
+    folds = parts_of(courses, laps)
+    holds_up = accepted(problem, found.choice.best, folds, courses)
+    best = holds_up.explanation
+    held = judged(situation, problem, best, folds, bool(laps))
     nothing = Added.nothing(courses)
-    baseline = residual(courses, believed, noise, nothing)
-    lowest = floor(courses, situation.model, noise)
-    causes = tuple(
-        _found_cause(situation, problem, found.choice, name, held) for name in held.order
-    )
+    baseline = residual(courses, believed, nothing)
+    causes = tuple(_found_cause(situation, problem, holds_up, held, name) for name in held.order)
     whole = gained(held.none, held.all, held.limits)
     adjusted, final = _level(held.none), _level(held.all)
-    verdict = NONE
-    if best.rivals or (causes and not holds(whole.interval, adjusted, final)):
-        verdict = PARTLY if causes else UNEXPLAINED
-    elif causes:
-        verdict = EXPLAINED
     fitted = amplitudes(problem, best)
-    in_the_plant = amplitudes(problem, restricted_to(problem, best, set(names)))
-    members = [m for m in best.members if not m.is_rival]
-    named = added_by(members, in_the_plant, courses)
+    members = list(best.members)
+    named = added_by(members, fitted, courses)
     on_block = [m for m in members if not CAUSES[m.name].on_screw]
-    unnamed = added_by([m for m in best.members if m.is_rival], fitted, courses)
-    model = with_values(problem, in_the_plant)
-    mended = residual(courses, model, noise, named)
-    cell = witness(courses, believed, model, added_by(on_block, in_the_plant, courses).force)
+    free = [m for m in holds_up.freest.members if m.is_rival]
+    unnamed = added_by(free, amplitudes(problem, holds_up.freest), courses)
+    model = with_values(problem, fitted)
+    mended = residual(courses, model, named)
+    lowest = _level(floor(courses, situation.model))
+    if laps:
+        lowest = Level(max(lowest.force, repetition(mended, courses, laps)), lowest.position)
+    verdict = _verdict(bool(causes), bool(free), holds(whole.interval, adjusted, final))
+    if verdict == EXPLAINED and final.force > _AT_FLOOR * lowest.force:
+        verdict = PARTLY
+        notes.append(_above_floor(final, lowest, bool(laps)))
+    cell = witness(courses, believed, model, added_by(on_block, fitted, courses).force)
     if cell is None and any("force" in r.signals for r in records):
         notes.append("the load cell's `force` is not used: the model does not say where it sits")
     predicted = np.concatenate([opposing(c, believed) for c in courses])
@@ -186,27 +180,31 @@ def _concluded(
     )
     return Diagnosis(
         verdict=verdict,
-        where=_where(found, _level(baseline), _level(lowest), lives),
-        floor=_level(lowest),
+        where=_where(found, verdict, _level(baseline), lowest, lives),
+        floor=lowest,
         baseline_residual=_level(baseline),
         adjusted_residual=adjusted,
         final_residual=final,
         gain_interval=whole.interval,
         held_out=held.parts,
         causes=causes,
-        unnamed=tuple(lives[n] for n in best.rivals),
+        not_named=holds_up.refused,
+        unnamed=tuple(lives[m.name] for m in free),
         out_of_reach=_out_of_reach(courses, situation.model, problem, best),
-        next_experiment=_next_experiment(causes, best),
+        next_experiment=_next_experiment(holds_up.refused, bool(free), courses, model),
         believed=believed,
+        adjusted=model
+        if not members
+        else values_adjusted(courses, believed, believed, nothing).model,
         mended=model,
+        command=records[0].command,
+        command_shift=courses[0].calibration["command_shift"],
         adjustments={n: model.values[n] / believed.values[n] - 1.0 for n in problem.names},
         noise={
-            "unmodelled_force_N": noise.rms,
-            "its_memory_s": noise.memory,
-            **{
-                {"x": "position_m", "i": "current_A"}[c]: float(math.sqrt(v))
-                for c, v in zip(courses[0].channels, noise.channels, strict=True)
-            },
+            f"{channel}_{unit}": float(size)
+            for channel, unit, size in zip(
+                courses[0].channels, ("N", "V"), noise.sizes, strict=False
+            )
         },
         alone={n: float(g) for n, g in found.choice.alone.items() if n in CAUSES},
         load_cell=cell,
@@ -217,32 +215,34 @@ def _concluded(
     )
 
 
+def _verdict(causes: bool, structure: bool, better: bool) -> str:
+    """By whether there are causes, structure beside them, and a gain on data held out."""
+    if not causes:
+        return UNEXPLAINED if structure else NONE
+    return EXPLAINED if better and not structure else PARTLY
+
+
+def _above_floor(final: Level, lowest: Level, repeated: bool) -> str:
+    known = "its laps differ by" if repeated else "the instruments show"
+    more = "" if repeated else "; laps of one motion would show what of it repeats"
+    return (
+        f"what is left, {final.force:.3g} N, is more than {lowest.force:.3g} N, which is what "
+        f"{known}: a part of it may have a cause{more}"
+    )
+
+
 def _found_cause(
-    situation: Situation,
-    problem: Problem,
-    choice: Choice,
-    name: str,
-    held: HeldOut,
+    situation: Situation, problem: Problem, holds_up: Accepted, held: HeldOut, name: str
 ) -> FoundCause:
-    best = choice.best
+    best = holds_up.explanation
     k = best.names.index(name)
     member = best.members[k]
     cause = CAUSES[name]
-    place = best.causes.index(name)
     gain = held.gain(name)
-    # as the plant has it: a rival may hold part of what a cause could say
-    own = restricted_to(problem, best, set(best.causes))
-    values, intervals = _values_of(situation, problem, own, place)
+    values, intervals = _values_of(situation, problem, best, k)
     units = {p.name: p.unit for p in cause.parameters}
     if member.shape.freed:
-        units = {member.shape.freed: UNITS.get(member.shape.freed, "")}
-    confused = []
-    for other in choice.others:
-        if best.score - other.score > NEAR or len(other.members) != len(best.members):
-            continue
-        different = set(other.names) - set(best.names)
-        if len(different) == 1 and member.name not in other.names:
-            confused += [n for n in different if n in CAUSES]
+        units = {n: UNITS.get(n, "") for n in member.shape.freed}
     return FoundCause(
         name=member.name,
         says=cause.says,
@@ -255,9 +255,7 @@ def _found_cause(
         before=_level(held.without[name]),
         after=_level(held.all),
         evidence=best.gains[k],
-        p_value=p_value(problem, own, place),
-        chosen_again=float(np.mean([member.name in names for names in held.chosen])),
-        confused_with=tuple(dict.fromkeys(confused)),
+        p_value=holds_up.chances[name],
         confirm=cause.confirm,
     )
 
@@ -268,24 +266,28 @@ def _values_of(
     """A member's numbers and their 95 % intervals, as wide as the stretches say they must be."""
     member = best.members[k]
     shape = member.shape
-    fitted = fit(problem.columns.products(), list(best.priors))
+    fitted = fit(problem.columns.products(), best.priors)
     where = [int(np.flatnonzero(fitted.columns == c)[0]) for c in member.columns]
     wide = scores(problem, best, k).widening()
     quantile = float(student.ppf(0.975, max(problem.columns.stretches - len(where), 1)))
     amplitude = fitted.amplitude[where]
     spread = np.sqrt(np.diag(fitted.covariance))[where] * wide
     if shape.freed:
-        value = problem.model.values[shape.freed]
-        now = value * (1.0 + float(amplitude[0]))
-        error = quantile * value * float(spread[0])
-        return {shape.freed: now}, {shape.freed: (now - error, now + error)}
+        before = np.array([problem.model.values[n] for n in shape.freed])
+        now, errors = before * (1.0 + amplitude), quantile * before * spread
+        freed = {
+            n: (float(a - e), float(a + e))
+            for n, a, e in zip(shape.freed, now, errors, strict=True)
+        }
+        return dict(zip(shape.freed, now.tolist(), strict=True)), freed
     values = {n: float(v) for n, v in shape.values.items()}
     intervals: dict[str, tuple[float, float]] = {}
     cause = CAUSES[member.name]
-    if cause.refined:
-        value = values[cause.refined]
+    refined = cause.refined_of(values)
+    if refined:
+        value = values[refined]
         error = min(quantile * wide * _log_spread(situation, problem, best, k), 3.0)
-        intervals[cause.refined] = (value * math.exp(-error), value * math.exp(error))
+        intervals[refined] = (value * math.exp(-error), value * math.exp(error))
     if shape.sure is None:
         for name, a, e in zip(shape.amplitudes, amplitude, spread, strict=True):
             values[name] = float(a)
@@ -297,18 +299,21 @@ def _log_spread(situation: Situation, problem: Problem, best: Explanation, k: in
     """Standard error of the logarithm of a refined value, everything else adjusted."""
     member = best.members[k]
     cause = CAUSES[member.name]
-    key = cause.refined or ""
+    key = cause.refined_of(member.shape.values) or ""
     value = member.shape.values[key]
-    made = filters(situation.courses, situation.model, situation.noise)
+    made = filters(situation.courses, problem.noise)
     fitted = amplitudes(problem, best)[member.columns]
     sides = [
-        response(
-            situation.courses,
+        whitened(
             made,
-            cause.at(
+            responses(
                 situation.courses,
                 situation.model,
-                {**member.shape.values, key: value * math.exp(s)},
+                cause.at(
+                    situation.courses,
+                    situation.model,
+                    {**member.shape.values, key: value * math.exp(s)},
+                ),
             ),
         )
         @ fitted
@@ -327,14 +332,16 @@ def _log_spread(situation: Situation, problem: Problem, best: Explanation, k: in
     return 1.0 / math.sqrt(max(information, 1e-12))
 
 
-def _where(found: Found, baseline: Level, lowest: Level, lives: Mapping[str, str]) -> str:
+def _where(
+    found: Found, verdict: str, baseline: Level, lowest: Level, lives: Mapping[str, str]
+) -> str:
     """Where the residual lives, and how large it is, in one sentence."""
     size = (
         f"{baseline.force:.3g} N rms in force (noise alone: {lowest.force:.3g} N) and "
         f"{_length(baseline.position)} in position over a second ({_length(lowest.position)})"
     )
     alone = {n: g for n, g in found.first_alone.items() if n in lives}
-    if not alone or max(alone.values()) < PRICE:
+    if verdict == NONE or not alone:
         return (
             f"The model as believed leaves {size}; none of it has a structure beyond noise and "
             "values within their tolerances."
@@ -354,7 +361,7 @@ def _out_of_reach(
     courses: Sequence[Course], model: DriveModel, problem: Problem, best: Explanation
 ) -> tuple[OutOfReach, ...]:
     """Causes that would not have shown had they been as large as a twentieth of the friction."""
-    left = conditioned(problem.columns.products(), list(best.priors)).products
+    left = conditioned(problem.columns.products(), best.priors)
     size = _SMALLEST * model.friction_scale
     out = []
     for cause in CAUSES.values():
@@ -379,14 +386,12 @@ def _out_of_reach(
     return tuple(out)
 
 
-def _shows(
-    candidate: Candidate, left: npt.NDArray[np.float64], size: float, model: DriveModel
-) -> float:
+def _shows(candidate: Candidate, left: Conditioned, size: float, model: DriveModel) -> float:
     """Standard deviations by which a candidate whose force is of this size stands out."""
-    norms = np.sqrt(np.maximum(np.diag(left)[candidate.columns], 0.0))
+    norms = np.sqrt(np.maximum(np.diag(left.of(candidate.columns)[0]), 0.0))
     shape = candidate.shape
     if shape.freed:
-        return float(_FREED_SHOWN * norms[0])
+        return float(_FREED_SHOWN * norms.max())
     forces = []
     if shape.force is not None:
         forces.append(np.concatenate(shape.force))
@@ -400,17 +405,16 @@ def _shows(
     )
 
 
-def _next_experiment(causes: tuple[FoundCause, ...], best: Explanation) -> NextExperiment | None:
+def _next_experiment(
+    refused: Sequence[NotNamed], structure: bool, courses: Sequence[Course], model: DriveModel
+) -> NextExperiment | None:
     """What would tell apart what this record cannot."""
-    for cause in causes:
-        if cause.confused_with:
-            trial, says = TRIALS_FOR.get(cause.name, TRIALS_FOR["unexplained"])
-            return NextExperiment(
-                trial,
-                f"{cause.name} cannot be told from {' or '.join(cause.confused_with)} here: {says} "
-                f"({cause.confirm})",
-            )
-    if best.rivals:
-        trial, says = TRIALS_FOR["unexplained"]
-        return NextExperiment(trial, f"structure is left that no cause has: {says}")
+    for r in refused:
+        if r.like:
+            motion = motion_for(r.name, reach_of(courses), model)
+            says = f"{r.name} cannot be told from {r.like} here ({CAUSES[r.name].confirm})"
+            return NextExperiment(says, motion, trial_for(r.name))
+    if structure:
+        motion = motion_for(UNNAMED, reach_of(courses), model)
+        return NextExperiment("structure is left that no cause has", motion, trial_for(UNNAMED))
     return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from ..solver.kernel_cache import write_atomically
 from .drive_model import DriveModel
 from .load_cell import Witness
+from .next_experiment import Motion
 
 Vector = npt.NDArray[np.float64]
 
@@ -69,8 +70,6 @@ class FoundCause:
         The residual on those data without and with it.
     evidence : float
         Logarithm of the odds that it brings.
-    chosen_again : float
-        Share of the folds in which it was chosen without the data it was judged on.
     """
 
     name: str
@@ -85,9 +84,23 @@ class FoundCause:
     after: Level
     evidence: float
     p_value: float
-    chosen_again: float
-    confused_with: tuple[str, ...]
     confirm: str
+
+
+@dataclass(frozen=True)
+class NotNamed:
+    """A cause that looked likely and is not named.
+
+    Attributes
+    ----------
+    name, because : str
+    like : str
+        Another cause that does as well; empty if that is not why.
+    """
+
+    name: str
+    because: str
+    like: str = ""
 
 
 @dataclass(frozen=True)
@@ -100,10 +113,21 @@ class OutOfReach:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """A trial that the rig can run, and what for."""
+    """What would tell more.
 
-    trial: str
+    Attributes
+    ----------
+    says : str
+        What for.
+    motion : Motion
+        What this machine is to do.
+    trial : str
+        What the virtual rig can do instead.
+    """
+
     says: str
+    motion: Motion
+    trial: str
 
 
 @dataclass(frozen=True)
@@ -162,12 +186,18 @@ class Diagnosis:
         What was held out, one at a time: "4 laps", "5 parts".
     causes : tuple of FoundCause
         In order of gain.
+    not_named : tuple of NotNamed
     unnamed : tuple of str
         Where structure lives that no cause has.
     out_of_reach : tuple of OutOfReach
     next_experiment : NextExperiment or None
-    believed, mended : DriveModel
-        The model before and with adjusted values; causes beside.
+    believed, adjusted, mended : DriveModel
+        The model before; with values adjusted within their tolerances and no cause; with the values
+        that go with the causes.
+    command : {"voltage", "current", "force"}
+        What the records' `u` is.
+    command_shift : float
+        How far before its stamp the command acts, in sampling intervals.
     adjustments : mapping of str to float
         Relative changes of the values that were believed.
     noise : mapping of str to float
@@ -189,11 +219,15 @@ class Diagnosis:
     gain_interval: tuple[float, float]
     held_out: str
     causes: tuple[FoundCause, ...]
+    not_named: tuple[NotNamed, ...]
     unnamed: tuple[str, ...]
     out_of_reach: tuple[OutOfReach, ...]
     next_experiment: NextExperiment | None
     believed: DriveModel
+    adjusted: DriveModel
     mended: DriveModel
+    command: str
+    command_shift: float
     adjustments: Mapping[str, float]
     noise: Mapping[str, float]
     alone: Mapping[str, float]
@@ -232,17 +266,20 @@ class Diagnosis:
                     "after": level(c.after),
                     "evidence": c.evidence,
                     "p_value": c.p_value,
-                    "chosen_again": c.chosen_again,
-                    "confused_with": list(c.confused_with),
                     "confirm": c.confirm,
                 }
                 for c in self.causes
             ],
+            "not_named": [asdict(n) for n in self.not_named],
             "unnamed": list(self.unnamed),
             "out_of_reach": [{"name": o.name, "because": o.because} for o in self.out_of_reach],
             "next_experiment": None
             if self.next_experiment is None
-            else {"trial": self.next_experiment.trial, "says": self.next_experiment.says},
+            else {
+                "says": self.next_experiment.says,
+                "motion": self.next_experiment.motion.to_dict(),
+                "trial": self.next_experiment.trial,
+            },
             "adjustments": dict(self.adjustments),
             "noise": dict(self.noise),
             "evidence_alone": dict(self.alone),
@@ -259,16 +296,18 @@ class Diagnosis:
         return [(c.name, dict(c.parameters)) for c in self.causes]
 
     def save(self, folder: Path) -> None:
-        """Write ``diagnosis.json``.
+        """Write ``diagnosis.json``, and the command file of the next experiment, if there is one.
 
         Raises
         ------
         OSError
-            If it cannot be written.
+            If a file cannot be written.
         """
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
         write_atomically(folder / "diagnosis.json", text.encode())
+        if self.next_experiment is not None:
+            self.next_experiment.motion.save(folder)
 
 
 def names_of(causes: Sequence[FoundCause]) -> str:

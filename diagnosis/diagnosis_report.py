@@ -15,6 +15,7 @@ from .diagnose import UNITS
 from .diagnosis import EXPLAINED, NONE, PARTLY, Diagnosis, FoundCause, Level, holds, names_of
 from .diagnosis_pictures import drawn, pictures_of, pictures_of_loop
 from .load_cell import Witness
+from .next_experiment import COMMAND_FILE
 
 REPORT = "report.html"
 DOES_NOT_HOLD = (
@@ -105,6 +106,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             _pictures(diagnosis),
             _closed_loop(closed_loop),
             _next_experiment(diagnosis),
+            _not_named(diagnosis),
             _out_of_reach(diagnosis),
             _adjusted(diagnosis),
             _noise(diagnosis),
@@ -243,9 +245,8 @@ def _cause(c: FoundCause) -> str:
         f"residual {c.before.force:.4g} N to {c.after.force:.4g} N, "
         f"{length(c.before.position)} to {length(c.after.position)}; "
         f"alone, {_percent(c.gain_alone)} in force",
-        "how sure": f"p = {c.p_value:.2g}; logarithm of the odds {c.evidence:.3g}; named again in "
-        f"{_percent(c.chosen_again)} of the parts that were held out in turn",
-        "confused with, in these records": ", ".join(c.confused_with) or "nothing",
+        "how sure": f"p = {c.p_value:.2g}, from surrogates of the record; logarithm of the odds "
+        f"{c.evidence:.3g}",
         "easily mistaken for, in others": ", ".join(usual) or "nothing",
         "would confirm it": c.confirm,
     }
@@ -314,8 +315,17 @@ def _next_experiment(diagnosis: Diagnosis) -> str:
     return _section(
         "Next experiment",
         f"<p>{_text(_sentence(wanted.says))}</p>",
+        f"<p>For this machine: {_text(wanted.motion.says)}. Command file: "
+        f"<code>{COMMAND_FILE}</code></p>",
         f"<p>On the virtual rig: <code>{_text(rig_command(wanted.trial))}</code></p>",
     )
+
+
+def _not_named(diagnosis: Diagnosis) -> str:
+    if not diagnosis.not_named:
+        return ""
+    rows = [[n.name, n.because] for n in diagnosis.not_named]
+    return f"<h2>Looked at and not named</h2>{_table(['cause', 'why not'], rows)}"
 
 
 def _out_of_reach(diagnosis: Diagnosis) -> str:

@@ -7,7 +7,7 @@ is integrated along the measured motion and enters the filter as a known force.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -18,7 +18,6 @@ import sympy as sp
 from ..plant.law import claims
 from ..solver.component import symbol
 from .along_record import LAWS
-from .innovations import LinearDrive, sampled
 from .law_along_record import (
     KINDS,
     STATES,
@@ -34,8 +33,7 @@ MOTOR = ("kt", "ke", "R", "L", "m", "Jm")
 DIRECT = ("m", "gain", "offset")
 BEND = ("dF_low", "V_mismatch")  # of friction at low speed, N and m/s; see stribeck_mismatch
 _SLOWEST = 1e-5  # at which a curve is taken instead of at rest [m/s]
-_PARTS = 8  # steps of the law between two samples
-_DOUBTS = {"x": 1e-4, "v": 0.1, "i": 1.0}  # spreads of the states before the first sample
+_FINEST = 2.5e-4  # step of the law between two samples [s]
 
 
 @dataclass(frozen=True)
@@ -136,50 +134,11 @@ class DriveModel:
     def changed(self, values: Mapping[str, float]) -> DriveModel:
         return replace(self, values={**self.values, **values})
 
-    def linear(
-        self, step: float, channels: tuple[str, ...], noise: Vector, rms: float, memory: float
-    ) -> LinearDrive:
-        """The drive for the filter.
-
-        Parameters
-        ----------
-        step : float
-            Sampling interval [s].
-        channels : tuple of {"x", "i"}
-        noise : ndarray, shape (channels,)
-            Variances [m^2, A^2].
-        rms, memory : float
-            Of the unmodelled force [N], [s].
-        """
-        m = self.inertia
-        states = ("x", "v", "i", "d") if self.has_motor else ("x", "v", "d")
-        s = len(states)
-        equations = np.zeros((s, s))
-        equations[0, 1] = 1.0
-        equations[1, 1] = -self.linear_friction / m
-        equations[1, -1] = -1.0 / m
-        command, force = np.zeros(s), np.zeros(s)
-        force[1] = -1.0 / m
-        if self.has_motor:
-            inductance = self.values["L"]
-            equations[1, 2] = self.per_ampere / m
-            equations[2, 1] = -self.back_emf / inductance
-            equations[2, 2] = -self.values["R"] / inductance
-            command[2] = 1.0 / inductance
-        else:
-            command[1] = self.values["gain"] / m
-        sees = np.zeros((len(channels), s))
-        for c, name in enumerate(channels):
-            sees[c, states.index(name)] = 1.0
-        doubt = np.array([_DOUBTS.get(n, rms) for n in states])
-        return sampled(equations, command, force, sees, noise, doubt, step, rms, memory)
-
     def curve(self, v: Vector) -> Vector:
         """Friction of steady sliding at these speeds, without its viscous part, shape (n,) [N]."""
         speed = np.abs(v) + _SLOWEST
-        names = sorted(s.name for s in curve_of(self.law).free_symbols)
+        names, curve = _compiled_curve(self.law)
         numbers = {**self.values, "v": speed}
-        curve = sp.lambdify([symbol(n) for n in names], curve_of(self.law), "numpy")
         return np.broadcast_to(curve(*(numbers[n] for n in names)), speed.shape)
 
     def friction(self, x: Vector, v: Vector, step: float) -> Vector:
@@ -188,7 +147,8 @@ class DriveModel:
         On average over the interval after each sample, as are all forces here.
         """
         out = np.empty(len(x))
-        motion = np.ascontiguousarray(x), np.ascontiguousarray(v), step, _PARTS
+        parts = max(1, math.ceil(step / _FINEST))
+        motion = np.ascontiguousarray(x), np.ascontiguousarray(v), step, parts
         mean_friction_along(KINDS[self.law], *motion, *self._law_values(), out, np.zeros(STATES))
         out -= self.linear_friction * midway(v)
         if not self.has_motor:
@@ -228,6 +188,13 @@ def curve_of(law: str) -> sp.Expr:
     v = symbol("v")
     viscous = symbol("sigma2") * v if symbol("sigma2") in steady.free_symbols else sp.Integer(0)
     return steady - viscous
+
+
+@cache
+def _compiled_curve(law: str) -> tuple[tuple[str, ...], Callable[..., Vector]]:
+    """Names of the symbols of `curve_of`, and a function of them."""
+    names = tuple(sorted(s.name for s in curve_of(law).free_symbols))
+    return names, sp.lambdify([symbol(n) for n in names], curve_of(law), "numpy")
 
 
 def midway(values: Vector) -> Vector:

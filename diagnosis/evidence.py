@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import lsq_linear
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -29,9 +30,6 @@ _SIZES = 2.0 ** np.arange(1.0, 9.0)  # of a group's part in the signal, in stand
 class Columns:
     """The signal, column 0, and all others, with their products over stretches of the record.
 
-    Blocks stay where they were made: there are hundreds of columns, and fresh memory for all of
-    them costs more than the products do.
-
     Attributes
     ----------
     blocks : tuple of ndarray, shape (n, columns of the block)
@@ -41,7 +39,6 @@ class Columns:
 
     blocks: tuple[Matrix, ...]
     edges: tuple[int, ...]
-    _known: dict[bytes, Matrix] = field(default_factory=dict)
 
     @cached_property
     def begins(self) -> npt.NDArray[np.int64]:
@@ -56,19 +53,13 @@ class Columns:
     def count(self) -> int:
         return int(self.begins[-1])
 
-    def products(self, used: npt.NDArray[np.bool_] | None = None) -> Matrix:
-        """Products over all stretches, or those used, shape (count, count); not to be changed."""
-        used = np.ones(self.stretches, dtype=bool) if used is None else used
-        key = used.tobytes()
-        if key not in self._known:
-            room = np.empty((int(np.diff(self.edges).max()), self.count))
-            total = np.zeros((self.count, self.count))
-            for (a, b), wanted in zip(pairwise(self.edges), used, strict=True):
-                if wanted:
-                    part = np.concatenate([c[a:b] for c in self.blocks], axis=1, out=room[: b - a])
-                    total += part.T @ part
-            self._known[key] = total
-        return self._known[key]
+    @cached_property
+    def _whole(self) -> Matrix:
+        return _products(self.blocks, self.blocks)
+
+    def products(self) -> Matrix:
+        """Products of all over all stretches, shape (count, count); not to be changed."""
+        return self._whole
 
     def of(self, columns: npt.NDArray[np.int64]) -> Matrix:
         """Some of them, side by side, shape (n, columns)."""
@@ -79,18 +70,26 @@ class Columns:
     def by_stretch(self, columns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Products of some of them over each stretch, shape (stretches, columns, columns)."""
         some = self.of(columns)
-        return np.stack([some[a:b].T @ some[a:b] for a, b in pairwise(self.edges)])
+        return np.array([some[a:b].T @ some[a:b] for a, b in pairwise(self.edges)])
 
     def exchanged(self, first: int, block: Matrix) -> Columns:
         """With another block at the column where one begins."""
         at = int(np.searchsorted(self.begins, first))
-        blocks = (*self.blocks[:at], block, *self.blocks[at + 1 :])
-        cross = np.concatenate([b.T @ block for b in blocks])
-        mine = slice(first, first + block.shape[1])
-        total = self.products().copy()
-        total[:, mine], total[mine, :] = cross, cross.T
-        everything = np.ones(self.stretches, dtype=bool)
-        return Columns(blocks, self.edges, {everything.tobytes(): total})
+        other = Columns((*self.blocks[:at], block, *self.blocks[at + 1 :]), self.edges)
+        here = slice(first, first + block.shape[1])
+        whole = self.products().copy()
+        whole[here] = _products((block,), other.blocks)
+        whole[:, here] = whole[here].T
+        other.__dict__["_whole"] = whole  # the rest is as it was
+        return other
+
+
+def _products(left: Sequence[Matrix], right: Sequence[Matrix]) -> Matrix:
+    """Products of columns in blocks with columns in blocks."""
+    whole = np.concatenate(right, axis=1)
+    if left is right:
+        return np.asarray(whole.T @ whole)
+    return np.asarray(np.concatenate(left, axis=1).T @ whole)
 
 
 @dataclass(frozen=True)
@@ -148,19 +147,62 @@ def fit(products: Matrix, priors: Sequence[Prior]) -> Fitted:
     return Fitted(columns, amplitude, covariance)
 
 
+def fit_within(products: Matrix, priors: Sequence[Prior], low: Vector, high: Vector) -> Vector:
+    """Most likely amplitudes of the first group, each within its bounds, beside other groups.
+
+    Parameters
+    ----------
+    low, high : ndarray, shape (columns of the first group,)
+    """
+    count = len(low)
+    amplitude = fit(products, priors).amplitude[:count]
+    if np.all((amplitude >= low) & (amplitude <= high)):
+        return np.asarray(amplitude)
+    columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
+    mean = np.concatenate([p.mean for p in priors])
+    scale = np.concatenate([p.spread for p in priors])
+    system = np.eye(len(columns)) + scale[:, None] * products[np.ix_(columns, columns)] * scale
+    wanted = scale * products[columns, 0] + mean / scale
+    factor = np.linalg.cholesky(system)
+    goal = solve_triangular(factor, wanted, lower=True)
+    open_ends = np.full(len(columns) - count, np.inf)
+    bounds = (np.append(low, -open_ends) / scale, np.append(high, open_ends) / scale)
+    found = lsq_linear(factor.T, goal, bounds, method="bvls").x[:count] * scale[:count]
+    return np.asarray(np.clip(found, low, high))
+
+
 @dataclass(frozen=True)
 class Conditioned:
-    """Products of columns once a model's groups are projected out with their priors.
+    """What is left to explain, and with what, once a model's groups are projected out.
 
     Attributes
     ----------
     products : ndarray, shape (columns, columns)
+        Before.
+    signal : ndarray, shape (columns,)
+        Products with the signal less what the priors' means say of it.
+    cross, solved : ndarray, shape (groups' columns, columns)
+        What projects.
     evidence : float
         Of the model that was projected out.
     """
 
     products: Matrix
+    signal: Vector
+    cross: Matrix
+    solved: Matrix
     evidence: float
+
+    def of(self, columns: npt.NDArray[np.int64]) -> tuple[Matrix, Vector]:
+        """Products of columns with each other, and with the signal, as they are left."""
+        cross = self.cross[:, columns].T
+        inner = self.products[np.ix_(columns, columns)] - cross @ self.solved[:, columns]
+        return inner, self.signal[columns] - cross @ self.solved[:, 0]
+
+    @property
+    def squares(self) -> float:
+        """Of the signal, as they are left."""
+        return float(self.signal[0] - self.cross[:, 0] @ self.solved[:, 0])
 
 
 def conditioned(products: Matrix, priors: Sequence[Prior]) -> Conditioned:
@@ -170,15 +212,28 @@ def conditioned(products: Matrix, priors: Sequence[Prior]) -> Conditioned:
     scale = np.concatenate([p.spread for p in priors])
     inner = products[np.ix_(columns, columns)]
     factor = cho_factor(np.eye(len(columns)) + scale[:, None] * inner * scale, lower=True)
-    # the signal less what the prior's mean already says
-    shifted = products.copy()
-    shifted[0, :] -= mean @ products[columns, :]
-    shifted[:, 0] = shifted[0, :]
-    shifted[0, 0] = products[0, 0] - 2 * mean @ products[columns, 0] + mean @ inner @ mean
-    cross = scale[:, None] * shifted[columns, :]
-    left = shifted - cross.T @ cho_solve(factor, cross)
-    evidence = -0.5 * left[0, 0] - float(np.sum(np.log(np.diag(factor[0]))))
-    return Conditioned(left, evidence)
+    rows = products[columns, :]
+    signal = products[0] - mean @ rows
+    signal[0] += mean @ inner @ mean - mean @ rows[:, 0]
+    cross = scale[:, None] * rows
+    cross[:, 0] = scale * signal[columns]
+    solved = cho_solve(factor, cross)
+    squares = float(signal[0] - cross[:, 0] @ solved[:, 0])
+    evidence = -0.5 * squares - float(np.sum(np.log(np.diag(factor[0]))))
+    return Conditioned(products, signal, cross, solved, evidence)
+
+
+def left_of(products: Matrix, priors: Sequence[Prior], signals: Matrix) -> Matrix:
+    """Products of all columns with signals, shape (columns, signals), as a model leaves them.
+
+    The signals are deviations from what the priors' means say.
+    """
+    columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
+    scale = np.concatenate([p.spread for p in priors])
+    rows = scale[:, None] * products[columns, :]
+    factor = cho_factor(np.eye(len(columns)) + rows[:, columns] * scale, lower=True)
+    solved = cho_solve(factor, scale[:, None] * signals[columns])
+    return np.asarray(signals - rows.T @ solved)
 
 
 def evidence_of(products: Matrix, priors: Sequence[Prior]) -> float:
@@ -205,18 +260,27 @@ def volume(products: Matrix, priors: Sequence[Prior]) -> float:
     return float(np.sum(np.log(np.diag(factor[0]))))
 
 
-def gain(left: Matrix, columns: npt.NDArray[np.int64], mean: Vector, spread: Vector) -> float:
-    """By how much a further group raises the evidence, given conditioned products."""
-    inner = left[np.ix_(columns, columns)]
-    g = left[columns, 0]
-    moved = g - inner @ mean
-    system = np.eye(len(columns)) + spread[:, None] * inner * spread
-    factor = cho_factor(system, lower=True)
-    scaled = spread * moved
-    before = float(2 * g @ mean - mean @ inner @ mean)
-    return 0.5 * (before + float(scaled @ cho_solve(factor, scaled))) - float(
-        np.sum(np.log(np.diag(factor[0])))
-    )
+def gain(inner: Matrix, signal: Vector, mean: Vector, spread: Vector) -> float:
+    """By how much a further group raises the evidence.
+
+    Parameters
+    ----------
+    inner, signal : ndarray
+        What is left of its products, see `Conditioned.of`.
+    mean, spread : ndarray
+        Of its prior.
+    """
+    return float(gains(inner, signal[:, None], mean, spread)[0])
+
+
+def gains(inner: Matrix, signals: Matrix, mean: Vector, spread: Vector) -> Vector:
+    """`gain` of many signals, shape (columns, signals), each."""
+    moved = signals - (inner @ mean)[:, None]
+    factor = cho_factor(np.eye(len(mean)) + spread[:, None] * inner * spread, lower=True)
+    scaled = spread[:, None] * moved
+    before = 2.0 * mean @ signals - mean @ inner @ mean
+    after = np.sum(scaled * cho_solve(factor, scaled), axis=0)
+    return np.asarray(0.5 * (before + after) - np.sum(np.log(np.diag(factor[0]))))
 
 
 @dataclass(frozen=True)
@@ -227,27 +291,38 @@ class Weighed:
     spread: Vector
 
 
-def weigh(left: Matrix, columns: npt.NDArray[np.int64]) -> Weighed:
+def weigh(inner: Matrix, signal: Vector) -> Weighed:
     """Evidence of a group whose size is unknown: the best of many sizes, less what choosing costs.
 
     Parameters
     ----------
-    left : ndarray
-        Conditioned products.
-    columns : ndarray of int
+    inner, signal : ndarray
+        What is left of its products, see `Conditioned.of`.
     """
-    norms = np.sqrt(np.maximum(np.diag(left)[columns], 1e-300))
+    found, relative = _by_size(inner, signal[:, None])
+    best = int(np.argmax(found[:, 0]))
+    return Weighed(float(_of_any_size(found)[0]), _SIZES[best] * relative)
+
+
+def weighed_gains(inner: Matrix, signals: Matrix) -> Vector:
+    """The gain of `weigh` of many signals, shape (columns, signals), each."""
+    return _of_any_size(_by_size(inner, signals)[0])
+
+
+def _of_any_size(found: Matrix) -> Vector:
+    """Every size was as likely before."""
+    return np.asarray(np.logaddexp.reduce(found, axis=0) - math.log(len(_SIZES)))
+
+
+def _by_size(inner: Matrix, signals: Matrix) -> tuple[Matrix, Vector]:
+    """Gains, shape (sizes, signals), and the spreads for a size of one."""
+    norms = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     # a column that hardly shows has no reason to be larger for it
     relative = 1.0 / np.maximum(norms, _LEAST * norms.max())
     relative = relative / math.sqrt(float(np.sum((relative * norms) ** 2)))
     # in the directions of the scaled products every size is a matter of one number
-    inner = relative[:, None] * left[np.ix_(columns, columns)] * relative
-    strength, directions = np.linalg.eigh(inner)
-    strength = np.maximum(strength, 0.0)
-    seen = (directions.T @ (relative * left[columns, 0])) ** 2
-    grown = 1.0 + _SIZES[:, None] ** 2 * strength
-    gains = 0.5 * np.sum(_SIZES[:, None] ** 2 * seen / grown - np.log(grown), axis=1)
-    best = int(np.argmax(gains))
-    # every size was as likely before
-    total = float(np.logaddexp.reduce(gains)) - math.log(len(_SIZES))
-    return Weighed(total, _SIZES[best] * relative)
+    strength, directions = np.linalg.eigh(relative[:, None] * inner * relative)
+    grown = 1.0 + _SIZES[:, None] ** 2 * np.maximum(strength, 0.0)
+    seen = (directions.T @ (relative[:, None] * signals)) ** 2
+    found = 0.5 * ((_SIZES[:, None] ** 2 / grown) @ seen - np.log(grown).sum(axis=1)[:, None])
+    return found, relative

@@ -11,11 +11,10 @@ import numpy.typing as npt
 
 from .course import Course
 from .drive_model import DriveModel
-from .regression import stretches
+from .regression import ends_of_stretches, stretches
 from .residuals import Residual, residual
 from .search import Situation, added_by
-from .selection import LARGEST, Problem, amplitudes, choose, restricted_to
-from .threads import in_threads
+from .selection import Explanation, Problem, amplitudes, restricted_to
 
 Vector = npt.NDArray[np.float64]
 
@@ -50,7 +49,13 @@ def lap(x: Vector, step: float) -> float:
     return float(lags[best] * step) if apart[best] < _SAME else 0.0
 
 
-def _folds(courses: Sequence[Course], laps: Sequence[float]) -> npt.NDArray[np.int64]:
+def laps_of(courses: Sequence[Course]) -> list[float]:
+    """How long each record's laps take [s]; empty where not all have any, or records suffice."""
+    laps = [lap(c.x, c.step) for c in courses] if len(courses) < _FOLDS else []
+    return laps if all(laps) else []
+
+
+def parts_of(courses: Sequence[Course], laps: Sequence[float]) -> npt.NDArray[np.int64]:
     """To which fold each stretch belongs: records, laps of one motion, or parts of equal length.
 
     `laps` are empty where the records have none.
@@ -82,8 +87,6 @@ class HeldOut:
         With no cause, and with all of them: what a plant can have in it.
     without, alone : dict of str to Residual
         With all causes but one, and with one only.
-    chosen : list of tuple of str
-        Names, one tuple for each fold.
     """
 
     parts: str
@@ -92,7 +95,6 @@ class HeldOut:
     all: Residual
     without: dict[str, Residual]
     alone: dict[str, Residual]
-    chosen: list[tuple[str, ...]]
 
     def gain(self, name: str) -> HeldOutGain:
         """What a cause gains where all the others are given: of two that are one, both gain all."""
@@ -108,50 +110,51 @@ class HeldOut:
         return sorted(self.without, key=lambda name: -self.gain(name).share)
 
 
-def judged(situation: Situation, problem: Problem, names: Sequence[str], members: int) -> HeldOut:
-    """Choose and fit without each part of the data in turn, and look at that part.
+def judged(
+    situation: Situation,
+    problem: Problem,
+    best: Explanation,
+    fold_of: npt.NDArray[np.int64],
+    laps: bool,
+) -> HeldOut:
+    """Fit an explanation without each part of the data in turn, and look at that part.
 
     Parameters
     ----------
-    names : sequence of str
-        The causes that all data name.
-    members : int
-        How many members, rivals included, the choice from all data has.
+    best : Explanation
+        Of causes only.
+    fold_of : ndarray of int, shape (stretches,)
+        To which part each stretch belongs, see `parts_of`.
+    laps : bool
+        Whether the parts are laps.
     """
-    courses = situation.courses
-    laps = [lap(c.x, c.step) for c in courses] if len(courses) < _FOLDS else []
-    laps = laps if all(laps) else []
-    fold_of = _folds(courses, laps)
-    limits = np.array(problem.columns.edges) // len(courses[0].channels)
+    courses, names = situation.courses, best.names
+    limits = ends_of_stretches(courses)
     folds = np.unique(fold_of)
-    size = min(members + 1, LARGEST)
-    choices = in_threads(lambda f: choose(problem, fold_of != f, largest=size).best, folds)
 
     def with_causes(allowed: Sequence[str]) -> Residual:
+        part = restricted_to(problem, best, set(allowed))
         samples = limits[-1]
         whole = Residual(np.zeros(samples), np.zeros(samples), np.zeros(samples, dtype=bool))
-        for fold, choice in zip(folds, choices, strict=True):
+        for fold in folds:
             test = np.repeat(fold_of == fold, np.diff(limits))
-            part = restricted_to(problem, choice, set(allowed))
             fitted = amplitudes(problem, part, fold_of != fold)
             added = added_by(part.members, fitted, courses)
-            model = with_values(problem, fitted)
-            found = residual(courses, model, situation.noise, added)
+            found = residual(courses, with_values(problem, fitted), added)
             whole.force[test] = found.force[test]
             whole.position[test] = found.position[test]
             whole.telling[test] = found.telling[test]
         return whole
 
-    none, everything = with_causes(()), with_causes(names)
+    none = with_causes(())
+    everything = with_causes(names) if names else none
     if len(names) == 1:
         without, alone = {names[0]: none}, {names[0]: everything}
     else:
-        others = in_threads(lambda n: with_causes([m for m in names if m != n]), names)
-        without = dict(zip(names, others, strict=True))
-        alone = dict(zip(names, in_threads(lambda n: with_causes([n]), names), strict=True))
+        without = {n: with_causes([m for m in names if m != n]) for n in names}
+        alone = {n: with_causes([n]) for n in names}
     parts = f"{len(folds)} {'laps' if laps else 'parts'}"
-    chosen = [choice.causes for choice in choices]
-    return HeldOut(parts, limits, none, everything, without, alone, chosen)
+    return HeldOut(parts, limits, none, everything, without, alone)
 
 
 def with_values(problem: Problem, fitted: Vector) -> DriveModel:

@@ -137,7 +137,13 @@ class Identification:
                     values[name] = Value(i.value, i.unit, None if held else _bounds(i), source)
         reasons = {n: i.because for n, i in self.parameters.items() if not i.identified}
         return replace(
-            given, path=None, law=self.law, plant=values, found={}, not_identified=reasons
+            given,
+            path=None,
+            law=self.law,
+            plant=values,
+            found={},
+            not_identified=reasons,
+            diagnosis=None,
         )
 
     def save(self, folder: Path | str) -> None:

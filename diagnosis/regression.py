@@ -1,57 +1,53 @@
 """A study's records as one least-squares problem with white noise.
 
-The signal is what the records bring that the believed model does not foretell; the columns are what
-each of its values, each possible cause and each shapeless rival would change in that.
+The signal is what the records leave of the balances that the model fills; the columns are what each
+of its values, each possible cause and each shapeless rival would change in that. What is left is
+made white by an autoregression, so that noise of any colour counts as what it is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize
+from scipy.optimize import nnls
 
 from .causes.cause import Shape
-from .course import Course, Noise
+from .course import Course, Doubt, doubts, mean_current, sluggishness, true_current, voltage_scale
 from .drive_model import DriveModel
-from .innovations import Gains, LinearDrive, gains, innovations
 from .threads import in_threads
+from .weak_form import acceleration, averaged, lagged, rate, windows
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 STRETCH = 0.5  # what is weighed and held out together [s]
 _STEP = 1e-3  # of differences, relative to a value
-SHORTEST_MEMORY = 0.005  # of it [s]; a position hardly shows what is faster, errors of reading do
-LONGEST_MEMORY = 0.05  # of what is called noise [s]; what lasts longer is structure
+_ORDER = 8  # of the autoregression
+_ROUNDS = 3
+_EXACT = 3e-3  # of the friction: noise that is always there, laws are not exact
 
 
 @dataclass(frozen=True)
-class Filter:
-    """The filter of one record.
+class Noise:
+    """What is left of each balance, as an autoregression that is driven by white noise.
 
     Attributes
     ----------
-    telling : ndarray, shape (n,)
-        Weight of each sample: one, or zero where the drive rests, see `Course.rests`.
+    weights : ndarray, shape (channels, order)
+        Of the windows before.
+    sizes : ndarray, shape (channels,)
+        Standard deviations of what drives it [N], [V].
+    growth : float
+        Of the force's, with the speed, in quadrature [N*s/m].
     """
 
-    drive: LinearDrive
-    weights: Gains
-    telling: Vector
-
-
-def filters(courses: Sequence[Course], model: DriveModel, noise: Noise) -> list[Filter]:
-    """The filter of each record under a model."""
-    found = []
-    for c in courses:
-        drive = model.linear(c.step, c.channels, noise.channels, noise.rms, noise.memory)
-        weights = gains(drive, np.isfinite(c.signals), c.coarse, c.extra)
-        found.append(Filter(drive, weights, (~c.rests).astype(float)))
-    return found
+    weights: Matrix
+    sizes: Vector
+    growth: float
 
 
 @dataclass(frozen=True)
@@ -60,11 +56,10 @@ class Added:
 
     force: list[Vector]
     command: list[Vector]
-    current: list[Vector]
 
     @classmethod
     def nothing(cls, courses: Sequence[Course]) -> Added:
-        return cls(*([np.zeros(len(c.x)) for c in courses] for _ in range(3)))
+        return cls(*([np.zeros(len(c.x)) for c in courses] for _ in range(2)))
 
     def more(self, shape: Shape, amplitudes: Vector) -> Added:
         """With a cause of these amplitudes."""
@@ -74,16 +69,152 @@ class Added:
                 return before
             return [b + p @ amplitudes for b, p in zip(before, parts, strict=True)]
 
-        return Added(
-            sums(self.force, shape.force),
-            sums(self.command, shape.command),
-            sums(self.current, shape.current),
-        )
+        return Added(sums(self.force, shape.force), sums(self.command, shape.command))
 
 
 def law_forces(courses: Sequence[Course], model: DriveModel) -> list[Vector]:
     """The law along each record."""
     return [model.friction(c.x, c.v, c.step) for c in courses]
+
+
+def balance(
+    course: Course, model: DriveModel, friction: Vector, force: Vector, command: Vector
+) -> Matrix:
+    """What is left of each balance in each window, shape (windows, channels) [N, V].
+
+    Parameters
+    ----------
+    friction : ndarray, shape (n,)
+        The law along the record, see `law_forces` [N].
+    force, command : ndarray, shape (n,)
+        What is in the model beside its own equations.
+    """
+    width, step = course.width, course.step
+    v = midway_velocity(course)
+    after = np.append(course.u[1:], course.u[-1])
+    u = course.u + course.calibration["command_shift"] * (after - course.u) + command
+    opposed = averaged(friction + force + model.linear_friction * v, width)
+    if not model.has_motor:
+        driven = model.values["gain"] * averaged(u, width)
+        return _forces(course, model, driven - opposed)[:, None]
+    resistance, inductance = model.values["R"], model.values["L"]
+    volts = u - model.back_emf * v
+    if not course.by_current:
+        late = lagged((volts / resistance)[:, None], step, inductance / resistance)[:, 0]
+        forces = _forces(course, model, model.per_ampere * averaged(late, width) - opposed)
+        if not course.has_current:
+            return forces[:, None]
+    read = averaged(mean_current(course, model), width)
+    if course.by_current:
+        forces = _forces(course, model, model.per_ampere * read - opposed)
+    left_volts = averaged(volts, width) - resistance * read
+    left_volts -= inductance * rate(true_current(course), step, width)
+    return np.column_stack([forces, voltage_scale(course, model) * left_volts])
+
+
+def _forces(course: Course, model: DriveModel, acting: Vector) -> Vector:
+    """What is left of the balance of forces, shape (windows,) [N].
+
+    The motion is what a model foretells: were it a term like others, a model whose forces and
+    masses are all too small would leave less than the true one. So what is left counts by how
+    far it moves the drive within a window.
+    """
+    measured = acceleration(course.record.x, course.step, course.width)
+    return course.inertia * (acting - model.inertia * measured) / sluggishness(course, model)
+
+
+def midway_velocity(course: Course) -> Vector:
+    """Velocity as the recorded positions have it, on average over each interval, shape (n,)."""
+    moved = np.diff(course.record.x) / course.step
+    return np.append(moved, moved[-1])
+
+
+def shown(course: Course, model: DriveModel, shape: Shape, record: int) -> npt.NDArray[np.float64]:
+    """What a cause of amplitude one takes from each balance, shape (windows, channels, m)."""
+    m = len(shape.amplitudes)
+    out = np.zeros((windows(len(course.x), course.width), len(course.channels), m))
+    if shape.force is not None:
+        out[:, 0] += averaged(shape.force[record], course.width)
+    if shape.command is not None:
+        command = shape.command[record]
+        if not model.has_motor:
+            out[:, 0] -= model.values["gain"] * averaged(command, course.width)
+        elif not course.by_current:
+            late = lagged(command, course.step, model.values["L"] / model.values["R"])
+            out[:, 0] -= model.per_command * averaged(late, course.width)
+        if course.has_current:
+            out[:, 1] -= voltage_scale(course, model) * averaged(command, course.width)
+    out[:, 0] *= course.inertia / sluggishness(course, model)
+    return out
+
+
+@dataclass(frozen=True)
+class Filter:
+    """What makes the residual of one record white.
+
+    Attributes
+    ----------
+    noise : Noise
+    telling : ndarray, shape (windows,)
+        Weight of each window: zero where the drive rests, or did a moment ago.
+    force_weights : ndarray, shape (windows,)
+        Of the balance of forces, further: less than one where the law's force is doubtful.
+    """
+
+    noise: Noise
+    telling: Vector
+    force_weights: Vector
+
+    def whitened(self, left: Matrix) -> Matrix:
+        """Shape (windows, channels, ...) to the same, in standard deviations."""
+        out = left.copy()
+        order = self.noise.weights.shape[1]
+        extra = (1,) * (left.ndim - 2)
+        for lag in range(1, order + 1):
+            weight = self.noise.weights[:, lag - 1].reshape(1, -1, *extra)
+            out[lag:] -= weight * left[:-lag]
+        out /= self.noise.sizes.reshape(1, -1, *extra)
+        out[:, 0] *= self.force_weights.reshape(-1, *extra)
+        return np.asarray(out * self.telling.reshape(-1, 1, *extra))
+
+
+def telling(course: Course, order: int = _ORDER) -> Vector:
+    """Weights of the windows, shape (windows,): zero where one rests, or remembers a rest."""
+    rests = averaged(course.rests.astype(float), course.width) > 0.0
+    remembered = np.convolve(rests, np.ones(order + 1))[: len(rests)] > 0.0
+    remembered[:order] = True
+    return (~remembered).astype(float)
+
+
+def filters(courses: Sequence[Course], noise: Noise) -> list[Filter]:
+    """The filter of each record."""
+    return [
+        Filter(noise, telling(c), force_weights(c, noise.sizes[0], noise.growth)) for c in courses
+    ]
+
+
+def force_weights(course: Course, size: float, growth: float) -> Vector:
+    """Weights of the balance of forces whose noise has this size, shape (windows,)."""
+    remembered = np.convolve(course.doubt, np.ones(3))[: len(course.doubt)]
+    return np.asarray(1.0 / np.sqrt(1.0 + (remembered + _grown(course, growth)) / size**2))
+
+
+def _grown(course: Course, growth: float) -> Vector:
+    return growth**2 * averaged(course.v**2, course.width)
+
+
+def leftovers(
+    courses: Sequence[Course],
+    model: DriveModel,
+    added: Added,
+    law: Sequence[Vector] | None = None,
+) -> list[Matrix]:
+    """`balance` of each record."""
+    law = law_forces(courses, model) if law is None else law
+    return [
+        balance(c, model, *given)
+        for c, *given in zip(courses, law, added.force, added.command, strict=True)
+    ]
 
 
 def surprises(
@@ -93,65 +224,60 @@ def surprises(
     added: Added,
     law: Sequence[Vector] | None = None,
 ) -> Vector:
-    """Innovations of all records under a model, end to end, in standard deviations.
+    """What is left of all records under a model, white, end to end, in standard deviations."""
+    left = leftovers(courses, model, added, law)
+    return np.concatenate([f.whitened(y).ravel() for f, y in zip(made, left, strict=True)])
 
-    The gains are those of `made`, so that models differ by what they foretell alone; `law` is that
-    of `law_forces` where it is known.
+
+def responses(courses: Sequence[Course], model: DriveModel, shape: Shape) -> list[Matrix]:
+    """What a cause of amplitude one takes from the balances of each record, see `shown`."""
+    return [shown(c, model, shape, r) for r, c in enumerate(courses)]
+
+
+def whitened(made: Sequence[Filter], parts: Sequence[Matrix]) -> Matrix:
+    """Parts of each record's balances, (windows, channels, m), white, shape (all windows, m)."""
+    white = [f.whitened(part) for f, part in zip(made, parts, strict=True)]
+    return np.vstack([w.reshape(-1, w.shape[2]) for w in white])
+
+
+def calibrated(courses: Sequence[Course]) -> dict[str, Doubt]:
+    """What the instruments of a study may be off by."""
+    return doubts(courses[0])
+
+
+def sensitivities(courses: Sequence[Course], model: DriveModel, added: Added) -> list[Matrix]:
+    """What values and calibrations take from the balances, (windows, channels, columns) a record.
+
+    A relative change of each adjustable value, then a change of each of `calibrated`.
     """
-    out = []
-    law = law_forces(courses, model) if law is None else law
-    for c, f, friction, force, command, current in zip(
-        courses, made, law, added.force, added.command, added.current, strict=True
-    ):
-        drive = model.linear(c.step, c.channels, f.drive.noise, 1.0, 1.0)
-        # what the filter believes of the unmodelled force stays, with the gains
-        move = drive.move.copy()
-        move[:, -1] = f.drive.move[:, -1]
-        start = np.zeros((len(move), 1))
-        start[0, 0] = c.signals[0, 0]
-        found = innovations(
-            replace(drive, move=move),
-            f.weights,
-            np.nan_to_num(c.signals)[:, :, None] - c.shown(current[:, None]),
-            (c.u + command)[:, None],
-            (friction + force)[:, None],
-            start,
-        )
-        out.append((found[:, :, 0] * f.telling[:, None]).ravel())
-    return np.concatenate(out)
-
-
-def response(courses: Sequence[Course], made: Sequence[Filter], shape: Shape) -> Matrix:
-    """What a cause of amplitude one takes from the surprises, shape (all samples, amplitudes)."""
-    out = []
-    for r, (c, f) in enumerate(zip(courses, made, strict=True)):
-        m = len(shape.amplitudes)
-        nothing = np.zeros((len(c.x), m))
-        force = nothing if shape.force is None else shape.force[r]
-        command = nothing if shape.command is None else shape.command[r]
-        signals = -c.shown(nothing if shape.current is None else shape.current[r])
-        answer = innovations(f.drive, f.weights, signals, command, np.asarray(force))
-        out.append(-(answer * f.telling[:, None, None]).reshape(-1, m))
-    return np.vstack(out)
-
-
-def sensitivities(
-    courses: Sequence[Course], model: DriveModel, made: Sequence[Filter], added: Added
-) -> Matrix:
-    """What a relative change of each adjustable value takes from the surprises."""
     usual = law_forces(courses, model)
 
-    def column(name: str) -> Vector:
+    def of_value(name: str) -> list[Matrix]:
         law = None if name in model.law_parameters else usual
         low, high = (
-            surprises(
-                courses, model.changed({name: model.values[name] * (1 + s)}), made, added, law
-            )
+            leftovers(courses, model.changed({name: model.values[name] * (1 + s)}), added, law)
             for s in (-_STEP, _STEP)
         )
-        return (low - high) / (2 * _STEP)
+        return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
 
-    return np.column_stack(in_threads(column, model.adjustable))
+    def of_calibration(name: str) -> list[Matrix]:
+        low, high = (
+            leftovers(recalibrated(courses, {name: s}), model, added, usual)
+            for s in (-_STEP, _STEP)
+        )
+        return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
+
+    columns = in_threads(of_value, model.adjustable)
+    columns += [of_calibration(name) for name in calibrated(courses)]
+    return [np.stack(record, axis=2) for record in zip(*columns, strict=True)]
+
+
+def recalibrated(courses: Sequence[Course], changes: Mapping[str, float]) -> list[Course]:
+    """The courses with their calibration changed by so much."""
+    return [
+        replace(c, calibration={n: v + changes.get(n, 0.0) for n, v in c.calibration.items()})
+        for c in courses
+    ]
 
 
 def stretches(course: Course) -> int:
@@ -163,11 +289,20 @@ def edges(courses: Sequence[Course]) -> list[int]:
     """Ends of the stretches among the surprises."""
     found = [0]
     for c in courses:
-        n, per = len(c.x), len(c.channels)
+        n, per = windows(len(c.x), c.width), len(c.channels)
         count = stretches(c)
         begin = found[-1]
         found += [begin + per * round(n * (k + 1) / count) for k in range(count)]
     return found
+
+
+def ends_of_stretches(courses: Sequence[Course]) -> npt.NDArray[np.int64]:
+    """Ends of the stretches among all samples, shape (stretches + 1,)."""
+    found = [0]
+    for c in courses:
+        count, begin = stretches(c), found[-1]
+        found += [begin + round(len(c.x) * (k + 1) / count) for k in range(count)]
+    return np.array(found)
 
 
 def likelihood(
@@ -175,47 +310,78 @@ def likelihood(
     model: DriveModel,
     noise: Noise,
     added: Added,
-    law: Sequence[Vector],
+    law: Sequence[Vector] | None = None,
 ) -> float:
     """Minus the logarithm of the records' likelihood under a model and its noise."""
-    made = filters(courses, model, noise)
+    made = filters(courses, noise)
     e = surprises(courses, model, made, added, law)
-    spreads = np.concatenate([f.weights.spread.ravel() for f in made])
-    told = [np.repeat(f.telling, f.weights.spread.shape[1]) for f in made]
-    known = np.isfinite(spreads) & (np.concatenate(told) > 0)
-    return float(0.5 * np.sum(e[known] ** 2) + np.sum(np.log(spreads[known])))
+    count = sum(float(f.telling.sum()) for f in made)
+    weights = sum(float(np.sum(f.telling * np.log(f.force_weights))) for f in made)
+    return float(0.5 * np.sum(e**2) + count * np.sum(np.log(noise.sizes)) - weights)
 
 
-def fitted_noise(courses: Sequence[Course], model: DriveModel, noise: Noise, added: Added) -> Noise:
-    """The unmodelled force's size and memory, and the instruments' noise, as likely as can be."""
-    scale = model.friction_scale
-    step = courses[0].step
-    law = law_forces(courses, model)
+def fitted_noise(courses: Sequence[Course], model: DriveModel, left: Sequence[Matrix]) -> Noise:
+    """The autoregression that is most likely, given what is left of each record's balances."""
+    exact = _EXACT * model.friction_scale
+    size, growth = exact, 0.0
+    for _ in range(_ROUNDS):  # the weights of doubtful windows need the size
+        each = [force_weights(c, size, growth) for c in courses]
+        found, surprise = _autoregression(courses, [y[:, 0] for y in left], each, exact)
+        size, growth = _size_and_growth(courses, surprise, exact * _amplified(found))
+    weights, sizes = [found], [size]
+    if left[0].shape[1] > 1:
+        exact = exact / model.per_command
+        even = [np.ones(len(y)) for y in left]
+        found, surprise = _autoregression(courses, [y[:, 1] for y in left], even, exact)
+        square = float(np.mean(np.concatenate(surprise) ** 2))
+        weights.append(found)
+        sizes.append(math.hypot(math.sqrt(square), exact * _amplified(found)))
+    return Noise(np.array(weights), np.array(sizes), growth)
 
-    def at(q: Vector) -> Noise:
-        rms = scale * math.exp(min(max(q[0], -12.0), 3.0))
-        memory = min(max(step * math.exp(max(q[1], 0.0)), SHORTEST_MEMORY), LONGEST_MEMORY)
-        factors = np.exp(2 * np.clip(q[2:], -1.0, 1.5))
-        return Noise(noise.channels * factors, rms, memory)
 
-    def cost(q: Vector) -> float:
-        return likelihood(courses, model, at(q), added, law) + 0.5 * float(
-            np.sum((q[2:] / 0.3) ** 2)
-        )
+def _amplified(weights: Vector) -> float:
+    """What white noise is after an autoregression's filter, relative to before."""
+    return math.sqrt(1.0 + float(weights @ weights))
 
-    # from within: at its end a memory has no slope
-    memory = min(max(noise.memory, 2 * SHORTEST_MEMORY), 0.4 * LONGEST_MEMORY)
-    first = np.concatenate(
-        [
-            [math.log(noise.rms / scale), math.log(memory / step)],
-            np.zeros(len(noise.channels)),
-        ]
-    )
-    simplex = np.vstack([first, *(first + 0.5 * row for row in np.eye(len(first)))])
-    found = minimize(
-        cost,
-        first,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "maxfev": 45, "xatol": 0.04, "fatol": 0.1},
-    )
-    return at(found.x)
+
+def _autoregression(
+    courses: Sequence[Course], left: Sequence[Vector], weights: Sequence[Vector], exact: float
+) -> tuple[Vector, list[Vector]]:
+    """Weights of the windows before, shape (order,), and what they do not foretell.
+
+    White noise of the size `exact` is always there: without it, whatever is smooth would be
+    foretold from its own course to any digit, an effect like noise.
+    """
+    rows, goals, scales = [], [], []
+    for c, y, w in zip(courses, left, weights, strict=True):
+        counts = np.flatnonzero(telling(c) > 0.0)
+        rows.append(y[counts[:, None] - np.arange(1, _ORDER + 1)])
+        goals.append(y[counts])
+        scales.append(w[counts])
+    past, now, scale = np.vstack(rows), np.concatenate(goals), np.concatenate(scales)
+    weighted = past * scale[:, None] ** 2
+    inner = past.T @ weighted + float(scale @ scale) * exact**2 * np.eye(_ORDER)
+    found = np.asarray(np.linalg.solve(inner, weighted.T @ now), dtype=np.float64)
+    return found, [goal - row @ found for row, goal in zip(rows, goals, strict=True)]
+
+
+def _size_and_growth(
+    courses: Sequence[Course], surprise: Sequence[Vector], least: float
+) -> tuple[float, float]:
+    """Of the balance of forces: what drives it at rest [N], and how that grows [N*s/m]."""
+    squares, doubts_, paces = [], [], []
+    for c, e in zip(courses, surprise, strict=True):
+        counts = np.flatnonzero(telling(c) > 0.0)
+        squares.append(e**2)
+        doubts_.append(np.convolve(c.doubt, np.ones(3))[: len(c.doubt)][counts])
+        paces.append(averaged(c.v**2, c.width)[counts])
+    square, doubt, pace = (np.concatenate(p) for p in (squares, doubts_, paces))
+    size, growth = least**2 + float(np.mean(square)), 0.0
+    for _ in range(
+        _ROUNDS
+    ):  # iterated weighted least squares: the scatter of squares is their size
+        weight = 1.0 / (size + growth * pace + doubt)
+        columns = np.column_stack([np.ones(len(pace)), pace]) * weight[:, None]
+        found, _ = nnls(columns, np.maximum(square - doubt, 0.0) * weight)
+        size, growth = max(float(found[0]), least**2), float(found[1])
+    return math.sqrt(size), math.sqrt(growth)

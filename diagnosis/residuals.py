@@ -1,4 +1,4 @@
-"""What a model leaves unexplained, in force and in position, against the noise's own floor."""
+"""What a model leaves unexplained, in force and in position, against what instruments can show."""
 
 from __future__ import annotations
 
@@ -8,18 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
-from .compiled import compiled
-from .course import Course, Noise
+from .course import Course, position_noise
 from .drive_model import DriveModel
-from .innovations import LinearDrive, smooth
-from .regression import Added
+from .regression import Added, balance
+from .weak_form import acceleration, averaged, centres
 
 Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 AHEAD = 1.0  # over which a position is foretold from a known state [s]
-_WIDE, _MEMORY = 0.1, 0.05  # of the friction, [s]: unknown force, as it is looked for
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ def rms(values: Vector) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def residual(courses: Sequence[Course], model: DriveModel, noise: Noise, added: Added) -> Residual:
+def residual(courses: Sequence[Course], model: DriveModel, added: Added) -> Residual:
     """The unknown force that each record asks for, and what it does to a prediction.
 
     Parameters
@@ -65,80 +63,69 @@ def residual(courses: Sequence[Course], model: DriveModel, noise: Noise, added: 
         What is in the model beside its own equations.
     """
     forces, positions, telling = [], [], []
-    for c, more, volts, amperes in zip(
-        courses, added.force, added.command, added.current, strict=True
-    ):
-        law = model.friction(c.x, c.v, c.step) + more
-        drive = _wide(c, model, noise)
-        start = np.zeros(len(drive.move))
-        start[0] = c.signals[0, 0]
-        signals = c.signals - c.shown(amperes[:, None])[:, :, 0]
-        given = (signals, c.coarse, c.u + volts, law, np.zeros(len(law)), start)
-        force = smooth(drive, *given).state[:, -1]
-        forces.append(force)
-        positions.append(_ahead(drive, force, c.step))
-        telling.append(~c.rests)
+    for c, force, command in zip(courses, added.force, added.command, strict=True):
+        law = model.friction(c.x, c.v, c.step)
+        left = balance(c, model, law, force, command)
+        whole = left[:, 0]
+        if c.by_current:  # a simulation is given the voltage
+            whole = whole + model.per_command * left[:, 1]
+        found = at_samples(c, whole)
+        forces.append(found)
+        positions.append(_ahead(model, found, c.step))
+        rests = np.interp(
+            np.arange(len(c.x)),
+            centres(len(c.x), c.width),
+            averaged(c.rests.astype(float), c.width),
+        )
+        telling.append(rests == 0.0)
     return Residual(np.concatenate(forces), np.concatenate(positions), np.concatenate(telling))
 
 
-def floor(courses: Sequence[Course], model: DriveModel, noise: Noise) -> Residual:
-    """What noise alone would leave: of the instruments, and of the unmodelled force."""
+def floor(courses: Sequence[Course], model: DriveModel) -> Residual:
+    """What rounding and noise of the position leave by themselves."""
     random = np.random.default_rng(0)
     forces, positions, telling = [], [], []
     for c in courses:
         n = len(c.x)
-        drive = model.linear(c.step, c.channels, noise.channels, noise.rms, noise.memory)
-        kept = math.exp(-c.step / noise.memory)
-        white = noise.rms * math.sqrt(1 - kept**2) * random.standard_normal(n)
-        states = _driven(drive, white)
-        seen = states @ drive.sees.T
-        seen += random.standard_normal(seen.shape) * np.sqrt(noise.channels * c.coarse)
-        seen[~np.isfinite(c.signals)] = np.nan
-        wide = _wide(c, model, noise)
-        nothing = np.zeros(n)
-        given = (seen, c.coarse, nothing, nothing, nothing, np.zeros(len(wide.move)))
-        force = smooth(wide, *given).state[:, -1]
-        forces.append(force)
-        positions.append(_ahead(wide, force, c.step))
+        read = position_noise(c.record) * random.standard_normal(n)
+        found = at_samples(c, model.inertia * acceleration(read, c.step, c.width))
+        forces.append(found)
+        positions.append(_ahead(model, found, c.step))
         telling.append(~c.rests)
     return Residual(np.concatenate(forces), np.concatenate(positions), np.concatenate(telling))
 
 
-def _wide(course: Course, model: DriveModel, noise: Noise) -> LinearDrive:
-    """The drive with an unknown force that may be anything slow."""
-    rms = _WIDE * model.friction_scale
-    return model.linear(course.step, course.channels, noise.channels, rms, _MEMORY)
+def repetition(found: Residual, courses: Sequence[Course], laps: Sequence[float]) -> float:
+    """By how much what is left differs from one lap to the next, root mean square [N].
+
+    Half of the mean square of the difference is each lap's own.
+    """
+    squares, at = [], 0
+    for c, length in zip(courses, laps, strict=True):
+        n, later = len(c.x), round(length / c.step)
+        force, keep = found.force[at : at + n], found.telling[at : at + n]
+        both = keep[later:] & keep[:-later]
+        squares.append(0.5 * (force[later:] - force[:-later])[both] ** 2)
+        at += n
+    return rms(np.sqrt(np.concatenate(squares)))
 
 
-def _ahead(drive: LinearDrive, force: Vector, step: float) -> Vector:
+def at_samples(course: Course, values: Vector) -> Vector:
+    """What is known in windows, shape (windows,), at the samples, shape (n,)."""
+    return np.interp(np.arange(len(course.x)), centres(len(course.x), course.width), values)
+
+
+def _ahead(model: DriveModel, force: Vector, step: float) -> Vector:
     """Error of the position that comes of not knowing a force, from nothing at every second."""
     every = max(2, round(AHEAD / step))
-    out = np.empty(len(force))
-    # the unknown force is a given one here, not the filter's state
-    _respond(drive.move[:-1, :-1].copy(), drive.by_force[:-1].copy(), force, every, out)
+    slowed = (model.linear_friction + model.braking) / model.inertia
+    kept = math.exp(-slowed * step)
+    gained = step if slowed * step < 1e-9 else -math.expm1(-slowed * step) / slowed
+    out = np.zeros(len(force))
+    for first in range(0, len(force), every):
+        part = force[first : first + every] / model.inertia
+        speed = lfilter([0.0, gained], [1.0, -kept], part)
+        # between two samples the speed goes from one value to the next
+        moved = np.cumsum(0.5 * (speed[1:] + speed[:-1])) * step
+        out[first + 1 : first + len(part)] = moved
     return out
-
-
-@compiled
-def _respond(move: Matrix, by_force: Vector, force: Vector, every: int, out: Vector) -> None:
-    state = np.zeros(len(by_force))
-    for k in range(len(force)):
-        if k % every == 0:
-            state[:] = 0.0
-        out[k] = state[0]
-        state = move @ state + by_force * force[k]
-
-
-def _driven(drive: LinearDrive, white: Vector) -> Matrix:
-    states = np.empty((len(white), len(drive.move)))
-    _drive(drive.move, white, states)
-    return states
-
-
-@compiled
-def _drive(move: Matrix, white: Vector, states: Matrix) -> None:
-    state = np.zeros(move.shape[0])
-    for k in range(len(white)):
-        states[k] = state
-        state = move @ state
-        state[-1] += white[k]

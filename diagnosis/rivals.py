@@ -22,8 +22,10 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _TIME_KNOT = 0.35  # [s]
-_MOST = 60  # functions of one rival
+_MOST = 40  # functions of one rival
 _PLACE_KNOT = 4e-4  # [m]
+_SWINGS = 3
+_SLOWEST_SWING = 5.0  # [Hz]
 REVERSAL = 5e-6  # way back that makes a reversal [m]
 
 
@@ -62,6 +64,7 @@ def rivals(courses: Sequence[Course], model: DriveModel) -> list[Rival]:
     """All of them, for these records."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]
+    pace = [c.middle_v for c in courses]
     # records follow each other in time; places are the same for all
     begins = np.concatenate([[0.0], np.cumsum([c.time[-1] + c.step for c in courses])])
     time = [c.time + 0.5 * c.step + b for c, b in zip(courses, begins, strict=False)]
@@ -70,20 +73,43 @@ def rivals(courses: Sequence[Course], model: DriveModel) -> list[Rival]:
     speed = [np.log(np.abs(c.middle_v) + 1e-4) for c in courses]
     lasts, travel = float(begins[-1]), max(float(np.ptp(np.concatenate(place))), 1e-6)
     in_time = [max(5, min(round(lasts / _TIME_KNOT), _MOST)), 12]
-    in_place = [max(6, min(round(travel / _PLACE_KNOT), 2 * _MOST)), 24, 10]
+    in_place = [max(6, min(round(travel / _PLACE_KNOT), 60)), 24, 10]
     made = []
     for name, lives, signal, carrier, counts in (
         ("friction over time", "in time", time, sign, in_time),
         ("force over time", "in time", time, one, in_time),
         ("friction over position", "with position", place, sign, in_place),
         ("force over position", "with position", place, one, in_place),
+        ("viscous friction over time", "in time", time, pace, [12]),
+        ("viscous friction over position", "with position", place, pace, [10]),
         ("friction after reversals", "at reversals", logway, sign, [10]),
         ("friction over speed", "with speed", speed, sign, [8]),
         ("force over speed", "with speed and one direction", speed, one, [8]),
     ):
         shapes = [_splines(signal, carrier, count) for count in sorted(set(counts))]
         made.append(Rival(name, lives, shapes))
+    made.append(Rival("force swinging in time", "in time, swinging", _swings(courses, time)))
     return made
+
+
+def _swings(courses: Sequence[Course], time: list[Vector]) -> list[Shape]:
+    """Sines in time of the strongest frequencies of what is unknown."""
+    c = max(courses, key=lambda c: len(c.x))
+    window = np.hanning(len(c.unknown))
+    power = np.abs(np.fft.rfft(c.unknown * window, 2 * len(window))) ** 2
+    frequency = np.fft.rfftfreq(2 * len(window), c.step)
+    power[frequency < _SLOWEST_SWING] = 0.0
+    best = []
+    for _ in range(_SWINGS):
+        peak = int(np.argmax(power))
+        best.append(float(frequency[peak]))
+        power[max(peak - 8, 0) : peak + 9] = 0.0
+    names = tuple(f"{w}{k}" for k in range(_SWINGS) for w in ("cos", "sin"))
+    force = [
+        np.column_stack([w(2 * np.pi * f * t) for f in best for w in (np.cos, np.sin)])
+        for t in time
+    ]
+    return [Shape(names, force=force)]
 
 
 def _splines(signal: list[Vector], carrier: list[Vector], count: int) -> Shape:

@@ -11,26 +11,33 @@ import numpy as np
 import numpy.typing as npt
 
 from ..records.drive_record import DriveRecord
-from .course import Course, Noise, instrument_noise, lay_along, resmoothed
+from .course import Course, driven_by_current, follow, lay_along
 from .drive_model import DriveModel
-from .evidence import Prior, fit, volume
+from .evidence import Prior, fit_within, volume
 from .regression import (
     Added,
+    Noise,
+    calibrated,
     filters,
     fitted_noise,
-    law_forces,
+    leftovers,
     likelihood,
+    recalibrated,
     sensitivities,
-    surprises,
+    whitened,
 )
+from .residuals import at_samples
 from .selection import (
     LARGEST,
+    PRICE,
     Candidate,
     Choice,
     Explanation,
     Problem,
     again,
     amplitudes,
+    believed_changes,
+    bounds,
     choose,
     free_spreads,
     pruned,
@@ -41,10 +48,9 @@ from .threads import in_threads
 
 Vector = npt.NDArray[np.float64]
 
-_FIRST_RMS = 0.05  # of the friction: unmodelled force, before it is fitted
-_FIRST_MEMORY = 0.01  # [s]
-_ADJUSTMENTS = 3
-_TURNS = 4  # of naming causes and adjusting values
+_ADJUSTMENTS = 6
+_SETTLED = 0.05  # of its spread, that nothing changes by any more
+_TURNS = 3  # of naming causes and adjusting values
 _FIRST_CONTENDS = 0.6  # of the best cause's evidence, from which another is tried in earnest
 _WORTH = 0.5  # of what a best explanation with rivals scores, from which causes alone are tried
 _CONTENDS = 10.0  # odds, in natural logarithms, from which another set of causes is
@@ -65,36 +71,42 @@ def adjusted(
     courses: list[Course],
     model: DriveModel,
     believed: DriveModel,
-    noise: Noise,
     added: Added,
     freed: Sequence[str] = (),
     rounds: int = _ADJUSTMENTS,
 ) -> Situation:
     """The believed values, each within its tolerance (or free), and the noise, fitted."""
     names = model.adjustable
+    doubts = calibrated(courses)
     spread = np.array([believed.tolerance[n] for n in names]) / math.sqrt(3.0)
     free = free_spreads(believed)
     for name in freed:
         spread[names.index(name)] = free[names.index(name)]
+    spread = np.append(spread, [d.spread for d in doubts.values()])
     for _ in range(rounds):  # Gauss-Newton
-        made = filters(courses, model, noise)
-        signal = surprises(courses, model, made, added)
-        columns = np.column_stack([signal, sensitivities(courses, model, made, added)])
-        mean = np.array([believed.values[n] / model.values[n] - 1.0 for n in names])
-        prior = Prior(np.arange(1, len(names) + 1), mean, spread)
-        change = fit(columns.T @ columns, [prior]).amplitude
-        model = model.changed(
-            {
-                n: model.values[n] * max(1.0 + float(c), 0.3)
-                for n, c in zip(names, change, strict=True)
-            }
-        )
-        courses = [
-            resmoothed(c, model, noise, f, u, i)
-            for c, f, u, i in zip(courses, added.force, added.command, added.current, strict=True)
+        left = leftovers(courses, model, added)
+        made = filters(courses, fitted_noise(courses, model, left))
+        parts = [
+            np.concatenate([y[:, :, None], s], axis=2)
+            for y, s in zip(left, sensitivities(courses, model, added), strict=True)
         ]
-        noise = fitted_noise(courses, model, noise, added)
-    return Situation(courses, model, noise, added)
+        columns = whitened(made, parts)
+        mean = believed_changes(believed, model, courses)
+        prior = Prior(np.arange(1, len(spread) + 1), mean, spread)
+        low, high = bounds(believed, model, freed, courses)
+        change = fit_within(columns.T @ columns, [prior], low, high)
+        model = model.changed(
+            {n: model.values[n] * (1.0 + float(c)) for n, c in zip(names, change, strict=False)}
+        )
+        moved = dict(zip(doubts, change[len(names) :].tolist(), strict=True))
+        courses = [follow(c, model) for c in recalibrated(courses, moved)]
+        if np.all(np.abs(change) < _SETTLED * spread):
+            break
+    left = leftovers(courses, model, added)
+    courses = [
+        replace(c, unknown=at_samples(c, y[:, 0])) for c, y in zip(courses, left, strict=True)
+    ]
+    return Situation(courses, model, fitted_noise(courses, model, left), added)
 
 
 def added_by(members: Iterable[Candidate], amplitude: Vector, courses: Sequence[Course]) -> Added:
@@ -106,15 +118,24 @@ def added_by(members: Iterable[Candidate], amplitude: Vector, courses: Sequence[
     return added
 
 
-def _unlikelihood(courses: Sequence[Course], situation: Situation) -> float:
-    """Minus the logarithm of the records' likelihood along a motion, with the noise it has there.
+def _unlikelihood(situation: Situation, noise: Noise) -> float:
+    """Minus the logarithm of the records' likelihood.
 
-    The law is steep where a drive sticks, so that motions smoothed under two explanations differ in
-    likelihood by far more than the explanations do. Only those along one motion can be compared.
+    What is compared has one noise, that of the situation that leaves least: under a noise of its
+    own, a situation that lacks a cause has the effect for noise.
     """
-    model, added = situation.model, situation.added
-    noise = fitted_noise(courses, model, situation.noise, added)
-    return likelihood(courses, model, noise, added, law_forces(courses, model))
+    return likelihood(situation.courses, situation.model, noise, situation.added)
+
+
+def _first_situation(courses: list[Course], believed: DriveModel) -> Situation:
+    """Values adjusted, forces by voltage or by current, whichever leaves less."""
+    nothing = Added.nothing(courses)
+    situation = adjusted(courses, believed, believed, nothing)
+    if not all(c.has_current for c in courses):
+        return situation
+    courses = [driven_by_current(c, believed) for c in situation.courses]
+    other = adjusted(courses, situation.model, believed, nothing)
+    return min(situation, other, key=lambda s: float(s.noise.sizes[0]))
 
 
 @dataclass(frozen=True)
@@ -130,30 +151,34 @@ class Found:
 def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
     """Look for causes; values, noise and causes are found in turn until they agree."""
     courses = [lay_along(r, believed) for r in records]
-    channels = [instrument_noise(r)[2] for r in records]
-    noise = Noise(np.mean(channels, axis=0), _FIRST_RMS * believed.friction_scale, _FIRST_MEMORY)
-    situation = adjusted(courses, believed, believed, noise, Added.nothing(courses))
+    situation = _first_situation(courses, believed)
     first: Mapping[str, float] = {}
     best: Step | None = None
     tried: set[tuple[str, ...]] = set()
     for turn in range(_TURNS):
-        found = best.explanation.members if best else ()
+        found = best.explanation.members if best else None
         problem = state_problem(
             situation.courses, situation.model, believed, situation.noise, found
         )
         # before anything is known, noise is overrated and the first name alone can be relied on
-        choice = choose(problem, largest=1 if turn == 0 else LARGEST)
+        choice = choose(problem, largest=LARGEST)
         first = first or choice.alone
         if not choice.best.members and not best:
-            break
+            return _nothing_found(situation, believed, choice, first)
         contenders = [e for e in _contenders(choice, turn == 0) if _key(e) not in tried]
         if best and (_key(choice.best) == _key(best.explanation) or not contenders):
             break
         tried |= {_key(e) for e in contenders}
         taken = partial(_step, situation, problem, believed)
-        step = min(in_threads(taken, contenders), key=lambda s: s.cost)
+        steps = in_threads(taken, contenders)
+        noise = min((s.situation.noise for s in steps), key=lambda n: float(n.sizes[0]))
+        costs = [_unlikelihood(s.situation, noise) + s.price for s in steps]
+        step, cost = steps[int(np.argmin(costs))], min(costs)
+        before = _unlikelihood(situation, noise)
+        if not best and cost + PRICE > before + _strain(situation, believed):
+            return _nothing_found(situation, believed, choice, first)
         # what was found before may be the better whole, along its own motion
-        if best and step.cost > _unlikelihood(situation.courses, situation) + best.price:
+        if best and cost > before + best.price:
             stays = [e for e in choice.others if _key(e) == _key(best.explanation)]
             if stays:
                 stays.sort(key=lambda e: -e.score)
@@ -167,6 +192,15 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
     return Found(situation, problem, choice, first)
 
 
+def _nothing_found(
+    situation: Situation, believed: DriveModel, choice: Choice, first: Mapping[str, float]
+) -> Found:
+    """The end of a search without a cause: what is left is noise, and is weighed as such."""
+    problem = state_problem(situation.courses, situation.model, believed, situation.noise, found=())
+    nothing = next(e for e in choose(problem).others if not e.members)
+    return Found(situation, problem, replace(choice, best=nothing), first)
+
+
 def _key(explanation: Explanation) -> tuple[str, ...]:
     return tuple(sorted(explanation.names))
 
@@ -177,43 +211,43 @@ class Step:
 
     Attributes
     ----------
-    cost : float
-        Minus the logarithm of how well the records are foretold along the motion of before, noise
-        and values adjusted, and the amplitudes averaged over what was as likely before.
     price : float
-        Of it, what does not depend on the motion.
+        In natural logarithms: for values that are not those believed, and for amplitudes that were
+        as likely to be others.
     """
 
     situation: Situation
     problem: Problem
     explanation: Explanation
-    cost: float
     price: float
 
 
 def _step(
     situation: Situation, problem: Problem, believed: DriveModel, explanation: Explanation
 ) -> Step:
-    freed = [m.shape.freed for m in explanation.members if m.shape.freed]
-    made = filters(situation.courses, situation.model, situation.noise)
+    freed = [n for m in explanation.members for n in m.shape.freed]
+    made = filters(situation.courses, problem.noise)
     problem, best = refine(problem, explanation, situation.courses, situation.model, made)
     added = added_by(best.members, amplitudes(problem, best), situation.courses)
     after = adjusted(
         situation.courses,
         situation.model,
         believed,
-        situation.noise,
         added,
         freed,
         rounds=2,
     )
-    unlikely = sum(
-        (after.model.values[n] / believed.values[n] - 1.0) ** 2 / believed.tolerance[n] ** 2
-        for n in problem.names
+    price = _strain(after, believed, freed) + _freedom(problem, best)
+    return Step(after, problem, best, price)
+
+
+def _strain(situation: Situation, believed: DriveModel, freed: Sequence[str] = ()) -> float:
+    """What it costs that values are not those believed."""
+    return 1.5 * sum(
+        (situation.model.values[n] / believed.values[n] - 1.0) ** 2 / believed.tolerance[n] ** 2
+        for n in believed.adjustable
         if n not in freed
     )
-    price = 1.5 * unlikely + _freedom(problem, best)
-    return Step(after, problem, best, _unlikelihood(situation.courses, after) + price, price)
 
 
 def _freedom(problem: Problem, explanation: Explanation) -> float:

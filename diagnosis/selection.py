@@ -13,14 +13,35 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
-from scipy.stats import f as fisher
 
 from .causes import CAUSES
 from .causes.cause import Shape
-from .course import Course, Noise
+from .course import Course
 from .drive_model import DriveModel
-from .evidence import Columns, Prior, conditioned, evidence_of, fit, gain, side_by_side, weigh
-from .regression import Added, Filter, edges, filters, response, sensitivities, surprises
+from .evidence import (
+    Columns,
+    Prior,
+    conditioned,
+    evidence_of,
+    fit,
+    fit_within,
+    gain,
+    side_by_side,
+    weigh,
+)
+from .regression import (
+    Added,
+    Filter,
+    Noise,
+    calibrated,
+    edges,
+    filters,
+    fitted_noise,
+    leftovers,
+    responses,
+    sensitivities,
+    whitened,
+)
 from .rivals import rivals
 from .threads import in_threads
 
@@ -30,17 +51,22 @@ Mask = npt.NDArray[np.bool_]
 
 PRICE = 7.0  # of the first name, in natural logarithms of the odds
 NEXT_PRICE = 11.0  # of each further one: two things wrong at once are rarer than one
+_BESIDE = 0.02  # of the largest name's evidence, that a further one has to bring
 RIVALS_PRICE = 5.0  # what has a shape for everything has to be better by so much
 _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 0.2  # spread of an unknown mass, relative to all that moves
-NEARLY = 0.8  # share of what anything explains that causes have to explain to be believed
 _LEFT_OVER = 0.12  # share of a rival's evidence that a name beside it has to bring
 _KEPT = 4  # sets of each size that are grown
 _LOOKED_AT = 40  # sets of each size that are looked at closely
-LARGEST = 4  # members of a set
+LARGEST = 3  # members of a set
 MOST_CAUSES = 8  # of a set of causes alone: a real machine has more than one fault
-MOST_CANCELLED = 4.0  # squares of what members bring, over that of what they bring together
-NEAR = 3.0  # sets whose odds differ by less, in natural logarithms, cannot be told apart
+MOST_CANCELLED = 3.0  # squares of what members bring, over that of what they bring together
+FREE_RANGE = (0.3, 3.0)  # of a value that may be wrong, to the believed one
+_ANY = 1.0  # relative spread of values that take all they can, where noise is sought
+_MUCH = 0.1  # of what is left, that one more cause has to explain there
+_HELD = 1e-3  # of its spread, to one that stands at the end of what is believed
+_AT_BOUND = 1e-6
+OWN = (0.6, 1.6)  # amplitude of a cause whose shape has its size in it
 
 
 @dataclass(frozen=True)
@@ -60,24 +86,31 @@ class Problem:
     Attributes
     ----------
     columns : Columns
-        The signal (column 0), the adjustable values (next) and the candidates.
+        The signal (column 0), the adjustable values (next), the calibrations and the candidates.
     model : DriveModel
         Around which it is linear.
     names : tuple of str
         Adjustable values.
     prior : Prior
-        Of their relative changes from those of `model`.
+        Of their relative changes from those of `model`, and of the calibrations.
+    low, high : ndarray
+        How far these may change: tolerances are hard.
     free : ndarray
         Spreads of values that may be anything.
     candidates : list of Candidate
+    noise : Noise
+        That makes the columns white.
     """
 
     columns: Columns
     model: DriveModel
     names: tuple[str, ...]
     prior: Prior
+    low: Vector
+    high: Vector
     free: Vector
     candidates: list[Candidate]
+    noise: Noise
 
 
 def state_problem(
@@ -85,19 +118,17 @@ def state_problem(
     model: DriveModel,
     believed: DriveModel,
     noise: Noise,
-    found: Sequence[Candidate] = (),
+    found: Sequence[Candidate] | None = None,
 ) -> Problem:
     """The problem around a model's values, whose priors are those believed.
 
     What was `found` before is tried again with the values it had, beside the points of the grids.
+    Where nothing is known of that, noise is sought beside all that the candidates can explain.
     """
-    made = filters(courses, model, noise)
-    nothing = Added.nothing(courses)
-    signal = surprises(courses, model, made, nothing)
     names = model.adjustable
-    blocks = [signal[:, None], sensitivities(courses, model, made, nothing)]
-    at = 1 + len(names)
-    candidates = []
+    nothing = Added.nothing(courses)
+    left = leftovers(courses, model, nothing)
+    parts = [[y[:, :, None] for y in left], sensitivities(courses, model, nothing)]
     asked = [
         (cause, values)
         for cause in CAUSES.values()
@@ -105,31 +136,138 @@ def state_problem(
         for values in cause.grid(courses, model)
     ]
     asked += [
-        (CAUSES[c.name], c.shape.values) for c in found if not c.is_rival and CAUSES[c.name].refined
+        (CAUSES[c.name], c.shape.values)
+        for c in found or ()
+        if not c.is_rival and CAUSES[c.name].refined_of(c.shape.values)
     ]
     shapes = in_threads(lambda one: one[0].at(courses, model, one[1]), asked)
     named = [
         (cause.name, s, False)
         for (cause, _), s in zip(asked, shapes, strict=True)
-        if not s.freed or s.freed in names  # a value that is certain is no cause
+        if set(s.freed) <= set(names)  # a value that is certain is no cause
     ]
     named += [(r.name, shape, True) for r in rivals(courses, model) for shape in r.shapes]
-    shown = in_threads(lambda n: None if n[1].freed else response(courses, made, n[1]), named)
-    for (name, shape, is_rival), block in zip(named, shown, strict=True):
-        if block is None:
-            column = 1 + names.index(shape.freed or "")
-            candidates.append(Candidate(name, shape, np.array([column])))
+    shown = in_threads(lambda n: None if n[1].freed else responses(courses, model, n[1]), named)
+    candidates = []
+    at = 1 + len(names) + len(calibrated(courses))
+    for (name, shape, is_rival), part in zip(named, shown, strict=True):
+        if part is None:
+            columns_of = [1 + names.index(n) for n in shape.freed]
+            candidates.append(Candidate(name, shape, np.array(columns_of)))
             continue
         count = len(shape.amplitudes)
-        blocks.append(block)
+        parts.append(part)
         candidates.append(Candidate(name, shape, np.arange(at, at + count), is_rival))
         at += count
-    columns = Columns(tuple(blocks), tuple(edges(courses)))
-    mean = np.array([believed.values[n] / model.values[n] - 1.0 for n in names])
-    spread = np.array([believed.tolerance[n] for n in names]) / math.sqrt(3.0)
-    prior = Prior(np.arange(1, len(names) + 1), mean, spread)
-    free = free_spreads(model)
-    return Problem(columns, model, names, prior, free, candidates)
+    prior = _prior(courses, model, believed)
+    if found is None:
+        own = [c for c in candidates if not (c.is_rival or c.shape.freed)]
+        last = max((int(c.columns[-1]) for c in own), default=len(prior.mean))
+        count = int(np.searchsorted(np.cumsum([p[0].shape[2] for p in parts]), last + 1)) + 1
+        noise = _least_noise(courses, model, noise, parts[:count], prior, own)
+    made = filters(courses, noise)
+    blocks = tuple(in_threads(lambda part: whitened(made, part), parts))
+    return Problem(
+        Columns(blocks, tuple(edges(courses))),
+        model,
+        names,
+        prior,
+        *bounds(believed, model, (), courses),
+        free_spreads(model),
+        candidates,
+        noise,
+    )
+
+
+def _prior(courses: Sequence[Course], model: DriveModel, believed: DriveModel) -> Prior:
+    """Of relative changes of values, and of calibrations, around a model."""
+    mean = believed_changes(believed, model, courses)
+    spread = np.array([believed.tolerance[n] for n in model.adjustable]) / math.sqrt(3.0)
+    spread = np.append(spread, [d.spread for d in calibrated(courses).values()])
+    return Prior(np.arange(1, len(mean) + 1), mean, spread)
+
+
+def _least_noise(
+    courses: Sequence[Course],
+    model: DriveModel,
+    noise: Noise,
+    parts: Sequence[Sequence[Matrix]],
+    prior: Prior,
+    causes: Sequence[Candidate],
+) -> Noise:
+    """The noise beside all that free values and a few causes, taken greedily, can explain.
+
+    An autoregression fitted to an effect foretells it and hides it, a periodic one most of all.
+
+    Parameters
+    ----------
+    parts : sequence of list of ndarray, shape (windows, channels, m)
+        What is left of each record's balances, first; then the columns, in their order.
+    causes : sequence of Candidate
+        Those with columns of their own.
+    """
+    plain = filters(courses, replace(noise, weights=np.zeros_like(noise.weights)))
+    columns = np.column_stack(in_threads(lambda part: whitened(plain, part), parts))
+    products = columns.T @ columns
+    values = len(model.adjustable)
+    spread = prior.spread.copy()
+    spread[:values] = np.maximum(spread[:values], _ANY)
+    taken = [replace(prior, spread=spread)]
+    for _ in range(LARGEST):
+        left = conditioned(products, taken)
+        explained = [_explained(*left.of(c.columns)) for c in causes]
+        best = int(np.argmax(explained))
+        if explained[best] < _MUCH * left.squares:
+            break
+        chosen = causes[best].columns
+        size = np.sqrt(left.squares / np.maximum(np.diag(left.of(chosen)[0]), 1e-300))
+        taken.append(Prior(chosen, np.zeros(len(chosen)), 10.0 * size))
+    fitted = fit(products, taken)
+    amplitude = np.zeros(columns.shape[1])
+    amplitude[0] = -1.0
+    amplitude[fitted.columns] = fitted.amplitude
+    ends = np.cumsum([p[0].shape[2] for p in parts])
+    sizes = np.split(amplitude, ends[:-1])
+    rest = [
+        -np.sum([part[r] @ size for part, size in zip(parts, sizes, strict=True)], axis=0)
+        for r in range(len(courses))
+    ]
+    return fitted_noise(courses, model, rest)
+
+
+def _explained(inner: Matrix, signal: Vector) -> float:
+    """Squares of the signal that columns take away by least squares, see `Conditioned.of`."""
+    ridge = (1e-9 * np.trace(inner) + 1e-300) * np.eye(len(signal))
+    return float(signal @ np.linalg.solve(inner + ridge, signal))
+
+
+def believed_changes(believed: DriveModel, model: DriveModel, courses: Sequence[Course]) -> Vector:
+    """Changes that lead from a model and a calibration back to what was believed."""
+    values = [believed.values[n] / model.values[n] - 1.0 for n in model.adjustable]
+    return np.array([*values, *(-courses[0].calibration[n] for n in calibrated(courses))])
+
+
+def bounds(
+    believed: DriveModel, model: DriveModel, freed: Collection[str], courses: Sequence[Course]
+) -> tuple[Vector, Vector]:
+    """How far values and calibrations may still change: to the ends of what is believed.
+
+    Tolerances are hard, and a freed value has a range, too.
+    """
+    low, high = [], []
+    for n in model.adjustable:
+        tolerance = believed.tolerance[n]
+        ends = (1.0 - tolerance, 1.0 + tolerance)
+        if n in freed:  # a mass may be anything, beside a rotor's
+            ends = (0.1, math.inf) if n == "m" else FREE_RANGE
+        ratio = believed.values[n] / model.values[n]
+        low.append(ends[0] * ratio - 1.0)
+        high.append(ends[1] * ratio - 1.0)
+    for n, doubt in calibrated(courses).items():
+        now = courses[0].calibration[n]
+        low.append(doubt.low - now)
+        high.append(doubt.high - now)
+    return np.array(low), np.array(high)
 
 
 def free_spreads(model: DriveModel) -> Vector:
@@ -190,29 +328,19 @@ class Choice:
     alone: Mapping[str, float] = field(default_factory=dict)
 
 
-def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -> Choice:
-    """The set of causes that explains the used stretches best.
+def choose(problem: Problem, largest: int = LARGEST) -> Choice:
+    """The set of causes that explains the records best.
 
     Two searches: among causes, and among causes and rivals. What causes explain nearly as well as
     anything does is theirs, since their equations are idealized and the rivals fit everything; what
     rivals explain beyond is added to it.
     """
-    products = problem.columns.products(used)
+    products = problem.columns.products()
     empty = _nothing(problem, products)
     causes = [c for c in problem.candidates if not c.is_rival]
-    rivals_too = [c for c in problem.candidates if c.is_rival]
-    most = largest if largest < LARGEST else MOST_CAUSES
-    named = _search(problem, products, empty, causes, most)
-    free = _search(problem, products, empty, problem.candidates, largest)
-    best = free[0]
-    chosen: Explanation | None = None
-    if named[0].score - empty.score >= NEARLY * (best.score - empty.score):
-        causes_alone = pruned(problem, products, named[0])
-        more = _search(problem, products, causes_alone, rivals_too, 2)[0]
-        # where rivals are needed all the same, the causes have to be worth their names
-        if not more.rivals or more.score > best.score:
-            chosen = _ordered(problem, products, more)
-    chosen = chosen or pruned(problem, products, best)
+    named = _search(problem, products, empty, causes, largest)
+    free = _search(problem, products, empty, [c for c in problem.candidates if c.is_rival], 1)
+    chosen = pruned(problem, products, named[0])
     alone = {}
     for only in (named, free):
         for e in only:
@@ -223,8 +351,54 @@ def choose(problem: Problem, used: Mask | None = None, largest: int = LARGEST) -
 
 
 def _nothing(problem: Problem, products: Matrix) -> Explanation:
-    base = conditioned(products, [problem.prior])
-    return Explanation((), (problem.prior,), base.evidence, ())
+    priors = _within(problem, products, (), ())
+    return Explanation((), priors, evidence_of(products, priors), ())
+
+
+def _within(
+    problem: Problem, products: Matrix, members: Sequence[Candidate], own: Sequence[Prior]
+) -> tuple[Prior, ...]:
+    """Priors of values and members, in which values that would leave their bounds are held there.
+
+    Parameters
+    ----------
+    own : sequence of Prior
+        Of the members that have columns of their own.
+    """
+    freed = [int(c) - 1 for m in members if m.shape.freed for c in m.columns]
+    mean, spread = problem.prior.mean.copy(), problem.prior.spread.copy()
+    spread[freed] = problem.free[freed]
+    low, high = problem.low.copy(), problem.high.copy()
+    low[freed], high[freed] = -np.inf, np.inf
+    found = fit_within(products, [Prior(problem.prior.columns, mean, spread), *own], low, high)
+    held = (found <= low) | (found >= high)
+    mean[held] = found[held]
+    spread[held] *= _HELD
+    return (Prior(problem.prior.columns, mean, spread), *own)
+
+
+def grown(problem: Problem, start: Explanation) -> dict[str, Explanation]:
+    """The explanation with one more name, for each name there is, in a form that stands."""
+    products = problem.columns.products()
+    more = _grow(problem, products, start, problem.candidates)
+    return {n: e for n, e in more.items() if _stands(problem, products, e)}
+
+
+def loosened(problem: Problem, explanation: Explanation, name: str) -> Explanation:
+    """The explanation with all forms of a cause beside it, together, of any amplitudes.
+
+    What a cause has in a form that is only nearly right, it has here.
+    """
+    forms = [c.columns for c in problem.candidates if c.name == name and not c.shape.freed]
+    columns = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *forms]))
+    taken = np.concatenate([p.columns for p in explanation.priors[1:]] or [columns[:0]])
+    columns = np.setdiff1d(columns, taken)
+    if not len(columns):
+        return explanation
+    products = problem.columns.products()
+    spread = weigh(*conditioned(products, explanation.priors).of(columns)).spread
+    own = (*explanation.priors[1:], Prior(columns, np.zeros(len(columns)), spread))
+    return replace(explanation, priors=_within(problem, products, explanation.members, own))
 
 
 def again(problem: Problem, names: Sequence[str]) -> Explanation:
@@ -268,32 +442,48 @@ def _stands(problem: Problem, products: Matrix, explanation: Explanation) -> boo
     A mass or a resistance below zero is none. And a large change that others cancel can fit
     anything, far beyond where a value acts linearly.
     """
-    freed = [int(m.columns[0]) for m in explanation.members if m.shape.freed]
-    if not freed:
+    for k, m in enumerate(explanation.members):
+        if (
+            m.shape.sure is not None
+            and not OWN[0] < own_size(problem, products, explanation, k) < OWN[1]
+        ):
+            return False
+    freed = [int(c) for m in explanation.members if m.shape.freed for c in m.columns]
+    if freed:
+        fitted = fit(products, explanation.priors)
+        if np.any(fitted.amplitude[np.isin(fitted.columns, freed)] <= -1.0):
+            return False
+    if not freed and len(explanation.members) < 2:
         return True
-    fitted = fit(products, list(explanation.priors))
-    if np.any(fitted.amplitude[np.isin(fitted.columns, freed)] <= -1.0):
-        return False
-    return _cancelled(problem, products, explanation) < MOST_CANCELLED
+    return cancelled(problem, products, explanation) < MOST_CANCELLED
 
 
-def _cancelled(problem: Problem, products: Matrix, explanation: Explanation) -> float:
+def own_size(problem: Problem, products: Matrix, explanation: Explanation, member: int) -> float:
+    """Amplitude of a cause whose shape has its size in it, as the data alone have it."""
+    column = explanation.members[member].columns[:1]
+    others = without(problem, explanation, member).priors
+    inner, signal = conditioned(products, others).of(column)
+    return float(signal[0] / max(inner[0, 0], 1e-300))
+
+
+def cancelled(problem: Problem, products: Matrix, explanation: Explanation) -> float:
     """Squares of what the members bring, over the square of what they bring together."""
-    freed = [int(m.columns[0]) - 1 for m in explanation.members if m.shape.freed]
+    freed = [int(c) - 1 for m in explanation.members if m.shape.freed for c in m.columns]
     spread = problem.prior.spread.copy()
     spread[freed] = 1e-9 * spread[freed]  # what is a member's is not the values'
     values = Prior(problem.prior.columns, problem.prior.mean, spread)
-    left = conditioned(products, [values]).products
-    fitted = fit(products, list(explanation.priors))
+    columns = np.concatenate([m.columns for m in explanation.members])
+    left, _ = conditioned(products, [values]).of(columns)
+    fitted = fit(products, explanation.priors)
     amplitude = dict(zip(fitted.columns.tolist(), fitted.amplitude, strict=True))
-    parts = []
+    alone, whole, at = 0.0, np.zeros(len(columns)), 0
     for m in explanation.members:
-        part = np.zeros(len(products))
-        mean = problem.prior.mean[int(m.columns[0]) - 1] if m.shape.freed else 0.0
-        part[m.columns] = [amplitude[int(c)] - mean for c in m.columns]
-        parts.append(part)
-    whole = np.sum(parts, axis=0)
-    alone = sum(float(p @ left @ p) for p in parts)
+        mean = problem.prior.mean[m.columns - 1] if m.shape.freed else 0.0
+        part = np.zeros(len(columns))
+        part[at : at + len(m.columns)] = np.array([amplitude[int(c)] for c in m.columns]) - mean
+        at += len(m.columns)
+        alone += float(part @ left @ part)
+        whole += part
     return alone / max(float(whole @ left @ whole), 1e-300)
 
 
@@ -309,7 +499,7 @@ def pruned(problem: Problem, products: Matrix, best: Explanation) -> Explanation
         ]
         if not needless:
             break
-        best = _ordered(problem, products, _without(problem, best, needless[-1]))
+        best = _ordered(problem, products, without(problem, best, needless[-1]))
     return best
 
 
@@ -317,7 +507,7 @@ def _ordered(problem: Problem, products: Matrix, best: Explanation) -> Explanati
     """The members in the order of what the evidence would lose without each."""
     whole = evidence_of(products, best.priors)
     loses = [
-        whole - evidence_of(products, _without(problem, best, k).priors)
+        whole - evidence_of(products, without(problem, best, k).priors)
         for k in range(len(best.members))
     ]
     order = sorted(range(len(loses)), key=lambda k: -loses[k])
@@ -332,27 +522,23 @@ def _grow(
     problem: Problem, products: Matrix, start: Explanation, candidates: Sequence[Candidate]
 ) -> dict[str, Explanation]:
     """The explanation with one more name, for each name."""
-    left = conditioned(products, list(start.priors))
+    left = conditioned(products, start.priors)
     found: dict[str, list[tuple[float, Candidate, tuple[Prior, ...]]]] = {}
     for c in candidates:
         if c.name in start.names:
             continue
         if c.shape.freed:
-            k = int(c.columns[0]) - 1
-            first = start.priors[0]
-            if first.spread[k] != problem.prior.spread[k]:
+            if any(np.isin(c.columns, m.columns).any() for m in start.members if m.shape.freed):
                 continue
-            spread = first.spread.copy()
-            spread[k] = problem.free[k]
-            freed = (Prior(first.columns, first.mean, spread), *start.priors[1:])
+            freed = _within(problem, products, (*start.members, c), start.priors[1:])
             bring = evidence_of(products, freed) - left.evidence
             found.setdefault(c.name, []).append((bring, c, freed))
             continue
         if c.shape.sure is not None:
             mean, spread = np.ones(len(c.columns)), np.full(len(c.columns), c.shape.sure)
-            bring = gain(left.products, c.columns, mean, spread)
+            bring = gain(*left.of(c.columns), mean, spread)
         else:
-            weighed = weigh(left.products, c.columns)
+            weighed = weigh(*left.of(c.columns))
             mean, spread, bring = np.zeros(len(c.columns)), weighed.spread, weighed.gain
         priors = (*start.priors, Prior(c.columns, mean, spread))
         found.setdefault(c.name, []).append((bring, c, priors))
@@ -361,7 +547,7 @@ def _grow(
         best = max(options, key=lambda o: o[0])
         # one of many shapes was to be picked as well
         brings = float(np.logaddexp.reduce([o[0] for o in options])) - math.log(len(options))
-        price = NEXT_PRICE if start.members else PRICE
+        price = max(NEXT_PRICE, _BESIDE * max(start.gains)) if start.members else PRICE
         if best[1].is_rival:
             price += RIVALS_PRICE
         else:
@@ -369,9 +555,10 @@ def _grow(
             price += _LEFT_OVER * sum(
                 g for m, g in zip(start.members, start.gains, strict=True) if m.is_rival
             )
+        members = (*start.members, best[1])
         out[name] = Explanation(
-            (*start.members, best[1]),
-            best[2],
+            members,
+            _within(problem, products, members, best[2][1:]),
             start.score + brings - price,
             (*start.gains, brings),
         )
@@ -387,7 +574,7 @@ def refine(
 ) -> tuple[Problem, Explanation]:
     """The explanation with its causes' nonlinear values found between the points of their grids."""
     for k, m in enumerate(explanation.members):
-        if not (m.is_rival or m.shape.freed) and CAUSES[m.name].refined:
+        if not (m.is_rival or m.shape.freed) and CAUSES[m.name].refined_of(m.shape.values):
             problem, explanation = _refined_member(problem, explanation, k, courses, model, made)
     return problem, explanation
 
@@ -402,12 +589,18 @@ def _refined_member(
 ) -> tuple[Problem, Explanation]:
     member = explanation.members[k]
     cause = CAUSES[member.name]
-    key = cause.refined or ""
-    points = sorted(c.shape.values[key] for c in problem.candidates if c.name == member.name)
+    key = cause.refined_of(member.shape.values) or ""
+    others_fixed = {n: v for n, v in member.shape.values.items() if n != key}
+    points = sorted(
+        c.shape.values[key]
+        for c in problem.candidates
+        if c.name == member.name
+        and {**others_fixed, key: c.shape.values.get(key)} == c.shape.values
+    )
     here = points.index(member.shape.values[key])
     low = points[max(here - 1, 0)] * (0.7 if here == 0 else 1.0)
     high = points[min(here + 1, len(points) - 1)] * (1.4 if here + 1 == len(points) else 1.0)
-    others = _without(problem, explanation, k)
+    others = without(problem, explanation, k)
     used = np.concatenate([[0], *(p.columns for p in others.priors)]).astype(np.int64)
     base = problem.columns.of(used)
     inner = problem.columns.products()[np.ix_(used, used)]
@@ -416,21 +609,21 @@ def _refined_member(
     fixed = dict(member.shape.values)
     if member.shape.sure is None:
         # how it is linear depends on how large it is
-        fitted = fit(problem.columns.products(), list(explanation.priors))
+        fitted = fit(problem.columns.products(), explanation.priors)
         size = fitted.amplitude[np.isin(fitted.columns, member.columns)]
         fixed |= dict(zip(member.shape.amplitudes, size.tolist(), strict=True))
 
     def bring(value: float) -> tuple[float, Shape, Matrix, Vector]:
         shape = cause.at(courses, model, {**fixed, key: value})
-        columns = response(courses, made, shape)
+        columns = whitened(made, responses(courses, model, shape))
         cross = base.T @ columns
         products = np.block([[inner, cross], [cross.T, columns.T @ columns]])
-        rest = conditioned(products, moved).products
-        mine = np.arange(at, at + columns.shape[1])
+        rest = conditioned(products, moved).of(np.arange(at, at + columns.shape[1]))
         if shape.sure is not None:
-            spread = np.full(len(mine), 0.02)  # between the grid's points the size is the value's
-            return gain(rest, mine, np.ones(len(mine)), spread), shape, columns, spread
-        weighed = weigh(rest, mine)
+            # between the grid's points the size is the value's
+            spread = np.full(columns.shape[1], 0.02)
+            return gain(*rest, np.ones(len(spread)), spread), shape, columns, spread
+        weighed = weigh(*rest)
         return weighed.gain, shape, columns, weighed.spread
 
     found = minimize_scalar(
@@ -455,10 +648,17 @@ def _refined_member(
 
 
 def amplitudes(problem: Problem, explanation: Explanation, used: Mask | None = None) -> Vector:
-    """Most likely amplitudes of all columns, zero where an explanation has none, shape (c,)."""
-    fitted = fit(problem.columns.products(used), list(explanation.priors))
+    """Most likely amplitudes of all columns, zero where an explanation has none, shape (c,).
+
+    From all stretches or those used, shape (stretches,).
+    """
+    columns = np.concatenate([[0], *(p.columns for p in explanation.priors)]).astype(np.int64)
+    if used is None:
+        products = problem.columns.products()[np.ix_(columns, columns)]
+    else:
+        products = problem.columns.by_stretch(columns)[used].sum(axis=0)
     out = np.zeros(problem.columns.count)
-    out[fitted.columns] = fitted.amplitude
+    out[columns[1:]] = fit(products, side_by_side(explanation.priors)).amplitude
     return out
 
 
@@ -496,9 +696,9 @@ class Scores:
 def scores(problem: Problem, explanation: Explanation, member: int) -> Scores:
     """The scores of a member at the fit without it."""
     columns = explanation.members[member].columns
-    others = _without(problem, explanation, member)
+    others = without(problem, explanation, member)
     products = problem.columns.products()
-    fitted = fit(products, list(others.priors))
+    fitted = fit(products, others.priors)
     mine = np.isin(fitted.columns, columns)  # a freed value stays where it was believed to be
     amplitude = fitted.amplitude.copy()
     amplitude[mine] = 0.0
@@ -522,41 +722,24 @@ def scores(problem: Problem, explanation: Explanation, member: int) -> Scores:
     return Scores(by_stretch, information, pieces)
 
 
-def p_value(problem: Problem, explanation: Explanation, member: int) -> float:
-    """Chance of as large an effect of a member by accident, the others given.
-
-    Standard errors are as wide as the stretches' scatter says, and never narrower than white noise
-    would make them. Times the number of causes that were looked at.
-    """
-    found = scores(problem, explanation, member)
-    count, m = found.by_stretch.shape
-    if count <= m + 1:
-        return 1.0
-    amplitude = found.estimate()
-    size = float(amplitude @ found.information @ amplitude) / found.widening() ** 2
-    value = float(fisher.sf(size / m, m, count - m))
-    return min(1.0, value * len({c.name for c in problem.candidates if not c.is_rival}))
-
-
 def restricted_to(
     problem: Problem, explanation: Explanation, names: Collection[str]
 ) -> Explanation:
     """The explanation with the members of these names only."""
     for k in reversed(range(len(explanation.members))):
         if explanation.members[k].name not in names:
-            explanation = _without(problem, explanation, k)
+            explanation = without(problem, explanation, k)
     return explanation
 
 
-def _without(problem: Problem, explanation: Explanation, member: int) -> Explanation:
+def without(
+    problem: Problem, explanation: Explanation, member: int, products: Matrix | None = None
+) -> Explanation:
+    """The explanation without one of its members."""
+    products = problem.columns.products() if products is None else products
     members = tuple(c for k, c in enumerate(explanation.members) if k != member)
-    base = explanation.priors[0]
-    gone = explanation.members[member]
-    if gone.shape.freed:
-        spread = base.spread.copy()
-        k = int(gone.columns[0]) - 1
-        spread[k] = problem.prior.spread[k]
-        priors = (Prior(base.columns, base.mean, spread), *explanation.priors[1:])
-        return Explanation(members, priors, explanation.score, ())
-    kept = tuple(p for p in explanation.priors[1:] if not np.array_equal(p.columns, gone.columns))
-    return Explanation(members, (base, *kept), explanation.score, ())
+    gains = tuple(g for k, g in enumerate(explanation.gains) if k != member)
+    gone = explanation.members[member].columns
+    own = [p for p in explanation.priors[1:] if not np.array_equal(p.columns, gone)]
+    priors = _within(problem, products, members, own)
+    return Explanation(members, priors, explanation.score, gains)

@@ -82,7 +82,6 @@ def summary(found: Any) -> dict[str, Any]:
         "gain_heldout",
         "gain_interval",
         "gain_alone",
-        "chosen_again",
     )
     return {k: said[k] for k in keep} | {
         "causes": [{k: c[k] for k in of_cause} for c in said["causes"]],

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 from diagnosed import Diagnosed, run
-from hidden_cases import draw_case, write_case
+from strong_effects import write_strong
 
 
 @pytest.fixture(scope="session")
 def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     """A record with a hidden load, diagnosed by the command."""
     folder = tmp_path_factory.mktemp("diagnosed")
-    files = write_case(draw_case(("load_bias",), 1), folder / "data")
+    record, believed = write_strong({"load": 0.4}, folder / "data")
     out = folder / "out"
-    given = ("diagnose", files.record, "--params", files.parameters, "--out", out)
-    return Diagnosed(files.record, files.parameters, out, *run(*given))
+    given = ("diagnose", record, "--params", believed, "--out", out)
+    return Diagnosed(record, believed, out, *run(*given))

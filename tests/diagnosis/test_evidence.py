@@ -13,8 +13,12 @@ from ballscrew.diagnosis.evidence import (
     Prior,
     conditioned,
     evidence_of,
+    fit_within,
     gain,
+    gains,
+    left_of,
     weigh,
+    weighed_gains,
 )
 
 
@@ -41,7 +45,7 @@ def test_evidence_is_the_density_of_the_signal(seed):
     one, both = density(y, columns, [first]), density(y, columns, [first, second])
     left = conditioned(products, [first])
     assert left.evidence == pytest.approx(one, abs=1e-8)
-    assert gain(left.products, second.columns, second.mean, second.spread) == pytest.approx(
+    assert gain(*left.of(second.columns), second.mean, second.spread) == pytest.approx(
         both - one, abs=1e-8
     )
     assert evidence_of(products, [first, second]) == pytest.approx(both, abs=1e-8)
@@ -54,18 +58,56 @@ def test_columns_that_foretell_nothing_lose_and_true_ones_win():
     for amplitude, wins in ((0.0, False), (0.3, True)):
         y = noise + amplitude * column[:, 0]
         products = Columns((y[:, None], column), (0, 2000)).products()
-        assert (weigh(products, np.array([1])).gain > 3) == wins
+        assert (weigh(products[1:2, 1:2], products[1:2, 0]).gain > 3) == wins
 
 
-def test_a_stretch_left_out_is_not_looked_at():
-    random = np.random.default_rng(2)
-    columns = random.standard_normal((30, 3))
-    made = Columns((columns,), (0, 10, 20, 30))
-    used = np.array([True, False, True])
-    changed = columns.copy()
-    changed[10:20] = 1e6
-    again = Columns((changed,), (0, 10, 20, 30))
-    assert np.allclose(made.products(used), again.products(used))
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_many_signals_at_once_gain_what_each_gains_alone(seed):
+    random = np.random.default_rng(seed)
+    columns = random.standard_normal((50, 5))
+    signals = random.standard_normal((50, 4))
+    first = Prior(np.array([1, 2]), np.zeros(2), random.uniform(0.1, 3, 2))
+    second = np.array([3, 4])
+    mean, spread = random.standard_normal(2), random.uniform(0.1, 3, 2)
+    together = left_of(columns.T @ columns, [first], columns.T @ signals)[second]
+    for k in range(4):
+        columns[:, 0] = signals[:, k]
+        left = conditioned(columns.T @ columns, [first])
+        inner, signal = left.of(second)
+        assert together[:, k] == pytest.approx(signal, abs=1e-9)
+        one = gain(inner, signal, mean, spread)
+        assert gains(inner, together, mean, spread)[k] == pytest.approx(one, abs=1e-9)
+        one = weigh(inner, signal).gain
+        assert weighed_gains(inner, together)[k] == pytest.approx(one, abs=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_a_fit_within_bounds_is_the_best_there(seed):
+    """No step along any axis, towards the inside, lowers the sum of squares."""
+    random = np.random.default_rng(seed)
+    columns = random.standard_normal((60, 6))
+    priors = [
+        Prior(np.array([1, 2, 3]), random.standard_normal(3), random.uniform(0.1, 3, 3)),
+        Prior(np.array([4, 5]), np.zeros(2), random.uniform(0.1, 3, 2)),
+    ]
+    low, high = -random.uniform(0, 0.3, 3), random.uniform(0, 0.3, 3)
+    products = columns.T @ columns
+    found = fit_within(products, priors, low, high)
+    assert np.all((found >= low) & (found <= high))
+
+    def cost(values):
+        held = Prior(priors[0].columns, values, np.full(3, 1e-7))
+        rest = -2.0 * evidence_of(products, [held, priors[1]])
+        return rest + float(np.sum(((values - priors[0].mean) / priors[0].spread) ** 2))
+
+    best = cost(found)
+    for j in range(3):
+        for step in (-1e-3, 1e-3):
+            other = found.copy()
+            other[j] = np.clip(other[j] + step, low[j], high[j])
+            assert cost(other) >= best - 1e-5
 
 
 def test_a_block_exchanged_is_as_if_it_had_been_there_from_the_start():
@@ -80,4 +122,3 @@ def test_a_block_exchanged_is_as_if_it_had_been_there_from_the_start():
     assert np.array_equal(made.of(some), whole[:, some])
     first = whole[:12, some]
     assert np.allclose(made.by_stretch(some)[0], first.T @ first, rtol=1e-12)
-    assert np.allclose(made.products(np.array([False, True])), whole[12:].T @ whole[12:])

@@ -41,7 +41,7 @@ class Row:
     named : list of str
         The causes found, in their order.
     confused_with : list of list of str
-        What the diagnosis says each is mistaken for.
+        Pairs of causes between which the diagnosis cannot say.
     right : bool
     by : str
         What makes it right: ``name``, or the generator's ``same_force`` or ``out_of_reach``.
@@ -119,7 +119,7 @@ def run_trial(trial: Trial) -> Row:
             found = diagnose([files.record], params=files.parameters)
             verdict = str(found.verdict)
             named = [str(c.name) for c in found.causes]
-            confused = [[str(n) for n in c.confused_with] for c in found.causes]
+            confused = [[n.name, n.like] for n in found.not_named if n.like]
         except Exception:  # counted as a wrong answer, and the others go on
             failure = traceback.format_exc().strip().splitlines()[-1]
         seconds = time.perf_counter() - started

@@ -1,0 +1,149 @@
+"""The balance of forces and voltages of a drive, averaged over short windows.
+
+Newton's law times a bell, integrated: the acceleration becomes the second difference of averaged
+positions, and nothing is differentiated that was measured. What a recorder, an encoder or an
+amplifier does within a sampling interval is averaged away. Forces and commands are those of
+`Shape`: on average over the interval after each sample.
+
+The bell is a hat whose feet are `width` samples to either side, smeared by the same hat over the
+samples: nearly the cubic B-spline of that spacing. The hat alone would turn into the second
+difference of three bare readings; smeared, it averages their noise.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import lfilter
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+
+def windows(samples: int, width: int) -> int:
+    """How many bells of spacing `width` samples a record of so many samples has."""
+    return max((samples - 1) // width - 3, 0)
+
+
+def centres(samples: int, width: int) -> npt.NDArray[np.int64]:
+    """The samples in the middle of the bells, shape (windows,)."""
+    return (np.arange(windows(samples, width)) + 2) * width
+
+
+@cache
+def _hat(width: int) -> Vector:
+    """The smearing hat over samples, shape (2*width - 1,)."""
+    return (width - np.abs(np.arange(1 - width, width))) / width**2
+
+
+@cache
+def _bell(width: int) -> Matrix:
+    """The bell over intervals, by quarters, shape (4, width)."""
+    rising = (np.arange(width) + 0.5) / width**2
+    bell = np.convolve(np.concatenate([rising, rising[::-1]]), _hat(width))
+    return np.concatenate([[0.0], bell, [0.0]]).reshape(4, width)
+
+
+def noise_gains(width: int) -> tuple[float, float]:
+    """What white noise of the samples is in an average, and in a rate of change times the step."""
+    bell = _bell(width).ravel()
+    return float(np.linalg.norm(bell)), float(
+        np.linalg.norm(np.diff(bell, prepend=0.0, append=0.0))
+    )
+
+
+def averaged(values: Matrix, width: int) -> Matrix:
+    """Averages of interval values under each bell.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, ...)
+        One for each sample: the mean over the interval after it.
+    width : int
+        Spacing of the bells, and quarter of the length of one, in intervals.
+
+    Returns
+    -------
+    ndarray, shape (windows(n, width), ...)
+    """
+    count = windows(len(values), width)
+    blocks = count + 3
+    parts = values[: blocks * width].reshape(blocks, width, -1)
+    quarters = np.matmul(_bell(width), parts)
+    out = sum(quarters[q : q + count, q] for q in range(4))
+    return np.asarray(out).reshape(count, *values.shape[1:])
+
+
+def acceleration(x: Vector, step: float, width: int) -> Vector:
+    """Average acceleration under each bell, shape (windows,) [m/s^2].
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Positions as they were read [m].
+    """
+    smeared = np.convolve(x - x[0], _hat(width), mode="same")
+    at = centres(len(x), width)
+    second = smeared[at + width] - 2.0 * smeared[at] + smeared[at - width]
+    return np.asarray(second / (width * step) ** 2)
+
+
+def rate(values: Vector, step: float, width: int) -> Vector:
+    """Average rate of change under each bell of something sampled, shape (windows,)."""
+    change = np.diff(values) / step
+    return averaged(np.append(change, change[-1]), width)
+
+
+def lagged(command: Matrix, step: float, time_constant: float) -> Matrix:
+    """Mean over each interval of a first-order lag of a command that is held, same shape.
+
+    Right for lags slower and faster than the sampling; the lag starts settled.
+    """
+    if time_constant <= 0.0:
+        return command
+    kept = math.exp(-step / time_constant)
+    late = _late_share(step, time_constant)
+    start = command[:1]  # settled
+    before, _ = lfilter([1.0 - kept], [1.0, -kept], command, axis=0, zi=kept * start)
+    state = np.concatenate([start, before[:-1]])
+    return np.asarray(command + late * (state - command))
+
+
+def between_samples(
+    current: Vector, jumps: Vector, step: float, electrical: float, mechanical: float
+) -> Vector:
+    """Mean over each interval of a current known at the samples, shape (n,).
+
+    Where the winding answers within the interval, the current jumps with the voltage and then goes
+    to its next sample with the speed; where it is slower, it goes there straight.
+
+    Parameters
+    ----------
+    current : ndarray, shape (n,)
+        At the samples, before the voltage jumps [A].
+    jumps : ndarray, shape (n,)
+        Of the voltage at the samples, over the resistance [A].
+    electrical, mechanical : float
+        Time constants of the winding and of the speed [s].
+    """
+    after = np.append(current[1:], current[-1])
+    straight = _start_share(step, electrical)
+    answered = (1.0 - 2.0 * straight) ** 2
+    share = answered * _start_share(step, mechanical) + (1.0 - answered) * straight
+    return np.asarray(after + share * (current + answered * jumps - after))
+
+
+def _start_share(step: float, time_constant: float) -> float:
+    """What the start of an interval has in the mean of an exponential from start to end."""
+    kept = math.exp(-step / time_constant) if time_constant > 0.0 else 0.0
+    return (_late_share(step, time_constant) - kept) / (1.0 - kept)
+
+
+def _late_share(step: float, time_constant: float) -> float:
+    """Mean of exp(-t/time_constant) over an interval."""
+    if time_constant <= 0.0:
+        return 0.0
+    return -math.expm1(-step / time_constant) * time_constant / step
