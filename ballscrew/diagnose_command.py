@@ -20,19 +20,17 @@ if TYPE_CHECKING:
     from .diagnosis.averaging_cost import AveragingCost
     from .diagnosis.diagnosis import Diagnosis, Level
     from .diagnosis.diagnosis_report import ClosedLoopSection
-    from .diagnosis.drive_model import DriveModel
     from .diagnosis.trials import TrialsDiagnosis
     from .orchestration.parameter_file import ParameterFile
-    from .records.drive_record import DriveRecord
     from .solver.component import Component
 
 _EXAMPLES = """DATA are CSV, MAT or Parquet files with the columns time [s], u [V] and x [m], or
-v [m/s] where no position was recorded, and i [A] where it was measured; several are one study.
-Separators, decimal commas, lines before the table and a line of units are found by themselves; a
-column without a name goes by its number. With kind = "drive", u may be a force or a torque, as in
---unit u=N. FILE.toml says what you believe, see docs/parameters.md: kind ("ball_screw" or "drive"),
-law, [plant] in SI units and [tolerance], the relative doubt of each value (default half of its
-interval, else 0.03).
+v [m/s] where no position was recorded, and i [A] where it was measured; i without u is taken as the
+command. Several are one study. Separators, decimal commas, lines before the table and a line of
+units are found by themselves; a column without a name goes by its number. With kind = "drive", u
+may be a force or a torque, as in --unit u=N. FILE.toml says what you believe, see
+docs/parameters.md: kind ("ball_screw" or "drive"), law, [plant] in SI units and [tolerance], the
+relative doubt of each value (default half of its interval, else 0.03).
 
 examples:
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
@@ -41,11 +39,13 @@ examples:
   ballscrew diagnose drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \
     --lead 0.005 --out out/drive
   ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
+  ballscrew diagnose --judge other.csv --params out/diagnosis/parameters.toml
   ballscrew diagnose --trials dahl.csv --value sigma --out out/scatter
   ballscrew diagnose --directions stribeck.csv --out out/averaging
 """
 _FMU, _PARAMETERS, _CURVES = "extended_plant.fmu", "parameters.toml", "curves.parquet"
-_FILES = ("diagnosis.json", "report.html", _FMU, _PARAMETERS, _CURVES)
+_NEXT = "next_experiment.csv"
+_FILES = ("diagnosis.json", "report.html", _FMU, _PARAMETERS, _CURVES, _NEXT)
 _SHARES = {"": "share"}
 
 
@@ -57,8 +57,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         help="find what a model gets wrong of measured data, and why",
         description="Simulate the model you believe on what was recorded, name what it lacks, and "
         "measure the gain on data held out. Writes diagnosis.json, report.html, curves.parquet, a "
-        "picture, the corrected values as parameters.toml, and where causes are found "
-        "extended_plant.fmu. Exit code 1: structure is left that no cause explains, or what "
+        "picture, the corrected values as parameters.toml, where causes are found "
+        "extended_plant.fmu, and where these records cannot tell, next_experiment.csv for the "
+        "machine. Exit code 1: structure is left that no cause explains, or what "
         "was found does not hold on data held out.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -68,6 +69,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add_params(add, "the model as you believe it to be")
     add("--law", metavar="NAME", help="friction law, in place of the file's")
     add_record_options(add)
+    add(
+        "--judge",
+        nargs="+",
+        type=Path,
+        metavar="OTHER",
+        help="instead: how well do the models of --params, written by diagnose, do on this record?",
+    )
     add("--trials", type=Path, metavar="TABLE.csv", help="instead: a table with a trial a row")
     add("--value", metavar="COLUMN", help="with --trials: whose scatter is to be explained")
     add(
@@ -76,7 +84,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="TABLE.csv",
         help="instead: Fc, Fs, Vs, sigma2 of each direction; what does their average cost?",
     )
-    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
+    add(
+        "--out",
+        type=out_folder,
+        metavar="DIR",
+        help="folder for the results; with --judge it may be left out",
+    )
     add("--json", action="store_true", help="print the result as JSON")
     parser.set_defaults(action=_diagnose)
 
@@ -90,6 +103,12 @@ def _diagnose(options: argparse.Namespace) -> int:
     for table, path in tables.items():
         if path is not None:
             _only_with(table, options)
+    if options.judge is not None:
+        from .judge_command import judged
+
+        return judged(options)
+    if options.out is None:
+        raise BadRequest("--out DIR is missing, the folder for the results")
     if options.value is not None and options.trials is None:
         raise BadRequest("--value is for --trials, and there is none")
     if options.trials is not None:
@@ -98,7 +117,7 @@ def _diagnose(options: argparse.Namespace) -> int:
         return _directions(options)
     if not options.data:
         raise BadRequest(
-            "neither DATA nor --trials nor --directions; see ballscrew diagnose --help"
+            "neither DATA nor --trials nor --directions nor --judge; see ballscrew diagnose --help"
         )
     return _records(options)
 
@@ -109,6 +128,7 @@ def _only_with(table: str, options: argparse.Namespace) -> None:
     given = {"DATA": options.data, "--params": options.params, "--law": options.law}
     given |= {"--map": options.map, "--unit": options.unit, "--lead": options.lead}
     given |= {"--trials": options.trials, "--directions": options.directions}
+    given |= {"--judge": options.judge}
     for name, value in given.items():
         if value and name != table:
             raise BadRequest(f"{name} and {table}: expected one of them")
@@ -145,7 +165,6 @@ def _records(options: argparse.Namespace) -> int:
         records = read_drive_records(
             options.data, columns.mapping, columns.units, columns.lead_with(told)
         )
-        check_commands(records, model)
         result = diagnose_records(records, model, progress)
     except BadRecord as error:
         raise BadRequest(str(error)) from error
@@ -168,35 +187,6 @@ def _records(options: argparse.Namespace) -> int:
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
     return TRUSTED if result.verdict in (EXPLAINED, NONE) else NOT_TRUSTED
-
-
-def check_commands(records: Sequence[DriveRecord], model: DriveModel) -> None:
-    """Refuse commands that the model's equations do not take.
-
-    Raises
-    ------
-    BadRecord
-    """
-    from .records.bad_record import BadRecord
-    from .records.drive_record import VOLTAGE
-
-    for record in records:
-        if record.current_alone and model.has_motor:
-            raise BadRecord(
-                f"{record.name}: has the current i and no voltage u, from which a diagnosis of the "
-                'ball screw starts; describe it as kind = "drive" with gain = kt*2*pi*p in N/A, '
-                "and say --map i=u --unit u=A"
-            )
-        if record.current_alone:
-            raise BadRecord(
-                f'{record.name}: has the current i and no command u; with kind = "drive" say '
-                "--map i=u --unit u=A, and give gain in N/A"
-            )
-        if record.command != VOLTAGE and model.has_motor:
-            raise BadRecord(
-                f"{record.name}: u is a {record.command}, but the ball screw is driven by a "
-                'voltage; describe it as kind = "drive", whose force is gain*u'
-            )
 
 
 def _check_law(law: str | None) -> None:
@@ -326,9 +316,8 @@ def _table(
             between = f"  {known[0]:.4g} .. {known[1]:.4g}" if known else ""
             unit = _SHARES.get(c.units.get(name, ""), c.units.get(name, ""))
             lines.append(f"  {name:<20}{value:>11.4g} {unit:<8}{between}".rstrip())
-        if c.confused_with:
-            lines.append(f"  cannot be told from {', '.join(c.confused_with)} by these records")
     lines.append("")
+    lines += [f"not named: {n.name}: {n.because}" for n in result.not_named]
     lines += [f"without a name: structure that lives {where}" for where in result.unnamed]
     if result.out_of_reach:
         lines.append(f"out of reach: {', '.join(o.name for o in result.out_of_reach)}")
@@ -336,6 +325,7 @@ def _table(
         lines.append(f"closed loop: {section.effect.says}")
     if result.next_experiment is not None:
         lines.append(f"next experiment: {result.next_experiment.says}")
+        lines.append(f"  {result.next_experiment.motion.says}: {_NEXT}")
         lines.append(f"  {rig_command(result.next_experiment.trial)}")
     plant = f", {_FMU}" if extension.plant is not None else ""
     lines.append(

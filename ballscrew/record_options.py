@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from .params_option import bad_parameters
 
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
@@ -36,26 +38,19 @@ class RecordOptions:
         BadRequest
             If the file says the lead, too.
         """
-        from .cli import BadRequest
-        from .orchestration.parameter_file import BALL_SCREW, ParameterFile, Value
+        from .diagnosis.believed import with_lead
+        from .orchestration.parameter_file import ParameterFile
 
-        if self.lead is None:
-            return told
-        if told is not None and "p" in told.plant:
-            raise BadRequest(
-                f"--lead and p of {told.path} both say what a turn of the screw is; expected one "
-                "of them"
-            )
-        file = told or ParameterFile()
-        if file.kind != BALL_SCREW:
-            return told
-        return replace(file, plant={**file.plant, "p": Value(1 / self.lead, "1/m", None, "--lead")})
+        if told is None and self.lead is None:
+            return None
+        with bad_parameters():
+            return with_lead(told or ParameterFile(), self.lead)
 
     def lead_with(self, told: ParameterFile | None) -> float | None:
         """The lead [m] by ``--lead`` or by `p` of the parameter file; None if neither says it."""
-        if self.lead is None and told is not None and "p" in told.plant:
-            return 1 / told.plant["p"].value
-        return self.lead
+        from .diagnosis.believed import lead_of
+
+        return lead_of(told, self.lead)
 
 
 def add_record_options(add: Any) -> None:

@@ -25,6 +25,7 @@ FILE_NAME = "parameters.toml"
 BALL_SCREW, DRIVE, FMU = "ball_screw", "drive", "fmu"
 KINDS = (BALL_SCREW, DRIVE, FMU)
 DEFAULT_LAW = "modified_lugre"
+_COMMANDS = ("voltage", "current", "force")
 _KEYS = (
     "format",
     "kind",
@@ -35,6 +36,16 @@ _KEYS = (
     "rig",
     "tolerance",
     "not_identified",
+    "diagnosis",
+)
+_DIAGNOSIS_KEYS = (
+    "records",
+    "command",
+    "command_shift",
+    "law",
+    "believed",
+    "adjusted",
+    "causes",
 )
 _VALUE_KEYS = ("value", "unit", "interval", "source")
 _FORMER = {
@@ -69,6 +80,35 @@ class Value:
     source: str = ""
 
 
+@dataclass(frozen=True)
+class Diagnosed:
+    """What a diagnosis started from and what it named, beside the values that it ends with.
+
+    Attributes
+    ----------
+    records : tuple of str
+        Names of the records.
+    command : {"voltage", "current", "force"}
+        What `u` is in them.
+    command_shift : float
+        How far before its stamp the command acts, in sampling intervals.
+    law : str
+        Friction law believed; the file's own may have bristles beside.
+    believed, adjusted : mapping of str to float
+        The plant's values as believed, and adjusted within their tolerances without any cause, SI.
+    causes : mapping of str to mapping of str to float
+        Of each cause its numbers, SI.
+    """
+
+    records: tuple[str, ...]
+    command: str
+    command_shift: float
+    law: str
+    believed: Mapping[str, float]
+    adjusted: Mapping[str, float]
+    causes: Mapping[str, Mapping[str, float]]
+
+
 Values = Mapping[str, Value]
 Known = Mapping[str, ParameterInfo] | Mapping[str, Parameter]
 
@@ -94,6 +134,8 @@ class ParameterFile:
         Relative doubt of values of the plant that `diagnose` may adjust.
     not_identified : mapping of str to str
         Parameters that records do not tell, and why.
+    diagnosis : Diagnosed or None
+        In what `diagnose` wrote: where the values come from.
     """
 
     path: Path | None = None
@@ -105,6 +147,7 @@ class ParameterFile:
     rig: Mapping[str, Values] = field(default_factory=dict)
     tolerance: Mapping[str, float] = field(default_factory=dict)
     not_identified: Mapping[str, str] = field(default_factory=dict)
+    diagnosis: Diagnosed | None = None
 
     @property
     def plant_name(self) -> str:
@@ -170,6 +213,7 @@ class ParameterFile:
         data |= {"tolerance": dict(self.tolerance)} if self.tolerance else {}
         reasons = {name: _written(reason) for name, reason in self.not_identified.items()}
         data |= {"not_identified": reasons} if reasons else {}
+        data |= {"diagnosis": _diagnosis_table(self.diagnosis)} if self.diagnosis else {}
         return tomli_w.dumps(data)
 
     def save(self, folder: Path | str) -> Path:
@@ -188,6 +232,18 @@ def _tables(values: Values) -> dict[str, dict[str, Any]]:
         table |= {"source": _written(v.source)} if v.source else {}
         tables[name] = table
     return tables
+
+
+def _diagnosis_table(told: Diagnosed) -> dict[str, Any]:
+    return {
+        "records": [_written(name) for name in told.records],
+        "command": told.command,
+        "command_shift": told.command_shift,
+        "law": told.law,
+        "believed": dict(told.believed),
+        "adjusted": dict(told.adjusted),
+        "causes": {name: dict(values) for name, values in told.causes.items()},
+    }
 
 
 def _written(text: str) -> str:
@@ -252,11 +308,9 @@ def read_parameters(path: Path | str) -> ParameterFile:
         _values(path, "found", data.get("found", {})),
         _groups(path, "controller", data.get("controller", {})),
         _groups(path, "rig", data.get("rig", {})),
-        {
-            name: _number(path, f"[tolerance] {name}", value)
-            for name, value in _table(path, "tolerance", data.get("tolerance", {})).items()
-        },
+        _numbers(path, "tolerance", data.get("tolerance", {})),
         {name: str(reason) for name, reason in reasons.items()},
+        _diagnosed(path, data["diagnosis"]) if "diagnosis" in data else None,
     )
 
 
@@ -308,6 +362,34 @@ def _values(path: Path, table: str, given: Any) -> dict[str, Value]:
         name: _value(path, f"[{table}] {name}", value)
         for name, value in _table(path, table, given).items()
     }
+
+
+def _numbers(path: Path, table: str, given: Any) -> dict[str, float]:
+    return {
+        name: _number(path, f"[{table}] {name}", value)
+        for name, value in _table(path, table, given).items()
+    }
+
+
+def _diagnosed(path: Path, given: Any) -> Diagnosed:
+    table = _table(path, "diagnosis", given)
+    _known(f"{path}: [diagnosis]", table, _DIAGNOSIS_KEYS)
+    missing = [key for key in _DIAGNOSIS_KEYS if key not in table]
+    if missing:
+        raise BadParameters(f"{path}: [diagnosis] has no {missing[0]!r}, which diagnose writes")
+    records = table["records"]
+    if not isinstance(records, list) or not all(isinstance(name, str) for name in records):
+        raise BadParameters(f"{path}: [diagnosis] records is {records!r}, expected a list of names")
+    causes = _table(path, "diagnosis.causes", table["causes"])
+    return Diagnosed(
+        tuple(records),
+        _choice(path, "[diagnosis] command", table["command"], _COMMANDS),
+        _number(path, "[diagnosis] command_shift", table["command_shift"]),
+        _choice(path, "[diagnosis] law", table["law"], LAWS),
+        _numbers(path, "diagnosis.believed", table["believed"]),
+        _numbers(path, "diagnosis.adjusted", table["adjusted"]),
+        {n: _numbers(path, f"diagnosis.causes.{n}", values) for n, values in causes.items()},
+    )
 
 
 def _value(path: Path, where: str, given: Any) -> Value:

@@ -147,4 +147,5 @@ def used_parameters(
         controllers={**file.controllers, **described},
         tolerance={},
         not_identified={},
+        diagnosis=None,
     )

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from diagnosed import run
-from hidden_cases import draw_case, write_case
+from strong_effects import write_strong
 
 from ballscrew.orchestration.parameter_file import read_parameters
 from ballscrew.orchestration.run_folder import write_run
@@ -69,8 +69,24 @@ def test_the_extended_plant_runs_in_the_closed_loop(diagnosed, tmp_path):
     assert "trusted" in printed
 
 
+def test_the_corrected_file_is_enough_to_judge_all_three_models(diagnosed, tmp_path):
+    """On the record that it was made from: the same figures come out."""
+    params = diagnosed.folder / "parameters.toml"
+    told = read_parameters(params).diagnosis
+    assert list(told.causes) == ["load_bias"]
+    believed = read_parameters(diagnosed.parameters).plant
+    assert all(told.believed[n] == v.value for n, v in believed.items())
+    code, printed, _ = run("diagnose", "--judge", diagnosed.record, "--params", params, "--json")
+    assert code == 0
+    scores = json.loads(printed)["scores"]
+    baseline, final = (diagnosed.result[n] for n in ("baseline_residual", "final_residual"))
+    assert scores["believed"]["force"]["value_N"] == pytest.approx(baseline["force_N"], rel=0.02)
+    assert scores["corrected"]["force"]["value_N"] == pytest.approx(final["force_N"], rel=0.05)
+    assert scores["corrected"]["force"]["value_N"] < scores["adjusted"]["force"]["value_N"]
+
+
 def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_path):
-    files = write_case(draw_case(("none",), 3), tmp_path / "data")
+    record, believed = write_strong({}, tmp_path / "data")
     out = tmp_path / "out"
 
     def another_run(folder):
@@ -78,7 +94,7 @@ def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_pat
             (folder / name).write_text("of another record")
 
     write_run(out, another_run)
-    given = ("diagnose", files.record, "--params", files.parameters, "--out", out, "--json")
+    given = ("diagnose", record, "--params", believed, "--out", out, "--json")
     code, printed, _ = run(*given)
     assert code == 0
     told = json.loads(printed)
@@ -91,15 +107,23 @@ def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_pat
 
 
 def test_structure_that_no_cause_has_gives_exit_code_one(tmp_path):
-    files = write_case(draw_case(("detent",), 0), tmp_path / "data")
+    notch = {"detent": 1.0, "detent_place": 0.002, "detent_width": 0.0005}
+    record, believed = write_strong(notch, tmp_path / "data")
     out = tmp_path / "out"
-    code, printed, _ = run("diagnose", files.record, "--params", files.parameters, "--out", out)
+    code, printed, _ = run("diagnose", record, "--params", believed, "--out", out)
     assert code == 1
     assert printed.startswith("unexplained: ")
     assert "without a name: structure that lives with position" in printed
     assert "next experiment: " in printed
     assert "  ballscrew rig " in printed
-    assert {p.name for p in out.glob("[!.]*")} == FILES - {"extended_plant.fmu"}
+    written = {p.name for p in out.glob("[!.]*")}
+    assert written == FILES - {"extended_plant.fmu"} | {"next_experiment.csv"}
+    told = json.loads((out / "diagnosis.json").read_text())["next_experiment"]["motion"]
+    assert told["says"] in printed
+    asked = np.loadtxt(out / "next_experiment.csv", delimiter=",", skiprows=1)
+    x = np.loadtxt(record, delimiter=",", skiprows=1, usecols=2)
+    assert asked[-1, 0] == pytest.approx(told["duration_s"])
+    assert x.min() <= asked[:, 1].min() < asked[:, 1].max() <= x.max()
     assert 'class="shape"' in (out / "report.html").read_text()
 
 
@@ -154,18 +178,16 @@ def test_results_do_not_take_the_place_of_what_they_are_made_from(diagnosed, tmp
         (lambda t: {**t, "u": 0 * t["u"]}, "the command u is zero all the time"),
         (lambda t: {n: v[:100] for n, v in t.items()}, "is too short"),
         (lambda t: {n: v for n, v in t.items() if n not in ("u", "i")}, "has no column 'u'"),
-        (lambda t: {n: v for n, v in t.items() if n != "u"}, "has the current i and no voltage u"),
-        (lambda t: {**t, "x": 1e3 * t["x"]}, "--unit x=mm"),
+        (lambda t: {**t, "x": 1e4 * t["x"]}, "--unit x=mm"),
         (lambda t: {**t, "time": 1e3 * t["time"]}, "--unit time=ms"),
-        (lambda t: {n: v[::100] for n, v in t.items()}, "too slow to see friction"),
+        (lambda t: {n: v[::50] * (2.0 if n == "time" else 1.0) for n, v in t.items()}, "too slow"),
     ],
     ids=[
         "no motion",
         "no command",
         "too short",
         "no column",
-        "current alone",
-        "millimetres",
+        "another unit",
         "milliseconds",
         "slow",
     ],

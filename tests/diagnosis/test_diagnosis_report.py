@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import time
 from dataclasses import replace
@@ -14,7 +15,6 @@ from ballscrew.diagnosis.closed_loop_effect import (
     NoClosedLoop,
     closed_loop_effect,
 )
-from ballscrew.diagnosis.diagnose import TRIALS_FOR
 from ballscrew.diagnosis.diagnosis import Curves, Diagnosis, FoundCause, Level, NextExperiment
 from ballscrew.diagnosis.diagnosis_pictures import (
     MOST,
@@ -28,6 +28,7 @@ from ballscrew.diagnosis.diagnosis_pictures import (
 from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report, rig_command
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.load_cell import Witness
+from ballscrew.diagnosis.next_experiment import TRIALS_FOR, Motion
 
 pytestmark = pytest.mark.xdist_group("diagnosis")
 browser = pytest.mark.skipif(PROGRAM is None, reason="no chromium here: apt-get install chromium")
@@ -218,8 +219,6 @@ def found(**changes) -> Diagnosis:
         after=Level(0.75, 1e-6),
         evidence=50.0,
         p_value=1e-9,
-        chosen_again=0.8,
-        confused_with=("compliance",),
         confirm="slow reversals",
     )
     model = DriveModel("ball_screw", "modified_lugre", {"Fc": 1.25, "Jm": 4e-7}, {"Fc": 0.03})
@@ -233,11 +232,17 @@ def found(**changes) -> Diagnosis:
         "gain_interval": (0.4, 0.46),
         "held_out": "5 parts",
         "causes": (cause,),
+        "not_named": (),
         "unnamed": (),
         "out_of_reach": (),
-        "next_experiment": NextExperiment("2.4/1", "slow reversals tell it from compliance"),
+        "next_experiment": NextExperiment(
+            "slow reversals tell it from compliance", MOTION, "2.4/1"
+        ),
         "believed": model,
+        "adjusted": model.changed({"Fc": 1.26}),
         "mended": model.changed({"Fc": 1.275}),
+        "command": "voltage",
+        "command_shift": 0.0,
         "adjustments": {"Fc": 0.02},
         "noise": {"position_m": 1e-7},
         "alone": {},
@@ -249,6 +254,19 @@ def found(**changes) -> Diagnosis:
         **changes,
     }
     return Diagnosis(**given)
+
+
+MOTION = Motion(
+    kind="slow reversals",
+    says="strokes of 1 mm to and fro",
+    reference="x_d",
+    time=np.array([0.0, 1.0, 2.0]),
+    values=np.array([0.0, 1e-3, 0.0]),
+    amplitude=5e-4,
+    speeds=(1e-3,),
+    record=("time", "u", "x"),
+    sampling=1e-3,
+)
 
 
 def text_of(page):
@@ -273,14 +291,26 @@ def test_a_cause_is_told_with_size_gain_doubt_and_what_would_confirm_it():
         "1.234e-05 1.1e-05 to 1.4e-05 m",
         "43.2 % of the mean square in force (40 % to 46 %)",
         "75 % in position",
-        "confused with, in these records compliance",
-        "named again in 80 % of the parts",
+        "p = 1e-09, from surrogates of the record",
         "would confirm it slow reversals",
+        "For this machine: strokes of 1 mm to and fro. Command file: next_experiment.csv",
         "ballscrew rig 2.4/1 --out",
         "Fc 1.25 1.275 +2 % 3 % N",
         "The solver gets no further.",
     ):
         assert words in said, words
+
+
+def test_the_next_experiments_command_file_stands_beside_the_diagnosis(tmp_path):
+    found().save(tmp_path)
+    told = json.loads((tmp_path / "diagnosis.json").read_text())["next_experiment"]
+    assert told["trial"] == "2.4/1"
+    assert told["motion"]["file"] == "next_experiment.csv"
+    assert told["motion"]["duration_s"] == 2.0
+    lines = (tmp_path / told["motion"]["file"]).read_text().splitlines()
+    assert lines == ["time,x_d", "0,0", "1,0.001", "2,0"]
+    found(next_experiment=None).save(tmp_path / "other")
+    assert [p.name for p in (tmp_path / "other").iterdir()] == ["diagnosis.json"]
 
 
 def test_before_and_after_stand_against_the_floor():
@@ -326,7 +356,7 @@ def test_what_a_stranger_s_file_says_does_not_become_part_of_the_page():
     assert page.count("&lt;script&gt;alert(1)&lt;/script&gt;&amp;amp;.csv") == 2
 
 
-@pytest.mark.parametrize("trial", sorted({trial for trial, _ in TRIALS_FOR.values()}))
+@pytest.mark.parametrize("trial", sorted(set(TRIALS_FOR.values())))
 def test_the_rig_knows_every_trial_that_is_asked_for(trial):
     from ballscrew.cli import _parser
 

@@ -1,0 +1,85 @@
+"""What a record's command is to a model: a voltage, or the current of a motor that is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..plant.direct_drive import bare_direct_drive
+from ..plant.law import law
+from ..records.bad_record import BadRecord
+from ..records.drive_record import CURRENT, VOLTAGE, DriveRecord
+from .drive_model import DriveModel
+
+
+def commanded(
+    records: Sequence[DriveRecord], model: DriveModel
+) -> tuple[list[DriveRecord], DriveModel, list[str]]:
+    """Records with a command that the model takes, the model, and notes of what was done.
+
+    A ball screw of which only the current is known becomes a drive, see `driven_by_current`. The
+    current of a drive, which has no equation for it, is left out.
+
+    Raises
+    ------
+    BadRecord
+        If a command is none that the model takes.
+    """
+    currents = [r.current_alone or r.command == CURRENT for r in records]
+    if model.has_motor and any(currents):
+        if not all(currents):
+            raise BadRecord(
+                f"{records[currents.index(True)].name}: has the current as its only command, and "
+                f"{records[currents.index(False)].name} does not; diagnose them apart"
+            )
+        drive = driven_by_current(model)
+        said = (
+            f"there is no voltage: the current is the command of a drive with gain = kt*2*pi*p = "
+            f"{drive.values['gain']:.4g} N/A and m = {drive.values['m']:.4g} kg, the rotor in it"
+        )
+        known = [r for r in map(by_current, records) if r is not None]
+        return known, drive, [f"{r.name}: {said}" for r in known]
+    for record in records:
+        if record.current_alone:
+            raise BadRecord(
+                f'{record.name}: has the current i and no command u; with kind = "drive" say '
+                "--map i=u --unit u=A, and give gain in N/A"
+            )
+        if record.command != VOLTAGE and model.has_motor:
+            raise BadRecord(
+                f"{record.name}: u is a {record.command}, but the ball screw is driven by a "
+                'voltage; describe it as kind = "drive", whose force is gain*u'
+            )
+    return list(records) if model.has_motor else [_without_current(r) for r in records], model, []
+
+
+def driven_by_current(model: DriveModel) -> DriveModel:
+    """A ball screw as a drive whose command is the motor's current.
+
+    The gain is the motor's force per ampere, known as well as `kt` is; the mass is of all that
+    moves, and its doubt what those of block and rotor are at most.
+    """
+    known = {p.name for p in bare_direct_drive(law(model.law)).all_parameters}
+    values = {n: v for n, v in model.values.items() if n in known}
+    values |= {"m": model.inertia, "gain": model.per_ampere, "offset": 0.0}
+    doubt = model.tolerance
+    block, rotor = model.values["m"], model.inertia - model.values["m"]
+    tolerance = {n: t for n, t in doubt.items() if n in values}
+    tolerance["gain"] = doubt.get("kt", 0.0)
+    tolerance["m"] = (block * doubt.get("m", 0.0) + rotor * doubt.get("Jm", 0.0)) / model.inertia
+    return DriveModel("drive", model.law, values, tolerance)
+
+
+def by_current(record: DriveRecord) -> DriveRecord | None:
+    """The record with its current as the command; None where that is not known throughout."""
+    told = not record.current_alone and record.command == CURRENT
+    if not told and not np.isfinite(record.signals.get("i", np.array([np.nan]))).all():
+        return None
+    signals = {**record.signals, "u": record.u if told else record.signals["i"]}
+    return _without_current(replace(record, signals=signals, command=CURRENT))
+
+
+def _without_current(record: DriveRecord) -> DriveRecord:
+    return replace(record, signals={n: s for n, s in record.signals.items() if n != "i"})

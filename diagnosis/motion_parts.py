@@ -1,0 +1,71 @@
+"""The parts of a motion that an engineer asks for: where a model is right, and where it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .course import Course
+
+Mask = npt.NDArray[np.bool_]
+Vector = npt.NDArray[np.float64]
+
+PARTS = {
+    "reversals": "within 0.1 s of a change of direction, slower than a fifth of the fast speed",
+    "slow": "below half of the fast speed, reversals left out",
+    "fast": "from half of the fast speed on",
+    "accelerating": "acceleration above its root mean square",
+    "steady": "acceleration below that",
+    "forwards": "towards +x",
+    "backwards": "towards -x",
+}
+"""Each of the views by speed, by acceleration and by direction has every moving sample once."""
+
+_FAST = 0.95  # quantile of the speeds that is the record's fast speed
+_AROUND = 0.1  # of a reversal [s]
+_AT_REVERSALS, _SLOW = 0.2, 0.5  # of the fast speed
+_DIRECTED = 0.01  # of the fast speed: slower has the direction of before
+
+
+def motion_parts(course: Course) -> dict[str, Mask]:
+    """Which samples belong to each part; where the drive rests, to none.
+
+    Parameters
+    ----------
+    course : Course
+        Of n samples.
+
+    Returns
+    -------
+    dict of str to ndarray of bool, shape (n,)
+        In the order of `PARTS`.
+    """
+    moving = ~course.rests
+    speed = np.abs(course.v)
+    usual = float(np.quantile(speed[moving], _FAST)) if moving.any() else 0.0
+    direction = _direction(course.v, _DIRECTED * usual)
+    reversing = _near_changes(direction, round(_AROUND / course.step))
+    reversing &= speed < _AT_REVERSALS * usual
+    slow = ~reversing & (speed < _SLOW * usual)
+    a = np.abs(course.mean_a)
+    hard = a > (float(np.sqrt(np.mean(a[moving] ** 2))) if moving.any() else 0.0)
+    found = (reversing, slow, ~reversing & ~slow, hard, ~hard, direction > 0, direction < 0)
+    return {name: mask & moving for name, mask in zip(PARTS, found, strict=True)}
+
+
+def _direction(v: Vector, least: float) -> Vector:
+    """Sign of the velocity, shape (n,); where it is slower than `least`, the one of before."""
+    known = np.flatnonzero(np.abs(v) > least)
+    if not len(known):
+        return np.where(v < 0.0, -1.0, 1.0)
+    last = np.searchsorted(known, np.arange(len(v)), side="right") - 1
+    return np.asarray(np.sign(v[known[np.maximum(last, 0)]]))
+
+
+def _near_changes(direction: Vector, samples: int) -> Mask:
+    """Whether a change of direction is so many samples away or less, shape (n,)."""
+    changes = np.flatnonzero(np.diff(direction))
+    near = np.zeros(len(direction) + 1)
+    np.add.at(near, np.maximum(changes - samples + 1, 0), 1.0)
+    np.add.at(near, np.minimum(changes + samples + 1, len(direction)), -1.0)
+    return np.asarray(np.cumsum(near)[:-1] > 0.0)

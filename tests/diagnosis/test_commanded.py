@@ -1,0 +1,136 @@
+"""A ball screw of which only the current is known: the same motion by the motor's force."""
+
+import dataclasses
+import math
+
+import hidden_effects
+import numpy as np
+import pytest
+from diagnosed import nominal
+
+from ballscrew.diagnosis.commanded import commanded, driven_by_current
+from ballscrew.diagnosis.corrected import corrected
+from ballscrew.diagnosis.course import lay_along
+from ballscrew.diagnosis.diagnose import diagnose
+from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.judge import judge_records
+from ballscrew.diagnosis.regression import Added
+from ballscrew.diagnosis.residuals import residual
+from ballscrew.orchestration.parameter_file import BadParameters, read_parameters
+from ballscrew.records.bad_record import BadRecord
+from ballscrew.records.drive_record import CURRENT, FORCE, checked
+
+TURN = 2 * math.pi * 1000.0
+LOAD = 0.6
+
+
+def signals_of(effects, seed=2, n=16001):
+    time = np.arange(n) * hidden_effects.SAMPLE
+    u = 3.0 * np.sin(2 * math.pi * 0.6 * time) + 1.5 * np.sin(2 * math.pi * 1.7 * time + 1)
+    noise = hidden_effects.friction_noise(np.random.default_rng(seed), n)
+    motion = hidden_effects.simulate(effects, u, noise)
+    found = {"time": time, "u": u, "i": motion.current, "x": motion.encoder}
+    return {name: s[: n - 1] for name, s in found.items()}
+
+
+@pytest.fixture(scope="module")
+def signals():
+    return signals_of({"load": LOAD})
+
+
+def without(signals, name):
+    return {n: s for n, s in signals.items() if n != name}
+
+
+def test_the_gain_is_the_motors_force_per_ampere_and_the_mass_all_that_moves():
+    screw = dataclasses.replace(nominal(), tolerance={**nominal().tolerance, "kt": 0.1, "Jm": 0.2})
+    drive = driven_by_current(screw)
+    assert (drive.kind, drive.law) == ("drive", "modified_lugre")
+    assert drive.values["gain"] == pytest.approx(37.4e-3 * TURN)
+    assert drive.values["m"] == pytest.approx(1.0 + 4.2e-7 * TURN**2)
+    assert drive.tolerance["gain"] == 0.1
+    rotor = 4.2e-7 * TURN**2
+    assert drive.tolerance["m"] == pytest.approx((0.03 + 0.2 * rotor) / (1.0 + rotor))
+    assert drive.values["sigma0"] == screw.values["sigma0"]
+    assert not {"R", "L", "kt", "ke", "Jm", "p"} & set(drive.values)
+
+
+def test_the_current_leaves_the_same_residual_as_the_voltage(signals):
+    """The load is what both balances miss: only what they take for the motor's force differs."""
+    left = []
+    for record in (checked("both", signals), checked("current", without(signals, "u"))):
+        (record,), model, _ = commanded([record], nominal())
+        course = lay_along(record, model)
+        found = residual([course], model, Added.nothing([course]))
+        left.append(float(np.mean(found.force[found.telling])))
+    # minus the force that opposes motion in +x
+    assert np.abs(left) == pytest.approx(LOAD, rel=0.05)
+    assert left[0] == pytest.approx(left[1], rel=0.05)
+
+
+def test_records_keep_what_the_model_takes(signals):
+    both, current = checked("both", signals), checked("current", without(signals, "u"))
+    (kept,), model, notes = commanded([both], nominal())
+    assert (kept, model, notes) == (both, nominal(), [])
+    (driven,), model, (note,) = commanded([current], nominal())
+    assert driven.command == CURRENT
+    assert np.array_equal(driven.u, current.signals["i"])
+    assert "i" not in driven.signals
+    assert "current: there is no voltage: the current is the command" in note
+    named = dataclasses.replace(checked("u", {**without(signals, "i")}), command=CURRENT)
+    (driven,), model, _ = commanded([named], nominal())
+    assert (model.kind, driven.u is named.u) == ("drive", True)
+
+
+def test_a_drive_leaves_its_current_aside(signals):
+    drive = DriveModel("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
+    (record,), _, _ = commanded([checked("both", signals)], drive)
+    assert "i" not in record.signals
+
+
+def test_commands_that_no_model_takes_are_one_line(signals):
+    both, current = checked("both", signals), checked("current", without(signals, "u"))
+    drive = DriveModel("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
+    for records, model, words in (
+        ([both, current], nominal(), "current: has the current as its only command, and both"),
+        ([current], drive, "and give gain in N/A"),
+        ([dataclasses.replace(both, command=FORCE)], nominal(), "u is a force, but the ball screw"),
+    ):
+        with pytest.raises(BadRecord, match=words) as caught:
+            commanded(records, model)
+        assert "\n" not in str(caught.value)
+
+
+def test_current_alone_is_diagnosed_and_judged_in_any_units(signals, tmp_path):
+    """Milliamperes and degrees, with the lead: what is left is the load, in newtons."""
+    lead = 1e-3
+    table = [1e3 * signals["time"], 1e3 * signals["i"], 360 * signals["x"] / lead]
+    path = tmp_path / "export.csv"
+    np.savetxt(path, np.column_stack(table), delimiter=",", header="time,i,x", comments="")
+    params = tmp_path / "screw.toml"
+    values = {n: v for n, v in hidden_effects.NOMINAL.items() if n != "p"}
+    params.write_text("[plant]\n" + "\n".join(f"{n} = {v!r}" for n, v in values.items()))
+    units = {"time": "ms", "i": "mA", "x": "deg"}
+    found = diagnose([path], params, units=units, lead=lead)
+    assert found.believed.kind == "drive"
+    assert found.command == CURRENT
+    assert found.baseline_residual.force == pytest.approx(LOAD, rel=0.1)
+    assert "the current is the command of a drive" in found.notes[0]
+
+    written = corrected(found, None, read_parameters(params)).save(tmp_path)
+    file = read_parameters(written)
+    assert (file.kind, file.diagnosis.command) == ("drive", CURRENT)
+    assert "kt" not in file.plant
+    # another record, with the voltage beside: the current counts
+    other = checked("other", signals_of({"load": LOAD}, seed=5))
+    scores = judge_records([other], file).scores
+    assert scores["believed"].force.value == pytest.approx(LOAD, rel=0.1)
+    with pytest.raises(BadRecord, match="u is a voltage, but the model was diagnosed with a curr"):
+        judge_records([checked("voltage", without(other.signals, "i"))], file)
+
+
+def test_a_lead_that_is_said_twice_is_one_line(tmp_path):
+    params = tmp_path / "screw.toml"
+    params.write_text("[plant]\np = 1000.0\n")
+    with pytest.raises(BadParameters, match="both say what a turn of the screw is"):
+        diagnose([tmp_path / "no.csv"], params, lead=1e-3)

@@ -1,0 +1,189 @@
+"""Models of a diagnosis, judged on a record that they have not seen and whose truth is known."""
+
+import dataclasses
+import math
+
+import hidden_effects
+import numpy as np
+import pytest
+
+from ballscrew.diagnosis.judge import judge_records
+from ballscrew.orchestration.parameter_file import (
+    BadParameters,
+    Diagnosed,
+    ParameterFile,
+    Value,
+    read_parameters,
+)
+from ballscrew.records.bad_record import BadRecord
+from ballscrew.records.drive_record import CURRENT, checked
+
+LOAD = 0.5
+TRUTH = dict(hidden_effects.NOMINAL)
+
+
+def a_record(effects, seed, name="other.csv", **more):
+    random = np.random.default_rng(seed)
+    n = 12001
+    time = np.arange(n) * hidden_effects.SAMPLE
+    u = 3.0 * np.sin(2 * math.pi * 0.6 * time) + 1.5 * np.sin(2 * math.pi * 1.7 * time + seed)
+    motion = hidden_effects.simulate(effects, u, hidden_effects.friction_noise(random, n))
+    signals = {"time": time, "u": u, "x": motion.encoder, **more}
+    return checked(name, {k: s[: n - 1] for k, s in signals.items()})
+
+
+def a_file(believed=None, adjusted=None, corrected=None, causes=None, **more):
+    """What a diagnosis leaves that started at `believed` and named `causes`."""
+    believed = {**TRUTH, **(believed or {})}
+    adjusted = {**believed, **(adjusted or {})}
+    told = Diagnosed(
+        ("one.csv",), "voltage", 0.0, "modified_lugre", believed, adjusted, causes or {}
+    )
+    values = {n: Value(v) for n, v in {**adjusted, **(corrected or {})}.items()}
+    return ParameterFile(plant=values, diagnosis=dataclasses.replace(told, **more))
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    return a_record({"load": LOAD}, 3)
+
+
+def test_a_cause_that_is_there_gains_and_its_model_comes_down_to_the_noise(loaded):
+    found = judge_records([loaded], a_file(causes={"load_bias": {"load": LOAD}}))
+    believed, corrected = found.scores["believed"], found.scores["corrected"]
+    # the load alone is the gap: what is left beside it is the noise of the friction
+    assert believed.force.value == pytest.approx(math.hypot(LOAD, corrected.force.value), rel=0.05)
+    assert corrected.force.value < 1.5 * found.floor.force < 0.2 * LOAD
+    low, high = believed.force.interval
+    assert low < believed.force.value < high
+    gain = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
+    assert gain.force.value > 0.95
+    assert 0.9 < gain.force.interval[0] < gain.force.value < gain.force.interval[1] <= 1.0
+    assert gain.position.interval[0] > 0.5
+    # a load is the same wherever one looks
+    for part, score in believed.parts.items():
+        assert score.value == pytest.approx(LOAD, rel=0.15), part
+    assert found.shares["forwards"] + found.shares["backwards"] == pytest.approx(1.0)
+
+
+def test_a_cause_that_is_not_there_loses(loaded):
+    found = judge_records([loaded], a_file(causes={"load_bias": {"load": -LOAD}}))
+    gain = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
+    assert gain.force.interval[1] < 0.0
+    assert gain.position.interval[1] < 0.0
+
+
+def test_values_adjusted_are_judged_beside_those_believed():
+    record = a_record({}, 4)
+    wrong = {"sigma2": 1.2 * TRUTH["sigma2"]}
+    found = judge_records([record], a_file(believed=wrong, adjusted={"sigma2": TRUTH["sigma2"]}))
+    gain = next(g for g in found.gains if (g.model, g.over) == ("adjusted", "believed"))
+    assert gain.force.interval[0] > 0.5
+    nothing = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
+    assert (nothing.force.value, nothing.position.value) == (0.0, 0.0)
+    # too much viscous friction shows where it is fast
+    parts = found.scores["believed"].parts
+    assert parts["fast"].value > 2 * parts["slow"].value
+
+
+@pytest.mark.parametrize(
+    ("effects", "corrected", "causes"),
+    [
+        ({"m": 9.0}, {"m": 9.0}, {"unmodelled_inertia": {"m": 9.0}}),
+        ({"delay": 4e-3}, {}, {"input_delay": {"delay": 4e-3}}),
+        (
+            {"asymmetry": 0.2},
+            {},
+            {"direction_asymmetry": {"asymmetry": 0.2, "asymmetry_viscous_share": 1.0}},
+        ),
+        ({"gap": 5e-5}, {}, {"backlash": {"gap": 5e-5}}),
+        (
+            {"ripple": 0.5, "ripple_n": 2.0},
+            {},
+            {
+                "torque_ripple": {
+                    "ripple_cos": 0.5,
+                    "ripple_sin": 0.0,
+                    "ripples_per_metre": 2000.0,
+                }
+            },
+        ),
+    ],
+    ids=["value", "command", "share of friction", "gap", "ripple"],
+)
+def test_causes_of_every_kind_are_along_the_other_record_what_they_were(effects, corrected, causes):
+    record = a_record(effects, 5)
+    found = judge_records([record], a_file(corrected=corrected, causes=causes))
+    gain = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
+    assert gain.force.interval[0] > 0.0
+
+
+def test_a_short_record_has_figures_and_no_intervals():
+    record = a_record({"load": LOAD}, 6)
+    short = checked("short", {n: s[:2500] for n, s in record.signals.items()})
+    found = judge_records([short], a_file(causes={"load_bias": {"load": LOAD}}))
+    assert found.scores["believed"].force.interval is None
+    assert found.to_dict()["scores"]["believed"]["force"] == {
+        "value_N": found.scores["believed"].force.value,
+        "interval_N": None,
+    }
+
+
+def test_what_a_diagnosis_did_not_write_is_one_line(loaded):
+    file = a_file()
+    with pytest.raises(BadParameters, match=r"has no table \[diagnosis\]"):
+        judge_records([loaded], dataclasses.replace(file, diagnosis=None))
+    with pytest.raises(BadParameters, match="there is no 'lod'"):
+        judge_records([loaded], a_file(causes={"lod": {}}))
+    with pytest.raises(BadParameters, match=r"\[diagnosis.causes.load_bias\] has no 'load'"):
+        judge_records([loaded], a_file(causes={"load_bias": {}}))
+    values = {n: v for n, v in file.plant.items() if n != "m"}
+    with pytest.raises(BadParameters, match=r"\[plant\] has no 'm'"):
+        judge_records([loaded], dataclasses.replace(file, plant=values))
+    warming = {"warming": 0.0, "friction_per_kelvin": 0.01}
+    with pytest.raises(BadRecord, match="has no column 'temperature'"):
+        judge_records([loaded], a_file(causes={"friction_drift": warming}))
+
+
+def test_a_record_with_another_command_is_refused(loaded):
+    with pytest.raises(BadRecord, match="u is a current, but the model was diagnosed with a volt"):
+        judge_records([dataclasses.replace(loaded, command=CURRENT)], a_file())
+    current = checked("current.csv", {"time": loaded.time, "x": loaded.x, "i": loaded.u})
+    with pytest.raises(BadRecord, match="has the current i and no command u"):
+        judge_records([current], a_file())
+
+
+def test_the_file_says_all_of_it_again_when_it_is_read(tmp_path):
+    file = a_file(causes={"friction_drift": {"friction_drift": 0.1, "drift_time": 20.0}})
+    again = read_parameters(file.save(tmp_path))
+    assert again.diagnosis == file.diagnosis
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("diagnosis = 3", r"expected a table \[diagnosis\]"),
+        ("[diagnosis]\nrecords = []", r"\[diagnosis\] has no 'command', which diagnose writes"),
+        ("[diagnosis]\nrecord = []", "there is no 'record', did you mean records"),
+    ],
+)
+def test_a_table_that_makes_no_sense_is_one_line(tmp_path, text, said):
+    path = tmp_path / "axis.toml"
+    path.write_text(text + "\n")
+    with pytest.raises(BadParameters, match=said) as caught:
+        read_parameters(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_models_law_is_that_of_the_believed_plant():
+    """Bristles found under the classical law are a cause; the file's own law has them, too."""
+    record = a_record({}, 7)
+    own = {n: v for n, v in TRUTH.items() if n not in ("sigma0", "sigma1", "Kv")}
+    told = Diagnosed(
+        *(("one.csv",), "voltage", 0.0, "classical", own, own),
+        {"presliding_hysteresis": {"sigma0": TRUTH["sigma0"]}},
+    )
+    values = {n: Value(v) for n, v in TRUTH.items()}
+    found = judge_records([record], ParameterFile(plant=values, diagnosis=told))
+    gain = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
+    assert gain.force.value > 0.0

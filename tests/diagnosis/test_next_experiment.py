@@ -1,0 +1,162 @@
+"""The next experiment stays within what the machine was seen to do, and is what is said of it."""
+
+import json
+import math
+import re
+
+import hidden_effects
+import numpy as np
+import pytest
+from diagnosed import nominal
+
+from ballscrew.diagnosis import diagnose
+from ballscrew.diagnosis.causes import CAUSES
+from ballscrew.diagnosis.course import lay_along
+from ballscrew.diagnosis.diagnosis import NotNamed
+from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.next_experiment import (
+    COMMAND_FILE,
+    UNNAMED,
+    Reach,
+    motion_for,
+    reach_of,
+    trial_for,
+)
+from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.records.drive_record import checked
+
+NAMES = [*CAUSES, UNNAMED]
+EMPS = {"m": 95.1, "gain": 35.2, "offset": -3.2, "sigma2": 203.5, "Fc": 20.4, "Fs": 20.4, "Vs": 1.0}
+MACHINES = {
+    # the axis: light, held back by its motor; a heavy one that its mass holds back; a slow one
+    "axis": (nominal(), Reach(-0.02, 0.06, 0.12, 2.0, 20.0, 1e-3, 2e-6, 20.0)),
+    "heavy": (
+        DriveModel("drive", "classical", EMPS, {}),
+        Reach(0.0, 0.22, 0.18, 1.2, 6.0, 1e-3, 1e-6, 24.0),
+    ),
+    "slow": (nominal(), Reach(0.1, 0.13, 0.01, 0.05, 5.0, 5e-3, 0.0, 8.0)),
+}
+
+
+def needed(model, x, step):
+    """The command that a model of friction and mass asks for along a motion, typed by hand."""
+    v = np.gradient(x, step)
+    a = np.gradient(v, step)
+    friction = max(model.values["Fc"], model.values["Fs"]) + abs(model.values.get("offset", 0.0))
+    force = model.inertia * a + friction * np.sign(v)
+    return (force + (model.linear_friction + model.braking) * v) / model.per_command
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("cause", NAMES)
+def test_it_stays_within_the_recorded_travel_speed_and_command(cause, machine):
+    model, reach = MACHINES[machine]
+    motion = motion_for(cause, reach, model)
+    step = motion.time[1]
+    assert np.allclose(np.diff(motion.time), step)
+    if motion.reference == "u":
+        assert np.abs(motion.values).max() <= reach.command
+        return
+    x = motion.values
+    assert reach.low <= x.min()
+    assert x.max() <= reach.high
+    assert np.abs(np.gradient(x, step)).max() <= reach.speed
+    if machine != "slow":  # whose record has less command than its own model asks for
+        assert np.abs(needed(model, x, step)).max() <= reach.command
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("cause", NAMES)
+def test_it_goes_both_ways_and_lasts_as_long_as_said(cause, machine):
+    model, reach = MACHINES[machine]
+    motion = motion_for(cause, reach, model)
+    change = np.diff(motion.values)
+    forth, back = change[change > 0].sum(), -change[change < 0].sum()
+    assert forth == pytest.approx(back, rel=1e-6)
+    assert forth > 0.0
+    said = float(re.search(r"([\d.e+]+) s; record", motion.says)[1])
+    assert motion.duration == pytest.approx(said, rel=6e-3)
+    assert 1.0 < motion.duration < 700.0
+    assert motion.to_dict()["duration_s"] == motion.duration
+    assert set(motion.record) >= {"time", "u", "x"}
+    assert ("i" in motion.record) == model.has_motor
+
+
+def test_speeds_are_held_both_ways_as_they_are_told():
+    model, reach = MACHINES["axis"]
+    motion = motion_for("load_bias", reach, model)
+    v = np.diff(motion.values) / np.diff(motion.time)
+    for speed in motion.speeds:
+        for way in (1, -1):
+            held = np.abs(v - way * speed) < 0.01 * speed
+            assert held.sum() * motion.time[1] > 0.2, (speed, way)
+
+
+def test_the_steps_move_the_axis_within_its_travel():
+    """By the physics of the hidden effects, which the motion does not know."""
+    reach = Reach(-0.03, 0.03, 0.1, 2.0, 12.0, 1e-3, 2e-6, 20.0)
+    for cause, most in (("input_delay", 0.5 * reach.travel), ("compliance", 1e-4)):
+        motion = motion_for(cause, reach, nominal())
+        n = len(motion.values)
+        still = hidden_effects.friction_noise(np.random.default_rng(1), n)
+        moved = hidden_effects.simulate({}, motion.values, still)
+        assert np.abs(moved.position).max() < most
+        assert np.abs(moved.speed).max() < reach.speed
+        if cause == "input_delay":
+            assert np.ptp(moved.position) > 0.05 * reach.travel
+
+
+def test_the_reach_is_that_of_all_records():
+    time = 1e-3 * np.arange(4000)
+    courses = []
+    for centre, size in ((0.0, 0.01), (0.05, 0.02)):
+        x = centre + size * np.sin(2 * math.pi * time)
+        u = 20.0 * size * np.cos(2 * math.pi * time)
+        courses.append(lay_along(checked("made", {"time": time, "u": u, "x": x}), nominal()))
+    reach = reach_of(courses)
+    assert (reach.low, reach.high) == pytest.approx((-0.01, 0.07), abs=1e-4)
+    assert reach.speed == pytest.approx(2 * math.pi * 0.02, rel=0.01)
+    assert reach.command == pytest.approx(0.4)
+    assert reach.acceleration == pytest.approx((2 * math.pi) ** 2 * 0.02, rel=0.05)
+    assert (reach.step, reach.lasts) == pytest.approx((1e-3, 4.0), rel=1e-3)
+
+
+def test_the_command_file_is_a_reference_that_a_loop_can_follow(tmp_path):
+    model, reach = MACHINES["axis"]
+    motion = motion_for("torque_ripple", reach, model)
+    motion.save(tmp_path)
+    reference = Reference.read(tmp_path / COMMAND_FILE)
+    assert reference.times[-1] == pytest.approx(motion.duration)
+    assert np.allclose(reference.values, motion.values, atol=1e-9)
+    step = motion_for("input_delay", reach, model)
+    step.save(tmp_path)
+    assert (tmp_path / COMMAND_FILE).read_text().startswith("time,u\n")
+
+
+def asked_for(not_named, structure):
+    time = 1e-3 * np.arange(4000)
+    x = 0.01 * np.sin(2 * math.pi * time)
+    record = checked("made", {"time": time, "u": np.cos(2 * math.pi * time), "x": x})
+    course = lay_along(record, nominal())
+    return diagnose._next_experiment(not_named, structure, [course], nominal()), course
+
+
+def test_a_diagnosis_asks_for_what_its_records_cannot_tell():
+    doubted = NotNamed("backlash", "compliance foretells as much", like="compliance")
+    assert asked_for((NotNamed("load_bias", "it gains nothing"),), False)[0] is None
+    wanted, course = asked_for((doubted,), True)
+    assert wanted.says.startswith("backlash cannot be told from compliance here (")
+    assert wanted.trial == "2.4/1"
+    assert wanted.motion.kind == "slow reversals"
+    assert course.x.min() < wanted.motion.values.min()
+    assert wanted.motion.values.max() < course.x.max()
+    json.dumps(wanted.motion.to_dict(), allow_nan=False)
+    wanted, _ = asked_for((), True)
+    assert wanted.says == "structure is left that no cause has"
+    assert wanted.motion.kind == "constant speeds"
+
+
+def test_every_cause_has_a_motion_and_a_trial_of_its_own():
+    assert all(trial_for(name) for name in NAMES)
+    kinds = {motion_for(name, *reversed(MACHINES["axis"])).kind for name in NAMES}
+    assert len(kinds) == 9
