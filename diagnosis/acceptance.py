@@ -8,7 +8,7 @@ where its size is the same in all parts of the data.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -94,6 +94,22 @@ class Accepted:
     refused: tuple[NotNamed, ...]
     freest: Explanation
     left: Gain
+
+
+def taken_back(
+    problem: Problem, before: Accepted, name: str, because: str, folds: Folds
+) -> Accepted:
+    """What may be named without one of the names after all."""
+    now = before.explanation
+    now = without(problem, now, now.names.index(name))
+    freest, left = _freest(problem, now, folds)
+    return replace(
+        before,
+        explanation=now,
+        refused=(*before.refused, NotNamed(name, because)),
+        freest=freest,
+        left=left,
+    )
 
 
 def accepted(

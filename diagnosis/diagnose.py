@@ -15,7 +15,7 @@ from ..orchestration.parameter_file import ParameterFile, read_parameters
 from ..plant import ball_screw, direct_drive
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.tellable import check_tellable
-from .acceptance import Accepted, accepted
+from .acceptance import Accepted, accepted, taken_back
 from .along_record import LAWS
 from .believed import believed as believed_of
 from .believed import lead_of, with_lead
@@ -136,8 +136,12 @@ def _concluded(
     laps = laps_of(courses)
     folds = parts_of(courses, laps)
     holds_up = accepted(problem, found.choice.best, folds, courses)
+    held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
+    while worse := [n for n in held.order if not held.gain(n).interval[0] > 0.0]:
+        reason = "the force left on data held out may be no less with it"
+        holds_up = taken_back(problem, holds_up, worse[-1], reason, folds)
+        held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
     best = holds_up.explanation
-    held = judged(situation, problem, best, folds, bool(laps))
     nothing = Added.nothing(courses)
     baseline = residual(courses, believed, nothing)
     causes = tuple(_found_cause(situation, problem, holds_up, held, name) for name in held.order)

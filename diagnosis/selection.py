@@ -59,13 +59,11 @@ _LEFT_OVER = 0.12  # share of a rival's evidence that a name beside it has to br
 _KEPT = 4  # sets of each size that are grown
 _LOOKED_AT = 40  # sets of each size that are looked at closely
 LARGEST = 3  # members of a set
-MOST_CAUSES = 8  # of a set of causes alone: a real machine has more than one fault
 MOST_CANCELLED = 3.0  # squares of what members bring, over that of what they bring together
 FREE_RANGE = (0.3, 3.0)  # of a value that may be wrong, to the believed one
 _ANY = 1.0  # relative spread of values that take all they can, where noise is sought
 _MUCH = 0.1  # of what is left, that one more cause has to explain there
 _HELD = 1e-3  # of its spread, to one that stands at the end of what is believed
-_AT_BOUND = 1e-6
 OWN = (0.6, 1.6)  # amplitude of a cause whose shape has its size in it
 
 

@@ -322,3 +322,15 @@ def test_tables_and_records_are_not_one_request(tmp_path):
     said = bad("--directions", table, "--trials", table, "--value", "a", "--out", out)
     assert "--directions and --trials: expected one of them" in said
     assert "no column 'symbol'" in bad("--directions", table, "--out", out)
+
+
+def test_on_a_record_of_the_rig_whose_rotor_is_not_believed_no_name_does_worse(tmp_path):
+    """One slow constant speed: what looks like a cause there must not be worse on data held out."""
+    assert run("rig", "viscous/1", "--out", tmp_path / "rig")[0] == 0
+    code, printed, _ = run(
+        *("diagnose", tmp_path / "rig" / "record.csv"), "--out", tmp_path / "out", "--json"
+    )
+    told = json.loads(printed)
+    assert code == (0 if told["verdict"] in ("none", "explained") else 1)
+    assert all(c["gain_interval"][0] > 0.0 for c in told["causes"])
+    assert told["not_named"]
