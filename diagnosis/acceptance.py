@@ -20,10 +20,12 @@ from .held_out import with_values
 from .residuals import residual
 from .search import added_by
 from .selection import (
+    MOST_CANCELLED,
     OWN,
     Explanation,
     Problem,
     amplitudes,
+    cancelled,
     grown,
     loosened,
     scores,
@@ -133,6 +135,11 @@ def accepted(
         failing = {n: judged for n, judged in found.items() if judged[1] is not None}
         if not failing:
             failing = _small_beside(found)
+        if not failing and len(now.members) > 1 and _cancel(problem, now):
+            failing = {
+                n: (g, NotNamed(n, "it and the other causes cancel each other"))
+                for n, (g, _) in found.items()
+            }
         if not failing:
             break
         weakest = min(failing, key=lambda n: failing[n][0].share)
@@ -163,6 +170,11 @@ def _clear(problem: Problem, now: Explanation, left: Gain, folds: Folds) -> bool
     mine = held_out_squares(problem, now, folds)
     brought = float((held_out_squares(problem, nothing, folds) - mine).sum())
     return left.share * float(mine.sum()) < _UNCLEAR * brought
+
+
+def _cancel(problem: Problem, now: Explanation) -> bool:
+    """Whether the members bring much more apart than together."""
+    return cancelled(problem, problem.columns.products(), now) > MOST_CANCELLED
 
 
 def _small_beside(

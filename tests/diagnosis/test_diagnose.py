@@ -9,10 +9,11 @@ import hidden_effects
 import numpy as np
 import pytest
 from diagnosed import nominal
+from hidden_cases import draw_case, write_case
 from strong_effects import strong_record
 
 from ballscrew.diagnosis.causes import CAUSES
-from ballscrew.diagnosis.diagnose import diagnose_records
+from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import checked
 
@@ -74,6 +75,13 @@ def test_two_effects_are_both_found_and_written(tmp_path):
     said = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert [c["name"] for c in said["causes"]] == [c.name for c in found.causes]
     assert said["floor"]["force_N"] > 0
+
+
+def test_two_drifts_that_cancel_each_other_are_not_both_named(tmp_path):
+    """Nothing is hidden; without a current, resistance and friction that change fit anything."""
+    files = write_case(draw_case(("none",), 9004), tmp_path)
+    names = {c.name for c in diagnose([files.record], params=files.parameters).causes}
+    assert not {"friction_drift", "resistance_drift"} <= names
 
 
 def test_a_mass_that_is_found_is_in_the_model_once():
