@@ -125,7 +125,7 @@ class Row:
             return []
         intervals = self.intervals[self.said.index(self.effect)]
         pairs = [(self.truth[n], intervals[n]) for n in self.truth if n in intervals]
-        return [low <= value <= high for value, (low, high) in pairs]
+        return [bool(low <= value <= high) for value, (low, high) in pairs]
 
 
 def plan_trials(each: int, first_seed: int, worlds: tuple[str, ...] = tuple(WORLDS)) -> list[Trial]:

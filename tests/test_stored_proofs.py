@@ -44,7 +44,7 @@ def test_the_digest_of_the_code_changes_with_a_file_that_the_proof_depends_on(
     assert provenance.code_digest("made_up") != before
 
 
-@pytest.mark.parametrize("key", ["none:9018", "backlash:9001"])
+@pytest.mark.parametrize("key", ["none:9000", "nonlinear_viscous:9000"])
 def test_a_hidden_effect_diagnosed_again_gets_the_stored_names_and_verdict(key):
     (stored,) = (row for row in provenance.stored("diagnosis")["rows"] if row["key"] == key)
     (trial,) = (trial for trial in plan_trials() if trial.key == key)
