@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ import numpy.typing as npt
 from .course import Course
 from .diagnosis import NotNamed
 from .evidence import fit, side_by_side
-from .held_out import with_values
+from .held_out import Gain, with_values
 from .residuals import residual
 from .search import added_by
 from .selection import (
@@ -53,49 +54,31 @@ _AGREE = 0.75  # of the information: parts whose size is like that
 
 
 @dataclass(frozen=True)
-class Gain:
-    """What one explanation gains over another on data held out.
-
-    Attributes
-    ----------
-    share : float
-        Of the other's squares, in standard deviations of the noise.
-    interval : tuple of float
-        95 %, from stretches drawn anew.
-    """
-
-    share: float
-    interval: tuple[float, float]
-
-    @property
-    def certain(self) -> bool:
-        return self.interval[0] > 0.0
-
-
-@dataclass(frozen=True)
 class Accepted:
     """What may be named, and what not.
 
     Attributes
     ----------
     explanation : Explanation
-    gains : dict of str to Gain
-        Of each cause that is named, over the explanation without it.
     chances : dict of str to float
-        Of each, that as much comes by accident, see `chance`.
+        Of each cause that is named, that as much comes by accident, see `chance`.
     refused : tuple of NotNamed
     freest : Explanation
         What is named, and beside it the free function that has structure left, if one has.
-    left : Gain
-        What that gains over what is named.
     """
 
     explanation: Explanation
-    gains: dict[str, Gain]
     chances: dict[str, float]
     refused: tuple[NotNamed, ...]
     freest: Explanation
-    left: Gain
+
+
+class Judged(NamedTuple):
+    """A member's gain, the chance of as much by accident, and why it may not be named, if so."""
+
+    gain: Gain
+    chance: float
+    refused: NotNamed | None
 
 
 def taken_back(
@@ -104,13 +87,12 @@ def taken_back(
     """What may be named without one of the names after all."""
     now = before.explanation
     now = without(problem, now, now.names.index(name))
-    freest, left = _freest(problem, now, folds)
+    freest, _ = _freest(problem, now, folds)
     return replace(
         before,
         explanation=now,
         refused=(*before.refused, NotNamed(name, because)),
         freest=freest,
-        left=left,
     )
 
 
@@ -126,26 +108,20 @@ def accepted(
     """
     refused: list[NotNamed] = []
     now = chosen
-    for name in chosen.rivals:
-        now = without(problem, now, now.names.index(name))
+    found: dict[str, Judged] = {}
     while now.members:
         found = {
             m.name: _judged(problem, now, k, folds, courses) for k, m in enumerate(now.members)
         }
-        failing = {n: judged for n, judged in found.items() if judged[1] is not None}
+        failing = {n: j.refused for n, j in found.items() if j.refused is not None}
         if not failing:
             failing = _small_beside(found)
         if not failing and len(now.members) > 1 and _cancel(problem, now):
-            failing = {
-                n: (g, NotNamed(n, "it and the other causes cancel each other"))
-                for n, (g, _) in found.items()
-            }
+            failing = {n: NotNamed(n, "it and the other causes cancel each other") for n in found}
         if not failing:
             break
-        weakest = min(failing, key=lambda n: failing[n][0].share)
-        reason = failing[weakest][1]
-        if reason is not None:
-            refused.append(reason)
+        weakest = min(failing, key=lambda n: found[n].gain.share)
+        refused.append(failing[weakest])
         now = without(problem, now, now.names.index(weakest))
     freest, left = _freest(problem, now, folds)
     if now.members and not _clear(problem, now, left, folds):
@@ -154,12 +130,8 @@ def accepted(
         for _ in now.names:
             now = without(problem, now, 0)
         freest, left = _freest(problem, now, folds)
-    gains = {m.name: _gain_of(problem, now, k, folds) for k, m in enumerate(now.members)}
-    chances = {
-        m.name: chance(problem, without(problem, now, k), now, courses)
-        for k, m in enumerate(now.members)
-    }
-    return Accepted(now, gains, chances, tuple(refused), freest, left)
+    chances = {n: found[n].chance for n in now.names}
+    return Accepted(now, chances, tuple(refused), freest)
 
 
 def _clear(problem: Problem, now: Explanation, left: Gain, folds: Folds) -> bool:
@@ -177,16 +149,14 @@ def _cancel(problem: Problem, now: Explanation) -> bool:
     return cancelled(problem, problem.columns.products(), now) > MOST_CANCELLED
 
 
-def _small_beside(
-    found: Mapping[str, tuple[Gain, NotNamed | None]],
-) -> dict[str, tuple[Gain, NotNamed | None]]:
+def _small_beside(found: Mapping[str, Judged]) -> dict[str, NotNamed]:
     """Names that bring so little beside another that it may be what that one's form leaves."""
     # of what is left in the end: share s of the squares without it is s/(1 - s) of those with it
-    brings = {n: g.share / max(1.0 - g.share, 1e-9) for n, (g, _) in found.items()}
+    brings = {n: j.gain.share / max(1.0 - j.gain.share, 1e-9) for n, j in found.items()}
     most = max(brings, key=lambda n: brings[n])
     return {
-        n: (g, NotNamed(n, f"it is less than {most} may leave, being not just of that form"))
-        for n, (g, _) in found.items()
+        n: NotNamed(n, f"it is less than {most} may leave, being not just of that form")
+        for n in found
         if brings[n] < LEAST_BESIDE * brings[most]
     }
 
@@ -218,46 +188,45 @@ def gain(before: Vector, after: Vector) -> Gain:
     return Gain(whole, (float(low), float(high)))
 
 
-def _gain_of(problem: Problem, now: Explanation, k: int, folds: Folds) -> Gain:
-    before = held_out_squares(problem, without(problem, now, k), folds)
-    return gain(before, held_out_squares(problem, now, folds))
-
-
 def _judged(
     problem: Problem, now: Explanation, k: int, folds: Folds, courses: Sequence[Course]
-) -> tuple[Gain, NotNamed | None]:
-    """A member's gain, and why it may not be named, if so."""
+) -> Judged:
+    """What data held out say of a member, the cheapest question first."""
     name = now.members[k].name
     base = without(problem, now, k)
     mine = held_out_squares(problem, now, folds)
     over = gain(held_out_squares(problem, base, folds), mine)
+
+    def refuse(because: str, like: str = "") -> Judged:
+        return Judged(over, 1.0, NotNamed(name, because, like))
+
     if not over.certain or over.interval[0] < _STEADY * over.share:
-        return over, NotNamed(name, "what it gains on data held out may be nothing")
+        return refuse("what it gains on data held out may be nothing")
     least = LEAST_SHARE_OF_SWINGS if name in _SWINGS else LEAST_SHARE
     if max(over.share, _force_share(problem, now, k, courses)) < least:
         said = f"it gains {100 * over.share:.2g} % on data held out, asked is {100 * least:g} %"
-        return over, NotNamed(name, said)
+        return refuse(said)
     reason = _size_differs(problem, now, k, folds) or _within_doubt(problem, now, k)
     if reason:
-        return over, NotNamed(name, reason)
+        return refuse(reason)
     for m in base.members:
         if not gain(
             held_out_squares(problem, loosened(problem, base, m.name), folds), mine
         ).certain:
-            return over, NotNamed(name, f"{m.name} in another form foretells as much")
+            return refuse(f"{m.name} in another form foretells as much")
     for other, instead in grown(problem, base).items():
         if other == name:
             continue
         others = held_out_squares(problem, instead, folds)
         if instead.members[-1].is_rival:  # it may have the cause in it, and does as well then
             if gain(mine, others).certain:
-                return over, NotNamed(name, f"a free function ({other}) foretells more")
+                return refuse(f"a free function ({other}) foretells more")
         elif not gain(others, mine).certain:
-            return over, NotNamed(name, f"{other} foretells as much", like=other)
+            return refuse(f"{other} foretells as much", like=other)
     p = chance(problem, base, now, courses)
     if p > LEAST_P:
-        return over, NotNamed(name, f"as much may come by accident, p = {p:.2g}")
-    return over, None
+        return refuse(f"as much may come by accident, p = {p:.2g}")
+    return Judged(over, p, None)
 
 
 def _force_share(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> float:

@@ -137,7 +137,7 @@ def _concluded(
     folds = parts_of(courses, laps)
     holds_up = accepted(problem, found.choice.best, folds, courses)
     held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
-    while worse := [n for n in held.order if not held.gain(n).interval[0] > 0.0]:
+    while worse := [n for n in held.order if not held.gain(n).certain]:
         reason = "the force left on data held out may be no less with it"
         holds_up = taken_back(problem, holds_up, worse[-1], reason, folds)
         held = judged(situation, problem, holds_up.explanation, folds, bool(laps))

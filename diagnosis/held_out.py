@@ -74,6 +74,26 @@ def parts_of(courses: Sequence[Course], laps: Sequence[float]) -> npt.NDArray[np
 
 
 @dataclass(frozen=True)
+class Gain:
+    """What one explanation gains over another on data held out.
+
+    Attributes
+    ----------
+    share : float
+        Of what the other leaves, in squares.
+    interval : tuple of float
+        95 %, from stretches drawn anew.
+    """
+
+    share: float
+    interval: tuple[float, float]
+
+    @property
+    def certain(self) -> bool:
+        return self.interval[0] > 0.0
+
+
+@dataclass(frozen=True)
 class HeldOut:
     """What explanations made without some data do on those data.
 
@@ -96,11 +116,11 @@ class HeldOut:
     without: dict[str, Residual]
     alone: dict[str, Residual]
 
-    def gain(self, name: str) -> HeldOutGain:
+    def gain(self, name: str) -> Gain:
         """What a cause gains where all the others are given: of two that are one, both gain all."""
         return gained(self.without[name], self.all, self.limits)
 
-    def gain_alone(self, name: str) -> HeldOutGain:
+    def gain_alone(self, name: str) -> Gain:
         """What a cause gains where no other is given."""
         return gained(self.none, self.alone[name], self.limits)
 
@@ -167,15 +187,7 @@ def with_values(problem: Problem, fitted: Vector) -> DriveModel:
     )
 
 
-@dataclass(frozen=True)
-class HeldOutGain:
-    """Share of the force residual's mean square that goes, and its 95 % interval."""
-
-    share: float
-    interval: tuple[float, float]
-
-
-def gained(before: Residual, after: Residual, limits: npt.NDArray[np.int64]) -> HeldOutGain:
+def gained(before: Residual, after: Residual, limits: npt.NDArray[np.int64]) -> Gain:
     """What one explanation gains over another, its interval from stretches drawn anew."""
     pairs = []
     for a, b in pairwise(limits):
@@ -193,4 +205,4 @@ def gained(before: Residual, after: Residual, limits: npt.NDArray[np.int64]) -> 
     total = squares.sum(axis=0)
     low, high = np.quantile(shares, [0.025, 0.975])
     share = 1.0 - float(total[1] / max(total[0], 1e-300))
-    return HeldOutGain(share, (float(low), float(high)))
+    return Gain(share, (float(low), float(high)))

@@ -52,7 +52,6 @@ _ADJUSTMENTS = 6
 _SETTLED = 0.05  # of its spread, that nothing changes by any more
 _TURNS = 3  # of naming causes and adjusting values
 _FIRST_CONTENDS = 0.6  # of the best cause's evidence, from which another is tried in earnest
-_WORTH = 0.5  # of what a best explanation with rivals scores, from which causes alone are tried
 _CONTENDS = 10.0  # odds, in natural logarithms, from which another set of causes is
 _MOST_CONTENDERS = 2
 
@@ -264,9 +263,8 @@ def _freedom(problem: Problem, explanation: Explanation) -> float:
 def _contenders(choice: Choice, first: bool) -> list[Explanation]:
     """The best explanation and those that are worth a comparison in earnest with it.
 
-    A cause that changes much looks less than it is around values that do not have it, and so does
-    any beside a shapeless rival when the noise is that of the rival: causes that come near with one
-    in place of another, and causes alone where the best has rivals. At first, causes go first.
+    A cause that changes much looks less than it is around values that do not have it: causes that
+    come near with one in place of another are tried, too.
     """
     ranked: dict[tuple[str, ...], Explanation] = {}
     for e in sorted(choice.others, key=lambda e: -e.score):
@@ -277,9 +275,6 @@ def _contenders(choice: Choice, first: bool) -> list[Explanation]:
         return [best]
     nothing = max(e.score for e in choice.others if not e.members)
     own = ranked.get(tuple(sorted(best.causes))) or next(iter(ranked.values()))
-    worth = own.score > nothing + _WORTH * (best.score - nothing)
-    if best.rivals and not worth:
-        return [best]
     least = nothing + _FIRST_CONTENDS * (own.score - nothing) if first else own.score - _CONTENDS
     near = [
         e
@@ -289,8 +284,4 @@ def _contenders(choice: Choice, first: bool) -> list[Explanation]:
         and len(set(e.names) - set(own.names)) == 1
         and e.score > max(least, nothing)
     ][:_MOST_CONTENDERS]
-    if not best.rivals:
-        return [best, *near]
-    if first and not best.causes:
-        return [own, *near]
-    return [best, own, *near]
+    return [best, *near]

@@ -55,7 +55,6 @@ _BESIDE = 0.02  # of the largest name's evidence, that a further one has to brin
 RIVALS_PRICE = 5.0  # what has a shape for everything has to be better by so much
 _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 0.2  # spread of an unknown mass, relative to all that moves
-_LEFT_OVER = 0.12  # share of a rival's evidence that a name beside it has to bring
 _KEPT = 4  # sets of each size that are grown
 _LOOKED_AT = 40  # sets of each size that are looked at closely
 LARGEST = 3  # members of a set
@@ -329,9 +328,7 @@ class Choice:
 def choose(problem: Problem, largest: int = LARGEST) -> Choice:
     """The set of causes that explains the records best.
 
-    Two searches: among causes, and among causes and rivals. What causes explain nearly as well as
-    anything does is theirs, since their equations are idealized and the rivals fit everything; what
-    rivals explain beyond is added to it.
+    Of causes only; what each shapeless rival explains by itself is told beside it.
     """
     products = problem.columns.products()
     empty = _nothing(problem, products)
@@ -489,12 +486,7 @@ def pruned(problem: Problem, products: Matrix, best: Explanation) -> Explanation
     """An explanation, in order, without the members that later ones made needless."""
     best = _ordered(problem, products, best)
     while len(best.members) > 1:
-        rivals_gains = sum(g for m, g in zip(best.members, best.gains, strict=True) if m.is_rival)
-        needless = [
-            k
-            for k, (m, g) in enumerate(zip(best.members, best.gains, strict=True))
-            if g < NEXT_PRICE + (RIVALS_PRICE if m.is_rival else _LEFT_OVER * rivals_gains)
-        ]
+        needless = [k for k, g in enumerate(best.gains) if g < NEXT_PRICE]
         if not needless:
             break
         best = _ordered(problem, products, without(problem, best, needless[-1]))
@@ -548,11 +540,6 @@ def _grow(
         price = max(NEXT_PRICE, _BESIDE * max(start.gains)) if start.members else PRICE
         if best[1].is_rival:
             price += RIVALS_PRICE
-        else:
-            # what a shapeless force leaves over of a large structure is no sign of a cause
-            price += _LEFT_OVER * sum(
-                g for m, g in zip(start.members, start.gains, strict=True) if m.is_rival
-            )
         members = (*start.members, best[1])
         out[name] = Explanation(
             members,
