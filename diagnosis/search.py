@@ -40,6 +40,7 @@ from .selection import (
     bounds,
     choose,
     free_spreads,
+    nothing_in,
     pruned,
     refine,
     state_problem,
@@ -196,8 +197,7 @@ def _nothing_found(
 ) -> Found:
     """The end of a search without a cause: what is left is noise, and is weighed as such."""
     problem = state_problem(situation.courses, situation.model, believed, situation.noise, found=())
-    nothing = next(e for e in choose(problem).others if not e.members)
-    return Found(situation, problem, replace(choice, best=nothing), first)
+    return Found(situation, problem, replace(choice, best=nothing_in(problem)), first)
 
 
 def _key(explanation: Explanation) -> tuple[str, ...]:

@@ -62,6 +62,7 @@ MOST_CANCELLED = 1.5  # squares of what members bring, over that of what they br
 FREE_RANGE = (0.3, 3.0)  # of a value that may be wrong, to the believed one
 _ANY = 1.0  # relative spread of values that take all they can, where noise is sought
 _MUCH = 0.1  # of what is left, that one more cause has to explain there
+_AT_BOUND = 1e-6  # of the way between the bounds
 _HELD = 1e-3  # of its spread, to one that stands at the end of what is believed
 OWN = (0.6, 1.6)  # amplitude of a cause whose shape has its size in it
 
@@ -331,7 +332,7 @@ def choose(problem: Problem, largest: int = LARGEST) -> Choice:
     Of causes only; what each shapeless rival explains by itself is told beside it.
     """
     products = problem.columns.products()
-    empty = _nothing(problem, products)
+    empty = nothing_in(problem)
     causes = [c for c in problem.candidates if not c.is_rival]
     named = _search(problem, products, empty, causes, largest)
     free = _search(problem, products, empty, [c for c in problem.candidates if c.is_rival], 1)
@@ -345,7 +346,9 @@ def choose(problem: Problem, largest: int = LARGEST) -> Choice:
     return Choice(chosen, others, alone)
 
 
-def _nothing(problem: Problem, products: Matrix) -> Explanation:
+def nothing_in(problem: Problem) -> Explanation:
+    """The explanation without a name."""
+    products = problem.columns.products()
     priors = _within(problem, products, (), ())
     return Explanation((), priors, evidence_of(products, priors), ())
 
@@ -366,7 +369,10 @@ def _within(
     low, high = problem.low.copy(), problem.high.copy()
     low[freed], high[freed] = -np.inf, np.inf
     found = fit_within(products, [Prior(problem.prior.columns, mean, spread), *own], low, high)
-    held = (found <= low) | (found >= high)
+    # rounding may leave a value a last digit within its bound
+    held = (found - low < _AT_BOUND * (problem.high - problem.low)) | (
+        high - found < _AT_BOUND * (problem.high - problem.low)
+    )
     mean[held] = found[held]
     spread[held] *= _HELD
     return (Prior(problem.prior.columns, mean, spread), *own)
@@ -377,6 +383,12 @@ def grown(problem: Problem, start: Explanation) -> dict[str, Explanation]:
     products = problem.columns.products()
     more = _grow(problem, products, start, problem.candidates)
     return {n: e for n, e in more.items() if _stands(problem, products, e)}
+
+
+def beside(problem: Problem, start: Explanation, member: Candidate) -> Explanation:
+    """The explanation with one more candidate, or as it is where that is in it already."""
+    found = _grow(problem, problem.columns.products(), start, [member])
+    return found.get(member.name, start)
 
 
 def loosened(problem: Problem, explanation: Explanation, name: str) -> Explanation:
@@ -399,7 +411,7 @@ def loosened(problem: Problem, explanation: Explanation, name: str) -> Explanati
 def again(problem: Problem, names: Sequence[str]) -> Explanation:
     """The explanation by these names, however many."""
     products = problem.columns.products()
-    explanation = _nothing(problem, products)
+    explanation = nothing_in(problem)
     for name in names:
         mine = [c for c in problem.candidates if c.name == name]
         explanation = _grow(problem, products, explanation, mine).get(name, explanation)
