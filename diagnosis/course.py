@@ -16,11 +16,12 @@ from scipy.signal import savgol_filter, welch
 from ..records.drive_record import DriveRecord
 from ..records.resolution import fast_noise
 from .drive_model import DriveModel, midway
-from .weak_form import averaged, between_samples, lagged, noise_gains
+from .weak_form import acceleration, averaged, between_samples, lagged, noise_gains
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
+_ROUGH = 0.1  # of the friction: what may be left of an encoder's error in a window
 _SHOWN = 0.05  # of the friction: what a position's noise may make of the force in a window
 _SHORTEST, _SHORT, _LONGEST = 2e-4, 1e-3, 0.02  # spacing of the windows [s]
 _OF_BAND = 0.35  # of the period that a position carries: shorter windows see a filter
@@ -172,6 +173,8 @@ def lay_along(record: DriveRecord, model: DriveModel) -> Course:
     least = min(max(answers, _SHORTEST), _SHORT)
     spacing = min(max(spacing, least, _OF_BAND / carried(record)), _LONGEST)
     width = max(round(spacing / record.step), -(-len(record.x) // _MOST_WINDOWS), 1)
+    while width * record.step < _LONGEST and _rough(record, width, model) > _ROUGH:
+        width = math.ceil(1.2 * width)
     window = min(4 * width + 1, len(record.x) // 2 * 2 - 1)
     x = savgol_filter(record.x, window, 3)
     v = savgol_filter(record.x, window, 3, deriv=1, delta=record.step)
@@ -186,6 +189,17 @@ def lay_along(record: DriveRecord, model: DriveModel) -> Course:
         calibration=dict.fromkeys(doubts(course), 0.0),
     )
     return replace(follow(course, model), doubt=_doubt(course, model, noise))
+
+
+def _rough(record: DriveRecord, width: int, model: DriveModel) -> float:
+    """Force that no motion has, from one window to the next, relative to the friction.
+
+    An interpolating encoder's error swings with the place: no noise of single readings shows it.
+    """
+    bent = np.diff(model.inertia * acceleration(record.x, record.step, width), 4)
+    # a fourth difference of white noise is larger by the root of 70, and by 1.4 as bells overlap
+    usual = 1.48 * float(np.median(np.abs(bent))) if len(bent) else 0.0
+    return usual / (1.4 * math.sqrt(70.0) * model.friction_scale)
 
 
 def sluggishness(course: Course, model: DriveModel) -> float:
