@@ -95,6 +95,10 @@ class Cause:
         Why these records cannot show it at all.
     on_screw : bool
         Its force acts on the screw's side, where a load cell before the block does not feel it.
+    late : tuple of str
+        Those of `values` by which the command is late, as a recorder may be, too.
+    way : function of (model, values) to a number, optional
+        For what shows after reversals: the way that it takes until all of it has shown [m].
     """
 
     name: str
@@ -108,6 +112,8 @@ class Cause:
     refined: tuple[str, ...] = ()
     beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
     on_screw: bool = False
+    late: tuple[str, ...] = ()
+    way: Callable[[DriveModel, Values], float] | None = None
 
     def refined_of(self, values: Values) -> str | None:
         """Which of these values is found between the grid's points, if any."""
@@ -140,6 +146,7 @@ def of_forms(first: Cause, *others: Cause) -> Cause:
         extend=extend,
         parameters=tuple(dict.fromkeys(p for f in forms for p in f.parameters)),
         refined=tuple(dict.fromkeys(n for f in forms for n in f.refined)),
+        late=tuple(dict.fromkeys(n for f in forms for n in f.late)),
     )
 
 

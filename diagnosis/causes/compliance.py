@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +27,9 @@ def _missing(course: Course, model: DriveModel, stiffness: float) -> np.ndarray:
 
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     del courses
-    return [{"stiffness": model.friction_scale / float(way)} for way in _YIELDING]
+    stiffest = model.values.get("sigma0", math.inf)  # beyond, bristles of another form do the same
+    grid = (model.friction_scale / float(way) for way in _YIELDING)
+    return [{"stiffness": k} for k in grid if k < stiffest]
 
 
 def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
@@ -41,6 +44,13 @@ def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     return with_spring(plant)
 
 
+def _beyond(courses: Courses, model: DriveModel) -> str | None:
+    del courses
+    if model.law != "classical":
+        return None
+    return "the believed law has no presliding, and bristles do nearly the same at reversals"
+
+
 CAUSE = Cause(
     "compliance",
     "something elastic lies between the encoder and the block",
@@ -50,5 +60,7 @@ CAUSE = Cause(
     _extend,
     confirm="a sensor on the block beside the encoder: the two part when the force reverses",
     refined=("stiffness",),
+    beyond=_beyond,
+    way=lambda model, values: 2.0 * model.friction_scale / values["stiffness"],
     mistaken_for=("parameter_error", "backlash"),
 )

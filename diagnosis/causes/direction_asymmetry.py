@@ -1,15 +1,29 @@
-"""Friction that is larger one way than the other, its viscous part as well or not."""
+"""Friction that is larger one way than the other: dry, viscous, or both by shares of their own."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
 import sympy as sp
 
-from .cause import force_cause, parameter
+from ...solver.component import symbol
+from .cause import DRY, Courses, Values, force_cause, of_forms, parameter
 from .travel import changing, either_way, viscous_share
 
-_SHARE = "asymmetry_viscous_share"
+if TYPE_CHECKING:
+    from ..drive_model import DriveModel
 
-CAUSE = force_cause(
+_SHARE = "asymmetry_viscous_share"
+_SPEED = "V_asymmetry"
+
+
+def _fast(courses: Courses, model: DriveModel) -> list[Values]:
+    del model
+    return [{_SPEED: float(np.quantile(np.abs(np.concatenate([c.v for c in courses])), 0.98))}]
+
+
+_ALIKE = force_cause(
     "direction_asymmetry",
     "friction is larger in one direction than in the other",
     {
@@ -22,3 +36,18 @@ CAUSE = force_cause(
     constants=(viscous_share(_SHARE),),
     grid=lambda courses, model: either_way([{}], _SHARE),
 )
+_APART = force_cause(
+    _ALIKE.name,
+    _ALIKE.says,
+    {
+        parameter("dry_asymmetry", "1", "share by which dry friction is larger in +x"): sp.Abs(DRY),
+        parameter("dF_asymmetry", "N", "by which the viscous one is, at V_asymmetry"): sp.Abs(
+            symbol("v")
+        )
+        / symbol(_SPEED),
+    },
+    confirm=_ALIKE.confirm,
+    constants=(parameter(_SPEED, "m/s", "speed at which that force is told", 1.0),),
+    grid=_fast,
+)
+CAUSE = of_forms(_ALIKE, _APART)

@@ -66,6 +66,7 @@ _DELAY = Cause(
     _extend_delayed,
     confirm="a step of the command with the current recorded: the current begins late",
     refined=("delay",),
+    late=("delay",),
     mistaken_for=("unmodelled_inertia",),
 )
 _LAG = replace(
@@ -77,5 +78,6 @@ _LAG = replace(
     parameters=(parameter("command_lag", "s", "time constant of the command's filter", 1e-4),),
     extend=_extend_filtered,
     refined=("command_lag",),
+    late=("command_lag",),
 )
 CAUSE = of_forms(_DELAY, _LAG)

@@ -13,10 +13,13 @@ from .cause import Cause, Courses, Shape, Values
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
 
+_OTHERS = ("m", "Jm", "offset", "Fs", "Vs")
+"""Values whose error is another cause: more mass, a load, a bend of the friction curve."""
+
 
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     del courses
-    names = [n for n in model.adjustable if n not in ("m", "Jm")]  # these are inertia
+    names = [n for n in model.adjustable if n.partition("_")[0] not in _OTHERS]
     # more than two at once can be anything: all forces together are the mass
     sets = [*combinations(names, 1), *combinations(names, 2)]
     return [{n: model.values[n] for n in those} for those in sets]

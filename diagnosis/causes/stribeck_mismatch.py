@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 
 from ...solver.component import Component, symbol
-from .cause import ENGAGED, Courses, Shape, Values, force_cause, parameter
+from .cause import ENGAGED, Courses, Shape, Values, force_cause, of_forms, parameter
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
@@ -18,6 +18,8 @@ _SPEEDS = 14
 _SMALL = 0.05  # of the friction: a bend so small that its effect is proportional to it
 _DEEPEST = 0.9  # of the friction, that a bend may take from it
 _BEND = sp.exp(-((symbol("v") / symbol("V_mismatch")) ** 2))
+
+_FALL = sp.exp(-sp.Abs(symbol("v")) / symbol("V_fall"))
 
 
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:
@@ -39,9 +41,9 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     if abs(size) < _SMALL * scale:
         size = _SMALL * scale
     bent = model.changed({**values, "dF_low": size})
+    offset = 0.0 if model.has_motor else model.values["offset"]
     force = [
-        ((bent.friction(c.x, c.v, c.step) - model.friction(c.x, c.v, c.step)) / size)[:, None]
-        for c in courses
+        ((bent.friction(c.x, c.v, c.step) - offset - c.bristle) / size)[:, None] for c in courses
     ]
     return Shape(("dF_low",), force=force, values=values)
 
@@ -70,4 +72,14 @@ _ADDED = force_cause(
     refined=("V_mismatch",),
 )
 
-CAUSE = replace(_ADDED, at=_at, extend=_extend)
+_SLOW = force_cause(
+    _ADDED.name,
+    _ADDED.says,
+    {parameter("dF_fall", "N", "friction at low speed beyond the model's"): _FALL * ENGAGED},
+    confirm=_ADDED.confirm,
+    constants=(parameter("V_fall", "m/s", "speed by which it has fallen to 1/e", 1.0),),
+    grid=lambda courses, model: [{"V_fall": v["V_mismatch"]} for v in _grid(courses, model)],
+    refined=("V_fall",),
+)
+
+CAUSE = of_forms(replace(_ADDED, at=_at, extend=_extend), _SLOW)
