@@ -14,11 +14,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .course import Course
+from .causes import CAUSES
+from .course import Course, doubts
 from .diagnosis import NotNamed
 from .evidence import fit, side_by_side
 from .held_out import Gain, with_values
-from .residuals import residual
+from .regression import calibrated
+from .residuals import residual, rms
 from .search import added_by
 from .selection import (
     MOST_CANCELLED,
@@ -26,6 +28,7 @@ from .selection import (
     Explanation,
     Problem,
     amplitudes,
+    beside,
     cancelled,
     grown,
     loosened,
@@ -37,16 +40,28 @@ from .surrogates import chance
 Vector = npt.NDArray[np.float64]
 Folds = npt.NDArray[np.int64]
 
-LEAST_SHARE = 0.03
-"""Of what is left without a cause, that it has to take away: of surprises or of the force."""
-LEAST_SHARE_OF_SWINGS = 0.005
+LEAST_SHARE = 0.1
+"""Of the surprises that are left without a cause, that it has to take away."""
+LEAST_SHARE_OF_SWINGS = 0.05
 """The same of what swings along the travel: nothing that a law's own error leaves looks like it."""
+LEAST_SHARE_OF_FORCE = 0.4
+"""Of the mean square of the force, instead: what is slow shows there."""
+LEAST_SIZE = 0.01
+"""Of the friction, that the force of anything but a swing has to be: laws are not more exact."""
 LEAST_BESIDE = 0.1
 """Of what the largest cause takes away, that any other has to."""
 LEAST_P = 0.01
 _SWINGS = ("torque_ripple", "position_periodic_friction")
 _STEADY = 0.25  # of a gain, that its interval's lower end has to be
-_UNCLEAR = 0.05  # of what is named, that structure without a name may be beside it
+_PLACES = 4  # stretches that a gain comes from, as many as alike would be, or as are clear
+_CLEAR, _CLEAR_SHARE = 9.0, 0.1  # squares in the noise's variance, share of a stretch's
+_LOSES = 0.1  # of what is gained, that may be lost elsewhere
+_APART = 0.7  # of what a cause brings, that it brings beside another if they are two things
+_STRUCTURE = 0.03  # of what is left, that a free function has to take away to be one
+_UNCLEAR = 0.1  # of what is named, that structure without a name may be beside it
+_FREER = 0.25  # of what a cause brings, that a free function may bring more: forms are not exact
+_SAME = 16.0  # squares in the variance of the noise: four of its standard deviations
+_SAMPLES = 3  # within which what a reversal does cannot be seen
 _NEAR_TOLERANCE = 0.25  # of a tolerance's whole width
 _DRAWS = 2000
 _LIKE = (0.25, 2.5)  # size in one part of the data, relative to that in all
@@ -62,6 +77,8 @@ class Accepted:
     explanation : Explanation
     chances : dict of str to float
         Of each cause that is named, that as much comes by accident, see `chance`.
+    alternatives : dict of str to tuple of str
+        Other causes that do just the same in these records.
     refused : tuple of NotNamed
     freest : Explanation
         What is named, and beside it the free function that has structure left, if one has.
@@ -69,16 +86,22 @@ class Accepted:
 
     explanation: Explanation
     chances: dict[str, float]
+    alternatives: dict[str, tuple[str, ...]]
     refused: tuple[NotNamed, ...]
     freest: Explanation
 
 
 class Judged(NamedTuple):
-    """A member's gain, the chance of as much by accident, and why it may not be named, if so."""
+    """A member's gain, the chance of as much by accident, and why it may not be named, if so.
+
+    Other causes may do just the same, or better in its place.
+    """
 
     gain: Gain
     chance: float
     refused: NotNamed | None
+    alternatives: tuple[str, ...] = ()
+    better: Explanation | None = None
 
 
 def taken_back(
@@ -109,6 +132,7 @@ def accepted(
     refused: list[NotNamed] = []
     now = chosen
     found: dict[str, Judged] = {}
+    replaced: set[str] = set()
     while now.members:
         found = {
             m.name: _judged(problem, now, k, folds, courses) for k, m in enumerate(now.members)
@@ -121,6 +145,11 @@ def accepted(
         if not failing:
             break
         weakest = min(failing, key=lambda n: found[n].gain.share)
+        better = found[weakest].better
+        if better and better.names[-1] not in replaced:
+            replaced.add(weakest)
+            now = better
+            continue
         refused.append(failing[weakest])
         now = without(problem, now, now.names.index(weakest))
     freest, left = _freest(problem, now, folds)
@@ -131,7 +160,8 @@ def accepted(
             now = without(problem, now, 0)
         freest, left = _freest(problem, now, folds)
     chances = {n: found[n].chance for n in now.names}
-    return Accepted(now, chances, tuple(refused), freest)
+    alternatives = {n: found[n].alternatives for n in now.names}
+    return Accepted(now, chances, alternatives, tuple(refused), freest)
 
 
 def _clear(problem: Problem, now: Explanation, left: Gain, folds: Folds) -> bool:
@@ -195,18 +225,26 @@ def _judged(
     name = now.members[k].name
     base = without(problem, now, k)
     mine = held_out_squares(problem, now, folds)
-    over = gain(held_out_squares(problem, base, folds), mine)
+    before = held_out_squares(problem, base, folds)
+    over = gain(before, mine)
 
-    def refuse(because: str, like: str = "") -> Judged:
-        return Judged(over, 1.0, NotNamed(name, because, like))
+    def refuse(because: str, like: str = "", better: Explanation | None = None) -> Judged:
+        return Judged(over, 1.0, NotNamed(name, because, like), better=better)
 
-    if not over.certain or over.interval[0] < _STEADY * over.share:
+    # what is left may be more than the noise that the windows were weighed with
+    noise = max(float(mine.sum()) / np.count_nonzero(problem.columns.blocks[0]), 1.0)
+    if not over.certain or not _steady(over, before, mine, noise):
         return refuse("what it gains on data held out may be nothing")
     least = LEAST_SHARE_OF_SWINGS if name in _SWINGS else LEAST_SHARE
-    if max(over.share, _force_share(problem, now, k, courses)) < least:
+    without_it, with_it = (_forces(problem, e, courses) for e in (base, now))
+    of_force = 1.0 - (rms(with_it) / max(rms(without_it), 1e-300)) ** 2
+    if over.share < least and of_force < LEAST_SHARE_OF_FORCE:
         said = f"it gains {100 * over.share:.2g} % on data held out, asked is {100 * least:g} %"
         return refuse(said)
-    reason = _size_differs(problem, now, k, folds) or _within_doubt(problem, now, k)
+    size = rms(with_it - without_it) / problem.model.friction_scale
+    if name not in _SWINGS and size < LEAST_SIZE:
+        return refuse(f"its force is {100 * size:.2g} % of the friction: no law is as exact")
+    reason = _size_differs(problem, now, k, folds) or _within_doubt(problem, now, k, courses)
     if reason:
         return refuse(reason)
     for m in base.members:
@@ -214,30 +252,69 @@ def _judged(
             held_out_squares(problem, loosened(problem, base, m.name), folds), mine
         ).certain:
             return refuse(f"{m.name} in another form foretells as much")
-    for other, instead in grown(problem, base).items():
+    brought = float((before - mine).sum())
+
+    def in_place(instead: Explanation, others: Vector) -> bool:
+        """Whether another explanation leaves the member little; else they are two things."""
+        both = held_out_squares(problem, beside(problem, instead, now.members[k]), folds)
+        return float((others - both).sum()) < _APART * brought
+
+    alternatives = []
+    rivals = grown(problem, base)
+    for other, instead in rivals.items():
         if other == name:
             continue
         others = held_out_squares(problem, instead, folds)
         if instead.members[-1].is_rival:  # it may have the cause in it, and does as well then
-            if gain(mine, others).certain:
+            more = float((mine - others).sum())
+            if gain(mine, others).certain and more > _FREER * brought:
                 return refuse(f"a free function ({other}) foretells more")
         elif not gain(others, mine).certain:
-            return refuse(f"{other} foretells as much", like=other)
+            less = float((others - mine).sum())
+            if abs(less) < _SAME * noise:
+                alternatives.append(other)
+            elif in_place(instead, others):
+                better = instead if less < 0.0 else None
+                return refuse(f"{other} foretells as much", other, better)
+    for other in CAUSES:
+        if other in now.names:
+            continue
+        instead = loosened(problem, base, other)
+        others = held_out_squares(problem, instead, folds)
+        if gain(mine, others).certain and in_place(instead, others):
+            said = f"{other}, in several forms at once, foretells more"
+            return refuse(said, other, rivals.get(other))
     p = chance(problem, base, now, courses)
     if p > LEAST_P:
         return refuse(f"as much may come by accident, p = {p:.2g}")
-    return Judged(over, p, None)
+    return Judged(over, p, None, tuple(alternatives))
 
 
-def _force_share(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> float:
-    """Of the mean square of the force left without a member, what it takes away."""
+def _steady(over: Gain, before: Vector, after: Vector, noise: float) -> bool:
+    """Whether a gain comes from several places, and is as sure all over the record or lost nowhere.
 
-    def left(explanation: Explanation) -> float:
-        fitted = amplitudes(problem, explanation)
-        added = added_by(explanation.members, fitted, courses)
-        return residual(courses, with_values(problem, fitted), added).force_rms ** 2
+    Parameters
+    ----------
+    before, after : ndarray, shape (stretches,)
+        Squares that are left in each stretch without the cause and with it.
+    noise : float
+        Variance of the surprises.
+    """
+    gains = before - after
+    won = np.maximum(gains, 0.0)
+    alike = won.sum() ** 2 / max(float(won @ won), 1e-300)
+    clear = np.count_nonzero((gains > _CLEAR * noise) & (gains > _CLEAR_SHARE * before))
+    sure = over.interval[0] >= _STEADY * over.share
+    kept = won.sum() - gains.sum() < _LOSES * won.sum()
+    return bool(max(alike, clear) >= _PLACES and (sure or kept))
 
-    return 1.0 - left(now) / max(left(without(problem, now, k)), 1e-300)
+
+def _forces(problem: Problem, explanation: Explanation, courses: Sequence[Course]) -> Vector:
+    """Force that an explanation leaves where samples tell anything [N]."""
+    fitted = amplitudes(problem, explanation)
+    added = added_by(explanation.members, fitted, courses)
+    found = residual(courses, with_values(problem, fitted), added)
+    return found.force[found.telling]
 
 
 def _size_differs(problem: Problem, now: Explanation, k: int, folds: Folds) -> str:
@@ -259,17 +336,43 @@ def _size_differs(problem: Problem, now: Explanation, k: int, folds: Folds) -> s
     return "" if share >= _AGREE else "its size differs between parts of the data"
 
 
-def _within_doubt(problem: Problem, now: Explanation, k: int) -> str:
-    """Why a freed value is no error: it is within its tolerance or near; empty if it is one."""
+def _within_doubt(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
+    """Why a value says nothing: it is within what is believed, or near; empty if it is beyond."""
     member = now.members[k]
+    fitted = amplitudes(problem, now)
+    late, way = CAUSES[member.name].late, CAUSES[member.name].way
+    if way:
+        goes = way(problem.model, member.shape.values)
+        if goes < max(c.record.count for c in courses):
+            return "its way is less than a count of the encoder"
+        if goes < _crossed(courses):
+            return f"its way is gone within {_SAMPLES} samples of a reversal"
+        return ""
+    if late:
+        # a command that acts later than it is written may be a recorder's
+        doubt = doubts(courses[0])["command_shift"].high * courses[0].step
+        place = 1 + len(problem.names) + list(calibrated(courses)).index("command_shift")
+        early = (courses[0].calibration["command_shift"] + fitted[place]) * courses[0].step
+        later = sum(member.shape.values[n] for n in late if n in member.shape.values) - early
+        near = doubt * (1.0 + 2.0 * _NEAR_TOLERANCE)
+        return "" if later > near else "a command may be recorded as early as that"
     if not member.shape.freed:
         return ""
-    fitted = amplitudes(problem, now)[member.columns]
+    fitted = fitted[member.columns]
     places = member.columns - 1
     near = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
     if np.all((fitted > problem.low[places] - near) & (fitted < problem.high[places] + near)):
         return "the value is hardly beyond its tolerance"
     return ""
+
+
+def _crossed(courses: Sequence[Course]) -> float:
+    """Way that the drive goes in a few samples after a reversal, usually [m]."""
+    ways = []
+    for c in courses:
+        turns = np.flatnonzero((c.v[1:] > 0.0) != (c.v[:-1] > 0.0))
+        ways.append(0.5 * np.abs(c.mean_a[turns]) * (_SAMPLES * c.step) ** 2)
+    return float(np.median(np.concatenate(ways))) if any(len(w) for w in ways) else 0.0
 
 
 def _freest(problem: Problem, now: Explanation, folds: Folds) -> tuple[Explanation, Gain]:
@@ -279,6 +382,6 @@ def _freest(problem: Problem, now: Explanation, folds: Folds) -> tuple[Explanati
     for e in grown(problem, now).values():
         if e.members[-1].is_rival:
             found = gain(mine, held_out_squares(problem, e, folds))
-            if found.certain and found.share > max(most.share, LEAST_SHARE):
+            if found.certain and found.share > max(most.share, _STRUCTURE):
                 best, most = e, found
     return best, most

@@ -32,12 +32,11 @@ from .diagnosis import (
     FoundCause,
     Level,
     NextExperiment,
-    NotNamed,
     OutOfReach,
     holds,
 )
 from .drive_model import DriveModel
-from .evidence import Conditioned, conditioned, fit
+from .evidence import Conditioned, Prior, conditioned, fit
 from .held_out import HeldOut, gained, judged, laps_of, parts_of, with_values
 from .load_cell import witness
 from .next_experiment import UNNAMED, motion_for, reach_of, trial_for
@@ -51,6 +50,7 @@ from .selection import (
     Explanation,
     Problem,
     amplitudes,
+    own_size,
     scores,
 )
 
@@ -59,6 +59,7 @@ Vector = npt.NDArray[np.float64]
 _SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
 _SEEN = 5.0  # standard deviations
 _FREED_SHOWN = 0.1  # of a value that may be wrong
+_EXACT = 0.01  # relative, to which no size is known: laws and shapes are not exact
 _AT_FLOOR = 2.0  # times the floor: more is not explained
 UNITS = {p.name: p.unit for p in (*ball_screw.PARAMETERS, *direct_drive.PARAMETERS)} | {
     name: unit
@@ -195,7 +196,7 @@ def _concluded(
         not_named=holds_up.refused,
         unnamed=tuple(lives[m.name] for m in free),
         out_of_reach=_out_of_reach(courses, situation.model, problem, best),
-        next_experiment=_next_experiment(holds_up.refused, bool(free), courses, model),
+        next_experiment=_next_experiment(holds_up, courses, model),
         believed=believed,
         adjusted=model
         if not members
@@ -261,6 +262,7 @@ def _found_cause(
         evidence=best.gains[k],
         p_value=holds_up.chances[name],
         confirm=cause.confirm,
+        alternatives=holds_up.alternatives[name],
     )
 
 
@@ -270,18 +272,20 @@ def _values_of(
     """A member's numbers and their 95 % intervals, as wide as the stretches say they must be."""
     member = best.members[k]
     shape = member.shape
-    fitted = fit(problem.columns.products(), best.priors)
+    products = problem.columns.products()
+    fitted = fit(products, best.priors)
     where = [int(np.flatnonzero(fitted.columns == c)[0]) for c in member.columns]
+    doubtful = fit(products, _reopened(problem, best)).covariance
     wide = scores(problem, best, k).widening()
     quantile = float(student.ppf(0.975, max(problem.columns.stretches - len(where), 1)))
     amplitude = fitted.amplitude[where]
-    spread = np.sqrt(np.diag(fitted.covariance))[where] * wide
+    errors = quantile * wide * np.sqrt(np.diag(doubtful))[where]
     if shape.freed:
         before = np.array([problem.model.values[n] for n in shape.freed])
-        now, errors = before * (1.0 + amplitude), quantile * before * spread
+        now = before * (1.0 + amplitude)
         freed = {
             n: (float(a - e), float(a + e))
-            for n, a, e in zip(shape.freed, now, errors, strict=True)
+            for n, a, e in zip(shape.freed, now, before * errors + _EXACT * now, strict=True)
         }
         return dict(zip(shape.freed, now.tolist(), strict=True)), freed
     values = {n: float(v) for n, v in shape.values.items()}
@@ -290,13 +294,24 @@ def _values_of(
     refined = cause.refined_of(values)
     if refined:
         value = values[refined]
-        error = min(quantile * wide * _log_spread(situation, problem, best, k), 3.0)
+        error = _EXACT + quantile * wide * _log_spread(situation, problem, best, k)
+        if shape.sure is not None:  # by which the shape would be larger or smaller, were it free
+            error += abs(math.log(max(own_size(problem, products, best, k), 0.1)))
+        error = min(error, 3.0)
         intervals[refined] = (value * math.exp(-error), value * math.exp(error))
     if shape.sure is None:
-        for name, a, e in zip(shape.amplitudes, amplitude, spread, strict=True):
+        for name, a, e in zip(shape.amplitudes, amplitude, errors, strict=True):
             values[name] = float(a)
-            intervals[name] = (float(a - quantile * e), float(a + quantile * e))
+            e += _EXACT * abs(a)
+            intervals[name] = (float(a - e), float(a + e))
     return values, intervals
+
+
+def _reopened(problem: Problem, best: Explanation) -> list[Prior]:
+    """Priors in which a value held at the end of its tolerance is as doubtful as it was before."""
+    values = best.priors[0]
+    spread = np.maximum(values.spread, problem.prior.spread)
+    return [Prior(values.columns, values.mean, spread), *best.priors[1:]]
 
 
 def _log_spread(situation: Situation, problem: Problem, best: Explanation, k: int) -> float:
@@ -324,8 +339,9 @@ def _log_spread(situation: Situation, problem: Problem, best: Explanation, k: in
         for s in (0.05, -0.05)
     ]
     slope = (sides[0] - sides[1]) / 0.1
-    used = np.concatenate([p.columns for p in best.priors]).astype(np.int64)
-    scale = np.concatenate([p.spread for p in best.priors])
+    priors = _reopened(problem, best)
+    used = np.concatenate([p.columns for p in priors]).astype(np.int64)
+    scale = np.concatenate([p.spread for p in priors])
     others = problem.columns.of(used)
     if member.shape.sure is not None:  # its amplitude is one
         keep = ~np.isin(used, member.columns)
@@ -410,15 +426,17 @@ def _shows(candidate: Candidate, left: Conditioned, size: float, model: DriveMod
 
 
 def _next_experiment(
-    refused: Sequence[NotNamed], structure: bool, courses: Sequence[Course], model: DriveModel
+    holds_up: Accepted, courses: Sequence[Course], model: DriveModel
 ) -> NextExperiment | None:
     """What would tell apart what this record cannot."""
-    for r in refused:
-        if r.like:
-            motion = motion_for(r.name, reach_of(courses), model)
-            says = f"{r.name} cannot be told from {r.like} here ({CAUSES[r.name].confirm})"
-            return NextExperiment(says, motion, trial_for(r.name))
-    if structure:
+    named = holds_up.explanation.names
+    alike = [(n, " or ".join(holds_up.alternatives[n])) for n in named if holds_up.alternatives[n]]
+    alike += [(r.name, r.like) for r in holds_up.refused if r.like]
+    for name, like in alike:
+        motion = motion_for(name, reach_of(courses), model)
+        says = f"{name} cannot be told from {like} here ({CAUSES[name].confirm})"
+        return NextExperiment(says, motion, trial_for(name))
+    if any(m.is_rival for m in holds_up.freest.members):
         motion = motion_for(UNNAMED, reach_of(courses), model)
         return NextExperiment("structure is left that no cause has", motion, trial_for(UNNAMED))
     return None

@@ -70,6 +70,8 @@ class FoundCause:
         The residual on those data without and with it.
     evidence : float
         Logarithm of the odds that it brings.
+    alternatives : tuple of str
+        Other causes that would do just the same in these records: one of all these is there.
     """
 
     name: str
@@ -85,6 +87,12 @@ class FoundCause:
     evidence: float
     p_value: float
     confirm: str
+    alternatives: tuple[str, ...] = ()
+
+    @property
+    def called(self) -> str:
+        """Its name, and those it cannot be told from."""
+        return " or ".join((self.name, *self.alternatives))
 
 
 @dataclass(frozen=True)
@@ -267,6 +275,7 @@ class Diagnosis:
                     "evidence": c.evidence,
                     "p_value": c.p_value,
                     "confirm": c.confirm,
+                    "alternatives": list(c.alternatives),
                 }
                 for c in self.causes
             ],

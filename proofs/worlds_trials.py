@@ -168,7 +168,9 @@ def run_trial(trial: Trial) -> Row:
         try:
             found = diagnose([record], params=believed)
             verdict = str(found.verdict)
-            causes = [(str(c.name), dict(c.parameters), dict(c.intervals)) for c in found.causes]
+            for c in found.causes:
+                causes.append((str(c.name), dict(c.parameters), dict(c.intervals)))
+                causes += [(str(other), {}, {}) for other in c.alternatives]
         except ValueError as reason:  # what is said of input that cannot be used
             verdict, message = REFUSED, str(reason).strip().splitlines()[-1]
         except Exception:  # a crash; counted, and the others go on
