@@ -84,6 +84,45 @@ def test_two_drifts_that_cancel_each_other_are_not_both_named(tmp_path):
     assert not {"friction_drift", "resistance_drift"} <= names
 
 
+def test_the_last_digits_of_a_record_do_not_change_the_answer():
+    """Values at the end of their tolerance were held there or not as rounding would have it."""
+    record = strong_record({"limit": 3.2})
+    sizes = []
+    for change in (-1e-13, 0.0, 1e-13):
+        signals = {**record.signals, "u": record.signals["u"] * (1.0 + change)}
+        (cause,) = diagnose_records([checked("made", signals)], nominal()).causes
+        assert cause.name == "voltage_saturation"
+        sizes.append(cause.parameters["voltage_limit"])
+    assert np.ptp(sizes) < 1e-6
+
+
+def test_a_command_that_is_late_by_less_than_a_recorder_may_be_is_not_named():
+    """Nobody told when within a sampling interval the command acts."""
+    record = strong_record({})
+    late = np.append(record.u[:1], 0.4 * record.u[:-1] + 0.6 * record.u[1:])
+    signals = {**record.signals, "u": 2.0 * record.u - late}  # what was written is 0.4 early
+    found = diagnose_records([checked("made", signals)], nominal())
+    assert "input_delay" not in {c.name for c in found.causes}
+
+
+def test_a_load_and_an_asymmetry_of_dry_friction_are_named_together_where_nothing_tells_them():
+    """Constant speeds both ways: the two are one force."""
+    time = np.arange(12_000) * 1e-3
+    u = 3.0 * np.sign(np.sin(2 * math.pi * 0.25 * time + 0.1))
+    noise = hidden_effects.friction_noise(np.random.default_rng(5), len(time))
+    motion = hidden_effects.simulate({"load": 0.25}, u, noise)
+    signals = {"time": time, "u": u, "x": motion.encoder}
+    found = diagnose_records([checked("made", signals)], nominal())
+    (cause,) = found.causes
+    assert cause.called == "load_bias" or set(cause.called.split(" or ")) == {
+        "load_bias",
+        "direction_asymmetry",
+    }
+    if cause.alternatives:
+        assert found.next_experiment is not None
+        assert found.next_experiment.motion.columns
+
+
 def test_a_mass_that_is_found_is_in_the_model_once():
     found = diagnose_records([strong_record({"m": 9.0})], nominal())
     assert found.mended.values["m"] == pytest.approx(found.causes[0].parameters["m"])
