@@ -36,6 +36,7 @@ DEPENDS_ON = {
     "reproduction": (*LOOP, "proofs/reproduction.py"),
     "emps": ("solver", "plant", "records", "diagnosis", "proofs/emps.py"),
     "tro2021": ("solver", "plant", "records", "diagnosis", "proofs/tro2021.py"),
+    "own_records": ("ballscrew", *LOOP, "rig", "records", "diagnosis", "proofs/own_records.py"),
     "exchange": (
         *("solver", "plant", "fmus", "proofs/exchange.py"),
         *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),
@@ -57,6 +58,7 @@ SHOWS = {
     "reproduction": "Chapter 3 of the thesis beside this program",
     "emps": "effects hidden in the record of a real machine are named",
     "tro2021": "friction of two measured drives by direction, judged on speeds left out",
+    "own_records": "nothing is named on records of this program, its parameters believed",
     "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
     "interrupts": "interrupted and killed commands end in time and leave the run before whole",
 }

@@ -1,0 +1,153 @@
+"""Proof: on what this program writes itself, its own parameters believed, no cause is named.
+
+A hundred records of `run`, `swap` and `rig`, each made and diagnosed as a user would; writes
+``docs/proof/own_records.json``. A record that is refused, with its reason, is no wrong name.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers are the threads
+
+import argparse
+import contextlib
+import io
+import json
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from provenance import provenance
+
+from ballscrew.cli import main as ballscrew
+from ballscrew.diagnosis.diagnose import diagnose
+from ballscrew.rig.trials import trials_named
+from ballscrew.solver.kernel_cache import write_atomically
+
+ROOT = Path(__file__).resolve().parents[1]
+TARGET = ROOT / "docs" / "proof" / "own_records.json"
+SEED = 1700
+RUNS, SWAPS, TRIALS = 40, 10, 40  # a swap writes two records
+CONTROLLERS = ("pid", "pid_sampled", "iol", "nctf")
+TABLES = ("2.3.1", "2.4", "2.6", "viscous", "loading-rate")  # in which the block moves on
+LASTS = 12.0  # s
+
+
+@dataclass(frozen=True)
+class Row:
+    """One record and what was said of it."""
+
+    record: str
+    verdict: str
+    named: list[str]
+    seconds: float
+    message: str
+
+
+def reference(seed: int, path: Path) -> None:
+    """A motion of `LASTS` seconds: sines, ramps between places, or smooth steps."""
+    random = np.random.default_rng([SEED, seed])
+    t = np.arange(0.0, LASTS + 0.005, 0.01)
+    kind = seed % 3
+    if kind == 0:
+        x = sum(
+            0.01 * random.uniform(0.3, 1.0) * np.sin(2 * np.pi * f * t + random.uniform(0, 6))
+            for f in random.uniform(0.1, 0.8, 3)
+        )
+        x = x - x[0]
+    else:
+        places = np.append(0.0, random.uniform(-0.03, 0.03, 8))
+        at = np.linspace(0.0, LASTS, len(places))
+        x = np.interp(t, at, places)
+        if kind == 2:
+            share = (t - at[np.clip(np.searchsorted(at, t) - 1, 0, 7)]) / (at[1] - at[0])
+            here = np.clip(np.searchsorted(at, t) - 1, 0, 7)
+            x = places[here] + np.diff(places)[here] * (3 - 2 * share) * share**2
+    np.savetxt(path, np.column_stack([t, x]), delimiter=",", header="time,x_d", comments="")
+
+
+def quiet(*arguments: str | Path) -> None:
+    """A command that has to succeed, or to end with a result that is not trusted."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        code = ballscrew([str(a) for a in arguments])
+    if code not in (0, 1):
+        raise RuntimeError(f"{arguments[0]} ended with {code}: {said.getvalue()[-300:]}")
+
+
+def made(kind: str, number: int, folder: Path) -> Iterator[tuple[str, Path, Path | None]]:
+    """Names and files of records, and the parameter file that goes with each."""
+    if kind == "rig":
+        trials = [t.name for table in TABLES for t in trials_named(table)]
+        name = trials[number * 7 % len(trials)]
+        quiet("rig", name, "--seed", str(number), "--out", folder)
+        yield f"rig {name} seed {number}", folder / "record.csv", folder / "parameters.toml"
+        return
+    motion = folder / "motion.csv"
+    reference(number, motion)
+    out, stop = folder / "out", str(LASTS)
+    common = ("--reference", motion, "--stop", stop, "--out", out)
+    if kind == "run":
+        controller = CONTROLLERS[number // 3 % len(CONTROLLERS)]
+        quiet("run", "--controller", controller, *common)
+        yield f"run {controller} motion {number}", out / "trajectory.csv", None
+        return
+    pair = (CONTROLLERS[number % 4], CONTROLLERS[(number + 1) % 4])
+    quiet("swap", "--controllers", *pair, *common)
+    for controller in pair:
+        yield f"swap {controller} motion {number}", out / f"trajectory_{controller}.csv", None
+
+
+def trial(task: tuple[str, int]) -> list[Row]:
+    """Make the records of one command and diagnose each."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name, path, params in made(*task, Path(folder)):
+            began = time.process_time()
+            try:
+                found = diagnose([path], params=params)
+                named = [c.called for c in found.causes]
+                row = Row(name, found.verdict, named, time.process_time() - began, "")
+            except ValueError as reason:
+                row = Row(name, "refused", [], time.process_time() - began, str(reason))
+            rows.append(row)
+    return rows
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument("--every", type=int, default=1, help="of so many commands one only")
+    parser.add_argument("--out", type=Path, default=TARGET)
+    options = parser.parse_args()
+    tasks = [("run", k) for k in range(RUNS)] + [("swap", 100 + k) for k in range(SWAPS)]
+    tasks += [("rig", k) for k in range(TRIALS)]
+    rows: list[Row] = []
+    with ProcessPoolExecutor(options.workers) as pool:
+        for some in pool.map(trial, tasks[:: options.every]):
+            rows += some
+            for row in some:
+                print(f"{row.record}: {row.verdict} {row.named} {row.message}", file=sys.stderr)
+    named = [r for r in rows if r.named]
+    report = {
+        **provenance("own_records"),
+        "seed": SEED,
+        "records": len(rows),
+        "with_a_name": len(named),
+        "verdicts": dict(Counter(r.verdict for r in rows)),
+        "rows": [asdict(r) for r in rows],
+    }
+    write_atomically(options.out, (json.dumps(report, indent=1) + "\n").encode())
+    print(json.dumps({"records": len(rows), "with_a_name": len(named)}))
+    return 0 if not named else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
