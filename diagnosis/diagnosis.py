@@ -321,4 +321,4 @@ class Diagnosis:
 
 def names_of(causes: Sequence[FoundCause]) -> str:
     """For sentences."""
-    return ", ".join(c.name for c in causes) or "no cause"
+    return ", ".join(c.called for c in causes) or "no cause"

@@ -50,8 +50,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{named} part of what the model gets wrong; structure is left that no cause "
             f"of the catalogue has: it lives {lives}."
         )
-    if diagnosis.verdict == PARTLY:
+    if diagnosis.verdict == PARTLY and does_not_hold(diagnosis):
         return f"{named} the data best, and this does not hold: on data held out it may be worse."
+    if diagnosis.verdict == PARTLY:
+        return (
+            f"{named} part of what the model gets wrong: on data held out "
+            f"{diagnosis.final_residual.force:.3g} N of "
+            f"{diagnosis.adjusted_residual.force:.3g} N is left, more than the "
+            f"{diagnosis.floor.force:.3g} N that is noise."
+        )
     return (
         "The model gets something wrong that no cause of the catalogue explains; the structure "
         f"lives {lives}."

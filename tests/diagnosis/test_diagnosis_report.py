@@ -328,6 +328,23 @@ def test_what_does_worse_on_data_held_out_is_said_not_to_be_relied_on():
     assert "must not be relied on" not in text_of(report(found(), NO_LOOP))
 
 
+def test_a_gain_that_ends_above_the_floor_is_said_with_what_is_left():
+    said = text_of(report(found(verdict="partly"), NO_LOOP))
+    assert "backlash explains part of what the model gets wrong" in said
+    assert "0.75 N of" in said
+    assert "more than the 0.1 N that is noise" in said
+    assert "may be worse" not in said
+
+
+def test_causes_that_a_record_cannot_tell_apart_stand_side_by_side():
+    first = found().causes[0]
+    alike = replace(first, alternatives=("compliance",))
+    said = text_of(report(found(causes=(alike,)), NO_LOOP))
+    assert "backlash or compliance explains" in said
+    assert "one of backlash or compliance; numbers and gain are of the first" in said
+    assert "not told apart" not in text_of(report(found(), NO_LOOP))
+
+
 @pytest.mark.parametrize(
     ("verdict", "changes", "words"),
     [
