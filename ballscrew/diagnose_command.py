@@ -306,7 +306,7 @@ def _table(
         low, high = c.gain_interval
         lines += [
             "",
-            f"{c.called}: {c.says}",
+            f"{c.name}: {c.says}",
             f"  gain {100 * c.gain_heldout:.3g} % of the mean square in force "
             f"({100 * low:.3g} to {100 * high:.3g} %"
             f"{', all others given' if len(result.causes) > 1 else ''}), p = {c.p_value:.2g}",

@@ -29,9 +29,11 @@ from .selection import (
     Problem,
     amplitudes,
     beside,
+    can_be,
     cancelled,
     grown,
     loosened,
+    restricted_to,
     scores,
     without,
 )
@@ -46,21 +48,24 @@ LEAST_SHARE_OF_SWINGS = 0.05
 """The same of what swings along the travel: nothing that a law's own error leaves looks like it."""
 LEAST_SHARE_OF_FORCE = 0.4
 """Of the mean square of the force, instead: what is slow shows there."""
+_SLOW = 0.3  # of the share of surprises, that is asked for then
 LEAST_SIZE = 0.01
 """Of the friction, that the force of anything but a swing has to be: laws are not more exact."""
 LEAST_BESIDE = 0.1
-"""Of what the largest cause takes away, that any other has to."""
+"""Of what the largest cause takes away, that any other has to; all where one may be the other."""
 LEAST_P = 0.01
+_FITS_ALL = {"parameter_error", "compliance"}  # beside any other
 _SWINGS = ("torque_ripple", "position_periodic_friction")
 _STEADY = 0.25  # of a gain, that its interval's lower end has to be
 _PLACES = 4  # stretches that a gain comes from, as many as alike would be, or as are clear
 _CLEAR, _CLEAR_SHARE = 9.0, 0.1  # squares in the noise's variance, share of a stretch's
 _LOSES = 0.1  # of what is gained, that may be lost elsewhere
+_ALONE = 0.25  # of what a cause brings beside others, that it has to bring alone
 _APART = 0.7  # of what a cause brings, that it brings beside another if they are two things
 _STRUCTURE = 0.03  # of what is left, that a free function has to take away to be one
 _UNCLEAR = 0.1  # of what is named, that structure without a name may be beside it
-_FREER = 0.25  # of what a cause brings, that a free function may bring more: forms are not exact
-_SAME = 16.0  # squares in the variance of the noise: four of its standard deviations
+_LESS = 0.005  # of what a cause brings, that another in its place has to bring less
+_FREER = 0.1  # of what a cause brings, that a free function may bring more: forms are not exact
 _SAMPLES = 3  # within which what a reversal does cannot be seen
 _NEAR_TOLERANCE = 0.25  # of a tolerance's whole width
 _DRAWS = 2000
@@ -77,8 +82,6 @@ class Accepted:
     explanation : Explanation
     chances : dict of str to float
         Of each cause that is named, that as much comes by accident, see `chance`.
-    alternatives : dict of str to tuple of str
-        Other causes that do just the same in these records.
     refused : tuple of NotNamed
     freest : Explanation
         What is named, and beside it the free function that has structure left, if one has.
@@ -86,7 +89,6 @@ class Accepted:
 
     explanation: Explanation
     chances: dict[str, float]
-    alternatives: dict[str, tuple[str, ...]]
     refused: tuple[NotNamed, ...]
     freest: Explanation
 
@@ -94,13 +96,12 @@ class Accepted:
 class Judged(NamedTuple):
     """A member's gain, the chance of as much by accident, and why it may not be named, if so.
 
-    Other causes may do just the same, or better in its place.
+    Another cause may do better in its place.
     """
 
     gain: Gain
     chance: float
     refused: NotNamed | None
-    alternatives: tuple[str, ...] = ()
     better: Explanation | None = None
 
 
@@ -140,6 +141,8 @@ def accepted(
         failing = {n: j.refused for n, j in found.items() if j.refused is not None}
         if not failing:
             failing = _small_beside(found)
+        if not failing and len(now.members) > 1:
+            failing = _nothing_alone(problem, now, folds)
         if not failing and len(now.members) > 1 and _cancel(problem, now):
             failing = {n: NotNamed(n, "it and the other causes cancel each other") for n in found}
         if not failing:
@@ -156,21 +159,17 @@ def accepted(
     if now.members and not _clear(problem, now, left, folds):
         free = freest.members[-1].name
         refused += [NotNamed(n, f"too much is left beside it ({free})") for n in now.names]
-        for _ in now.names:
-            now = without(problem, now, 0)
+        now = restricted_to(problem, now, ())
         freest, left = _freest(problem, now, folds)
     chances = {n: found[n].chance for n in now.names}
-    alternatives = {n: found[n].alternatives for n in now.names}
-    return Accepted(now, chances, alternatives, tuple(refused), freest)
+    return Accepted(now, chances, tuple(refused), freest)
 
 
 def _clear(problem: Problem, now: Explanation, left: Gain, folds: Folds) -> bool:
     """Whether the structure beside what is named is small against it."""
-    nothing = now
-    for _ in now.names:
-        nothing = without(problem, nothing, 0)
     mine = held_out_squares(problem, now, folds)
-    brought = float((held_out_squares(problem, nothing, folds) - mine).sum())
+    nothing = held_out_squares(problem, restricted_to(problem, now, ()), folds)
+    brought = float((nothing - mine).sum())
     return left.share * float(mine.sum()) < _UNCLEAR * brought
 
 
@@ -179,15 +178,33 @@ def _cancel(problem: Problem, now: Explanation) -> bool:
     return cancelled(problem, problem.columns.products(), now) > MOST_CANCELLED
 
 
+def _nothing_alone(problem: Problem, now: Explanation, folds: Folds) -> dict[str, NotNamed]:
+    """Names that bring little without the others: what the others make up for is none."""
+    nothing = held_out_squares(problem, restricted_to(problem, now, ()), folds).sum()
+    mine = held_out_squares(problem, now, folds).sum()
+    out = {}
+    for k, name in enumerate(now.names):
+        beside_others = held_out_squares(problem, without(problem, now, k), folds).sum() - mine
+        only = held_out_squares(problem, restricted_to(problem, now, (name,)), folds).sum()
+        if nothing - only < _ALONE * beside_others:
+            out[name] = NotNamed(name, "it brings little without the other causes")
+    return out
+
+
 def _small_beside(found: Mapping[str, Judged]) -> dict[str, NotNamed]:
     """Names that bring so little beside another that it may be what that one's form leaves."""
     # of what is left in the end: share s of the squares without it is s/(1 - s) of those with it
     brings = {n: j.gain.share / max(1.0 - j.gain.share, 1e-9) for n, j in found.items()}
     most = max(brings, key=lambda n: brings[n])
+
+    def least(name: str) -> float:
+        alike = name in CAUSES[most].mistaken_for or most in CAUSES[name].mistaken_for
+        return 1.0 if alike or _FITS_ALL & {name, most} else LEAST_BESIDE
+
     return {
         n: NotNamed(n, f"it is less than {most} may leave, being not just of that form")
         for n in found
-        if brings[n] < LEAST_BESIDE * brings[most]
+        if brings[n] < least(n) * brings[most]
     }
 
 
@@ -238,7 +255,8 @@ def _judged(
     least = LEAST_SHARE_OF_SWINGS if name in _SWINGS else LEAST_SHARE
     without_it, with_it = (_forces(problem, e, courses) for e in (base, now))
     of_force = 1.0 - (rms(with_it) / max(rms(without_it), 1e-300)) ** 2
-    if over.share < least and of_force < LEAST_SHARE_OF_FORCE:
+    slow = of_force > LEAST_SHARE_OF_FORCE and over.share > _SLOW * least
+    if over.share < least and not slow:
         said = f"it gains {100 * over.share:.2g} % on data held out, asked is {100 * least:g} %"
         return refuse(said)
     size = rms(with_it - without_it) / problem.model.friction_scale
@@ -259,7 +277,6 @@ def _judged(
         both = held_out_squares(problem, beside(problem, instead, now.members[k]), folds)
         return float((others - both).sum()) < _APART * brought
 
-    alternatives = []
     rivals = grown(problem, base)
     for other, instead in rivals.items():
         if other == name:
@@ -269,13 +286,12 @@ def _judged(
             more = float((mine - others).sum())
             if gain(mine, others).certain and more > _FREER * brought:
                 return refuse(f"a free function ({other}) foretells more")
-        elif not gain(others, mine).certain:
-            less = float((others - mine).sum())
-            if abs(less) < _SAME * noise:
-                alternatives.append(other)
-            elif in_place(instead, others):
-                better = instead if less < 0.0 else None
-                return refuse(f"{other} foretells as much", other, better)
+            continue
+        less = float((others - mine).sum())
+        alike = less < _LESS * brought or not gain(others, mine).certain
+        if alike and in_place(instead, others):
+            better = instead if less < 0.0 else None
+            return refuse(f"{other} foretells as much", other, better)
     for other in CAUSES:
         if other in now.names:
             continue
@@ -287,7 +303,7 @@ def _judged(
     p = chance(problem, base, now, courses)
     if p > LEAST_P:
         return refuse(f"as much may come by accident, p = {p:.2g}")
-    return Judged(over, p, None, tuple(alternatives))
+    return Judged(over, p, None)
 
 
 def _steady(over: Gain, before: Vector, after: Vector, noise: float) -> bool:
@@ -350,19 +366,29 @@ def _within_doubt(problem: Problem, now: Explanation, k: int, courses: Sequence[
         return ""
     if late:
         # a command that acts later than it is written may be a recorder's
-        doubt = doubts(courses[0])["command_shift"].high * courses[0].step
         place = 1 + len(problem.names) + list(calibrated(courses)).index("command_shift")
         early = (courses[0].calibration["command_shift"] + fitted[place]) * courses[0].step
         later = sum(member.shape.values[n] for n in late if n in member.shape.values) - early
-        near = doubt * (1.0 + 2.0 * _NEAR_TOLERANCE)
-        return "" if later > near else "a command may be recorded as early as that"
+        near = doubts(courses[0])["command_shift"].high * (1.0 + 2.0 * _NEAR_TOLERANCE)
+        if later < near * courses[0].step:
+            return "a command may be recorded as early as that"
+        return ""
     if not member.shape.freed:
         return ""
+    if not can_be(problem, now):
+        return "a value would be beyond the range of what can be wrong"
     fitted = fitted[member.columns]
     places = member.columns - 1
+    if "m" in member.shape.freed:
+        # the drive follows its command later by the mass over what slows it
+        slowed = max(problem.model.linear_friction + problem.model.braking, 1e-9)
+        found = problem.model.values["m"] * (1.0 + fitted[member.shape.freed.index("m")])
+        later = abs(float(found) - problem.believed.values["m"]) / slowed
+        if later < doubts(courses[0])["command_shift"].high * courses[0].step:
+            return "a command may be recorded as early as that"
     near = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
-    if np.all((fitted > problem.low[places] - near) & (fitted < problem.high[places] + near)):
-        return "the value is hardly beyond its tolerance"
+    if np.any((fitted > problem.low[places] - near) & (fitted < problem.high[places] + near)):
+        return "a value is hardly beyond its tolerance"
     return ""
 
 

@@ -262,7 +262,6 @@ def _found_cause(
         evidence=best.gains[k],
         p_value=holds_up.chances[name],
         confirm=cause.confirm,
-        alternatives=holds_up.alternatives[name],
     )
 
 
@@ -429,13 +428,11 @@ def _next_experiment(
     holds_up: Accepted, courses: Sequence[Course], model: DriveModel
 ) -> NextExperiment | None:
     """What would tell apart what this record cannot."""
-    named = holds_up.explanation.names
-    alike = [(n, " or ".join(holds_up.alternatives[n])) for n in named if holds_up.alternatives[n]]
-    alike += [(r.name, r.like) for r in holds_up.refused if r.like]
-    for name, like in alike:
-        motion = motion_for(name, reach_of(courses), model)
-        says = f"{name} cannot be told from {like} here ({CAUSES[name].confirm})"
-        return NextExperiment(says, motion, trial_for(name))
+    for r in holds_up.refused:
+        if r.like:
+            motion = motion_for(r.name, reach_of(courses), model)
+            says = f"{r.name} cannot be told from {r.like} here ({CAUSES[r.name].confirm})"
+            return NextExperiment(says, motion, trial_for(r.name))
     if any(m.is_rival for m in holds_up.freest.members):
         motion = motion_for(UNNAMED, reach_of(courses), model)
         return NextExperiment("structure is left that no cause has", motion, trial_for(UNNAMED))

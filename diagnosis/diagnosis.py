@@ -70,8 +70,6 @@ class FoundCause:
         The residual on those data without and with it.
     evidence : float
         Logarithm of the odds that it brings.
-    alternatives : tuple of str
-        Other causes that would do just the same in these records: one of all these is there.
     """
 
     name: str
@@ -87,12 +85,6 @@ class FoundCause:
     evidence: float
     p_value: float
     confirm: str
-    alternatives: tuple[str, ...] = ()
-
-    @property
-    def called(self) -> str:
-        """Its name, and those it cannot be told from."""
-        return " or ".join((self.name, *self.alternatives))
 
 
 @dataclass(frozen=True)
@@ -275,7 +267,6 @@ class Diagnosis:
                     "evidence": c.evidence,
                     "p_value": c.p_value,
                     "confirm": c.confirm,
-                    "alternatives": list(c.alternatives),
                 }
                 for c in self.causes
             ],
@@ -321,4 +312,4 @@ class Diagnosis:
 
 def names_of(causes: Sequence[FoundCause]) -> str:
     """For sentences."""
-    return ", ".join(c.called for c in causes) or "no cause"
+    return ", ".join(c.name for c in causes) or "no cause"

@@ -238,12 +238,6 @@ def _causes(diagnosis: Diagnosis) -> str:
     return _section("Causes, in order of gain", *(_cause(c) for c in diagnosis.causes))
 
 
-def _alike(c: FoundCause) -> dict[str, str]:
-    if not c.alternatives:
-        return {}
-    return {"not told apart": f"one of {c.called}; numbers and gain are of the first"}
-
-
 def _cause(c: FoundCause) -> str:
     low, high = c.gain_interval
     rows = [
@@ -260,12 +254,11 @@ def _cause(c: FoundCause) -> str:
         f"alone, {_percent(c.gain_alone)} in force",
         "how sure": f"p = {c.p_value:.2g}, from surrogates of the record; logarithm of the odds "
         f"{c.evidence:.3g}",
-        **_alike(c),
         "easily mistaken for, in others": ", ".join(usual) or "nothing",
         "would confirm it": c.confirm,
     }
     return (
-        f'<article><h3>{_text(c.called)}</h3><p class="says">{_text(c.says)}</p>'
+        f'<article><h3>{_text(c.name)}</h3><p class="says">{_text(c.says)}</p>'
         + _table(["size", "value", "95 % interval", "unit"], rows)
         + _facts(facts)
         + "</article>"

@@ -96,6 +96,7 @@ class Problem:
     free : ndarray
         Spreads of values that may be anything.
     candidates : list of Candidate
+    believed : DriveModel
     noise : Noise
         That makes the columns white.
     """
@@ -108,6 +109,7 @@ class Problem:
     high: Vector
     free: Vector
     candidates: list[Candidate]
+    believed: DriveModel
     noise: Noise
 
 
@@ -173,6 +175,7 @@ def state_problem(
         *bounds(believed, model, (), courses),
         free_spreads(model),
         candidates,
+        believed,
         noise,
     )
 
@@ -455,14 +458,24 @@ def _stands(problem: Problem, products: Matrix, explanation: Explanation) -> boo
             and not OWN[0] < own_size(problem, products, explanation, k) < OWN[1]
         ):
             return False
-    freed = [int(c) for m in explanation.members if m.shape.freed for c in m.columns]
-    if freed:
-        fitted = fit(products, explanation.priors)
-        if np.any(fitted.amplitude[np.isin(fitted.columns, freed)] <= -1.0):
-            return False
+    if not can_be(problem, explanation):
+        return False
+    freed = any(m.shape.freed for m in explanation.members)
     if not freed and len(explanation.members) < 2:
         return True
     return cancelled(problem, products, explanation) < MOST_CANCELLED
+
+
+def can_be(problem: Problem, explanation: Explanation) -> bool:
+    """Whether values that may be anything are within the range of what can be wrong."""
+    fitted = amplitudes(problem, explanation)
+    for m in explanation.members:
+        for n, c in zip(m.shape.freed, m.columns.tolist(), strict=False):
+            size = (1.0 + fitted[c]) * problem.model.values[n] / problem.believed.values[n]
+            low, high = (0.1, math.inf) if n == "m" else FREE_RANGE
+            if not low < size < high:
+                return False
+    return True
 
 
 def own_size(problem: Problem, products: Matrix, explanation: Explanation, member: int) -> float:

@@ -113,7 +113,7 @@ def trial(task: tuple[str, int]) -> list[Row]:
             began = time.process_time()
             try:
                 found = diagnose([path], params=params)
-                named = [c.called for c in found.causes]
+                named = [c.name for c in found.causes]
                 row = Row(name, found.verdict, named, time.process_time() - began, "")
             except ValueError as reason:
                 row = Row(name, "refused", [], time.process_time() - began, str(reason))

@@ -336,15 +336,6 @@ def test_a_gain_that_ends_above_the_floor_is_said_with_what_is_left():
     assert "may be worse" not in said
 
 
-def test_causes_that_a_record_cannot_tell_apart_stand_side_by_side():
-    first = found().causes[0]
-    alike = replace(first, alternatives=("compliance",))
-    said = text_of(report(found(causes=(alike,)), NO_LOOP))
-    assert "backlash or compliance explains" in said
-    assert "one of backlash or compliance; numbers and gain are of the first" in said
-    assert "not told apart" not in text_of(report(found(), NO_LOOP))
-
-
 @pytest.mark.parametrize(
     ("verdict", "changes", "words"),
     [
