@@ -41,6 +41,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/emps.py
 	$(BIN)/python proofs/tro2021.py
+	$(BIN)/python proofs/own_records.py
 	$(BIN)/python proofs/interrupts.py
 
 bench: $(VENV)/installed

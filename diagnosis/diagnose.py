@@ -32,6 +32,7 @@ from .diagnosis import (
     FoundCause,
     Level,
     NextExperiment,
+    NotNamed,
     OutOfReach,
     holds,
 )
@@ -196,7 +197,7 @@ def _concluded(
         not_named=holds_up.refused,
         unnamed=tuple(lives[m.name] for m in free),
         out_of_reach=_out_of_reach(courses, situation.model, problem, best),
-        next_experiment=_next_experiment(holds_up, courses, model),
+        next_experiment=_next_experiment(holds_up.refused, bool(free), courses, model),
         believed=believed,
         adjusted=model
         if not members
@@ -425,15 +426,15 @@ def _shows(candidate: Candidate, left: Conditioned, size: float, model: DriveMod
 
 
 def _next_experiment(
-    holds_up: Accepted, courses: Sequence[Course], model: DriveModel
+    refused: Sequence[NotNamed], structure: bool, courses: Sequence[Course], model: DriveModel
 ) -> NextExperiment | None:
     """What would tell apart what this record cannot."""
-    for r in holds_up.refused:
+    for r in refused:
         if r.like:
             motion = motion_for(r.name, reach_of(courses), model)
             says = f"{r.name} cannot be told from {r.like} here ({CAUSES[r.name].confirm})"
             return NextExperiment(says, motion, trial_for(r.name))
-    if any(m.is_rival for m in holds_up.freest.members):
+    if structure:
         motion = motion_for(UNNAMED, reach_of(courses), model)
         return NextExperiment("structure is left that no cause has", motion, trial_for(UNNAMED))
     return None
