@@ -139,13 +139,19 @@ def _concluded(
     folds = parts_of(courses, laps)
     holds_up = accepted(problem, found.choice.best, folds, courses)
     held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
-    while worse := [n for n in held.order if not held.gain(n).certain]:
+    baseline = residual(courses, believed, Added.nothing(courses))
+    while held.order:
+        worse = [n for n in held.order if not held.gain(n).certain]
         reason = "the force left on data held out may be no less with it"
+        if not worse and held.all.force_rms >= baseline.force_rms:
+            worse = held.order
+            reason = "the model as believed leaves less than the one with it, on data held out"
+        if not worse:
+            break
         holds_up = taken_back(problem, holds_up, worse[-1], reason, folds)
         held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
     best = holds_up.explanation
     nothing = Added.nothing(courses)
-    baseline = residual(courses, believed, nothing)
     causes = tuple(_found_cause(situation, problem, holds_up, held, name) for name in held.order)
     whole = gained(held.none, held.all, held.limits)
     adjusted, final = _level(held.none), _level(held.all)

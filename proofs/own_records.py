@@ -116,7 +116,8 @@ def trial(task: tuple[str, int]) -> list[Row]:
                 named = [c.name for c in found.causes]
                 row = Row(name, found.verdict, named, time.process_time() - began, "")
             except ValueError as reason:
-                row = Row(name, "refused", [], time.process_time() - began, str(reason))
+                said = str(reason).replace(str(path), path.name)
+                row = Row(name, "refused", [], time.process_time() - began, said)
             rows.append(row)
     return rows
 

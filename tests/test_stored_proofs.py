@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import own_records
 import provenance
 import pytest
 import variational
@@ -50,6 +51,14 @@ def test_a_hidden_effect_diagnosed_again_gets_the_stored_names_and_verdict(key):
     (trial,) = (trial for trial in plan_trials() if trial.key == key)
     again = run_trial(trial)
     assert (again.named, again.verdict) == (stored["named"], stored["verdict"])
+
+
+@pytest.mark.parametrize("task", [("run", 1), ("rig", 39)])
+def test_a_record_of_this_program_made_again_gets_the_stored_verdict_and_no_name(task):
+    (again,) = own_records.trial(task)
+    rows = {r["record"]: r for r in provenance.stored("own_records")["rows"]}
+    assert again.named == []
+    assert again.verdict == rows[again.record]["verdict"]
 
 
 def test_a_rig_whose_interval_missed_the_truth_misses_it_again_by_the_same_bounds():
