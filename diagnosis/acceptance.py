@@ -386,8 +386,8 @@ def _within_doubt(problem: Problem, now: Explanation, k: int, courses: Sequence[
         later = abs(float(found) - problem.believed.values["m"]) / slowed
         if later < doubts(courses[0])["command_shift"].high * courses[0].step:
             return "a command may be recorded as early as that"
-    near = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
-    if np.any((fitted > problem.low[places] - near) & (fitted < problem.high[places] + near)):
+    beyond = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
+    if np.any((fitted > problem.low[places] - beyond) & (fitted < problem.high[places] + beyond)):
         return "a value is hardly beyond its tolerance"
     return ""
 
