@@ -58,7 +58,7 @@ SHOWS = {
     "reproduction": "Chapter 3 of the thesis beside this program",
     "emps": "effects hidden in the record of a real machine are named",
     "tro2021": "friction of two measured drives by direction, judged on speeds left out",
-    "own_records": "nothing is named on records of this program, its parameters believed",
+    "own_records": "what is named on records of this program, its parameters believed",
     "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
     "interrupts": "interrupted and killed commands end in time and leave the run before whole",
 }
