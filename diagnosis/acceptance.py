@@ -139,12 +139,10 @@ def accepted(
             m.name: _judged(problem, now, k, folds, courses) for k, m in enumerate(now.members)
         }
         failing = {n: j.refused for n, j in found.items() if j.refused is not None}
-        if not failing:
-            failing = _small_beside(found)
         if not failing and len(now.members) > 1:
-            failing = _nothing_alone(problem, now, folds)
-        if not failing and len(now.members) > 1 and _cancel(problem, now):
-            failing = {n: NotNamed(n, "it and the other causes cancel each other") for n in found}
+            failing = (
+                _small_beside(found) or _nothing_alone(problem, now, folds) or _cancel(problem, now)
+            )
         if not failing:
             break
         weakest = min(failing, key=lambda n: found[n].gain.share)
@@ -173,9 +171,11 @@ def _clear(problem: Problem, now: Explanation, left: Gain, folds: Folds) -> bool
     return left.share * float(mine.sum()) < _UNCLEAR * brought
 
 
-def _cancel(problem: Problem, now: Explanation) -> bool:
-    """Whether the members bring much more apart than together."""
-    return cancelled(problem, problem.columns.products(), now) > MOST_CANCELLED
+def _cancel(problem: Problem, now: Explanation) -> dict[str, NotNamed]:
+    """All names, if they bring much more apart than together."""
+    if cancelled(problem, problem.columns.products(), now) <= MOST_CANCELLED:
+        return {}
+    return {n: NotNamed(n, "it and the other causes cancel each other") for n in now.names}
 
 
 def _nothing_alone(problem: Problem, now: Explanation, folds: Folds) -> dict[str, NotNamed]:
@@ -262,7 +262,11 @@ def _judged(
     size = rms(with_it - without_it) / problem.model.friction_scale
     if name not in _SWINGS and size < LEAST_SIZE:
         return refuse(f"its force is {100 * size:.2g} % of the friction: no law is as exact")
-    reason = _size_differs(problem, now, k, folds) or _within_doubt(problem, now, k, courses)
+    reason = (
+        _size_differs(problem, now, k, folds)
+        or _not_shown(problem, now, k, courses)
+        or _within_tolerance(problem, now, k)
+    )
     if reason:
         return refuse(reason)
     for m in base.members:
@@ -272,13 +276,13 @@ def _judged(
             return refuse(f"{m.name} in another form foretells as much")
     brought = float((before - mine).sum())
 
-    def in_place(instead: Explanation, others: Vector) -> bool:
+    def replaces(instead: Explanation, others: Vector) -> bool:
         """Whether another explanation leaves the member little; else they are two things."""
         both = held_out_squares(problem, beside(problem, instead, now.members[k]), folds)
         return float((others - both).sum()) < _APART * brought
 
-    rivals = grown(problem, base)
-    for other, instead in rivals.items():
+    in_its_place = grown(problem, base)
+    for other, instead in in_its_place.items():
         if other == name:
             continue
         others = held_out_squares(problem, instead, folds)
@@ -289,7 +293,7 @@ def _judged(
             continue
         less = float((others - mine).sum())
         alike = less < _LESS * brought or not gain(others, mine).certain
-        if alike and in_place(instead, others):
+        if alike and replaces(instead, others):
             better = instead if less < 0.0 else None
             return refuse(f"{other} foretells as much", other, better)
     for other in CAUSES:
@@ -297,9 +301,9 @@ def _judged(
             continue
         instead = loosened(problem, base, other)
         others = held_out_squares(problem, instead, folds)
-        if gain(mine, others).certain and in_place(instead, others):
+        if gain(mine, others).certain and replaces(instead, others):
             said = f"{other}, in several forms at once, foretells more"
-            return refuse(said, other, rivals.get(other))
+            return refuse(said, other, in_its_place.get(other))
     p = chance(problem, base, now, courses)
     if p > LEAST_P:
         return refuse(f"as much may come by accident, p = {p:.2g}")
@@ -352,9 +356,9 @@ def _size_differs(problem: Problem, now: Explanation, k: int, folds: Folds) -> s
     return "" if share >= _AGREE else "its size differs between parts of the data"
 
 
-def _within_doubt(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
-    """Why a value says nothing: it is within what is believed, or near; empty if it is beyond."""
-    member = now.members[k]
+def _not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
+    """Why instruments could not show a cause of this size; empty if they could."""
+    member, course = now.members[k], courses[0]
     fitted = amplitudes(problem, now)
     late, way = CAUSES[member.name].late, CAUSES[member.name].way
     if way:
@@ -364,30 +368,33 @@ def _within_doubt(problem: Problem, now: Explanation, k: int, courses: Sequence[
         if goes < _crossed(courses):
             return f"its way is gone within {_SAMPLES} samples of a reversal"
         return ""
+    # a command that acts later than it is written may be a recorder's
+    later, least = np.inf, doubts(course)["command_shift"].high * course.step
     if late:
-        # a command that acts later than it is written may be a recorder's
         place = 1 + len(problem.names) + list(calibrated(courses)).index("command_shift")
-        early = (courses[0].calibration["command_shift"] + fitted[place]) * courses[0].step
+        early = (course.calibration["command_shift"] + fitted[place]) * course.step
         later = sum(member.shape.values[n] for n in late if n in member.shape.values) - early
-        near = doubts(courses[0])["command_shift"].high * (1.0 + 2.0 * _NEAR_TOLERANCE)
-        if later < near * courses[0].step:
-            return "a command may be recorded as early as that"
-        return ""
+        least *= 1.0 + 2.0 * _NEAR_TOLERANCE
+    elif "m" in member.shape.freed:
+        # the drive follows its command later by the mass over what slows it
+        slowed = max(problem.model.linear_friction + problem.model.braking, 1e-9)
+        column = member.columns[member.shape.freed.index("m")]
+        found = problem.model.values["m"] * (1.0 + fitted[column])
+        later = abs(found - problem.believed.values["m"]) / slowed
+    return "a command may be recorded as early as that" if later < least else ""
+
+
+def _within_tolerance(problem: Problem, now: Explanation, k: int) -> str:
+    """Why a freed value is no error: it is absurd, or hardly an error; empty if it is one."""
+    member = now.members[k]
     if not member.shape.freed:
         return ""
     if not can_be(problem, now):
         return "a value would be beyond the range of what can be wrong"
-    fitted = fitted[member.columns]
+    fitted = amplitudes(problem, now)[member.columns]
     places = member.columns - 1
-    if "m" in member.shape.freed:
-        # the drive follows its command later by the mass over what slows it
-        slowed = max(problem.model.linear_friction + problem.model.braking, 1e-9)
-        found = problem.model.values["m"] * (1.0 + fitted[member.shape.freed.index("m")])
-        later = abs(float(found) - problem.believed.values["m"]) / slowed
-        if later < doubts(courses[0])["command_shift"].high * courses[0].step:
-            return "a command may be recorded as early as that"
-    beyond = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
-    if np.any((fitted > problem.low[places] - beyond) & (fitted < problem.high[places] + beyond)):
+    near = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
+    if np.any((fitted > problem.low[places] - near) & (fitted < problem.high[places] + near)):
         return "a value is hardly beyond its tolerance"
     return ""
 

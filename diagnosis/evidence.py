@@ -167,8 +167,11 @@ def fit_within(products: Matrix, priors: Sequence[Prior], low: Vector, high: Vec
     goal = solve_triangular(factor, wanted, lower=True)
     open_ends = np.full(len(columns) - count, np.inf)
     bounds = (np.append(low, -open_ends) / scale, np.append(high, open_ends) / scale)
-    found = lsq_linear(factor.T, goal, bounds, method="bvls").x[:count] * scale[:count]
-    return np.asarray(np.clip(found, low, high))
+    found = lsq_linear(factor.T, goal, bounds, method="bvls")
+    inside = np.clip(found.x[:count] * scale[:count], low, high)
+    # what is scaled back may be a last digit off the bound at which it stands
+    side = found.active_mask[:count]
+    return np.asarray(np.where(side < 0, low, np.where(side > 0, high, inside)))
 
 
 @dataclass(frozen=True)

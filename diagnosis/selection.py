@@ -62,7 +62,6 @@ MOST_CANCELLED = 1.5  # squares of what members bring, over that of what they br
 FREE_RANGE = (0.3, 3.0)  # of a value that may be wrong, to the believed one
 _ANY = 1.0  # relative spread of values that take all they can, where noise is sought
 _MUCH = 0.1  # of what is left, that one more cause has to explain there
-_AT_BOUND = 1e-6  # of the way between the bounds
 _HELD = 1e-3  # of its spread, to one that stands at the end of what is believed
 OWN = (0.6, 1.6)  # amplitude of a cause whose shape has its size in it
 
@@ -259,8 +258,8 @@ def bounds(
     for n in model.adjustable:
         tolerance = believed.tolerance[n]
         ends = (1.0 - tolerance, 1.0 + tolerance)
-        if n in freed:  # a mass may be anything, beside a rotor's
-            ends = (0.1, math.inf) if n == "m" else FREE_RANGE
+        if n in freed:
+            ends = _free_range(n)
         ratio = believed.values[n] / model.values[n]
         low.append(ends[0] * ratio - 1.0)
         high.append(ends[1] * ratio - 1.0)
@@ -269,6 +268,11 @@ def bounds(
         low.append(doubt.low - now)
         high.append(doubt.high - now)
     return np.array(low), np.array(high)
+
+
+def _free_range(name: str) -> tuple[float, float]:
+    """Of a value that may be wrong, to the believed one; a mass may be anything."""
+    return (0.1, math.inf) if name == "m" else FREE_RANGE
 
 
 def free_spreads(model: DriveModel) -> Vector:
@@ -372,10 +376,7 @@ def _within(
     low, high = problem.low.copy(), problem.high.copy()
     low[freed], high[freed] = -np.inf, np.inf
     found = fit_within(products, [Prior(problem.prior.columns, mean, spread), *own], low, high)
-    # rounding may leave a value a last digit within its bound
-    held = (found - low < _AT_BOUND * (problem.high - problem.low)) | (
-        high - found < _AT_BOUND * (problem.high - problem.low)
-    )
+    held = (found <= low) | (found >= high)
     mean[held] = found[held]
     spread[held] *= _HELD
     return (Prior(problem.prior.columns, mean, spread), *own)
@@ -470,9 +471,11 @@ def can_be(problem: Problem, explanation: Explanation) -> bool:
     """Whether values that may be anything are within the range of what can be wrong."""
     fitted = amplitudes(problem, explanation)
     for m in explanation.members:
-        for n, c in zip(m.shape.freed, m.columns.tolist(), strict=False):
+        if not m.shape.freed:
+            continue
+        for n, c in zip(m.shape.freed, m.columns, strict=True):
             size = (1.0 + fitted[c]) * problem.model.values[n] / problem.believed.values[n]
-            low, high = (0.1, math.inf) if n == "m" else FREE_RANGE
+            low, high = _free_range(n)
             if not low < size < high:
                 return False
     return True

@@ -67,8 +67,8 @@ def reference(seed: int, path: Path) -> None:
         at = np.linspace(0.0, LASTS, len(places))
         x = np.interp(t, at, places)
         if kind == 2:
-            share = (t - at[np.clip(np.searchsorted(at, t) - 1, 0, 7)]) / (at[1] - at[0])
-            here = np.clip(np.searchsorted(at, t) - 1, 0, 7)
+            here = np.clip(np.searchsorted(at, t) - 1, 0, len(places) - 2)
+            share = (t - at[here]) / (at[1] - at[0])
             x = places[here] + np.diff(places)[here] * (3 - 2 * share) * share**2
     np.savetxt(path, np.column_stack([t, x]), delimiter=",", header="time,x_d", comments="")
 

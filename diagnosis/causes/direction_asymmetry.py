@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 import sympy as sp
 
 from ...solver.component import symbol
 from .cause import DRY, Courses, Values, force_cause, of_forms, parameter
-from .travel import changing, either_way, viscous_share
+from .travel import changing, either_way, fast_speed, viscous_share
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
@@ -20,7 +19,7 @@ _SPEED = "V_asymmetry"
 
 def _fast(courses: Courses, model: DriveModel) -> list[Values]:
     del model
-    return [{_SPEED: float(np.quantile(np.abs(np.concatenate([c.v for c in courses])), 0.98))}]
+    return [{_SPEED: fast_speed(courses)}]
 
 
 _ALIKE = force_cause(

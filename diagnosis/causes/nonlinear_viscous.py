@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 import sympy as sp
 
 from ...solver.component import symbol
 from .cause import Courses, Values, force_cause, of_forms, parameter
+from .travel import fast_speed
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
@@ -19,19 +19,15 @@ _POWERS = (0.5, 1.5, 3.0)
 _CHANGES = (0.1, 0.3, 1.0)  # of the record's fast speeds
 
 
-def _fast(courses: Courses) -> float:
-    return float(np.quantile(np.abs(np.concatenate([c.v for c in courses])), 0.98))
-
-
 def _powers(courses: Courses, model: DriveModel) -> list[Values]:
     del model
-    fast = _fast(courses)
+    fast = fast_speed(courses)
     return [{"viscous_power": power, "viscous_speed": fast} for power in _POWERS]
 
 
 def _changes(courses: Courses, model: DriveModel) -> list[Values]:
     del model
-    fast = _fast(courses)
+    fast = fast_speed(courses)
     return [{"V_viscous": k * fast} for k in _CHANGES]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import sympy as sp
 
 from ...solver.component import Component
+from ..course import follow
 from .cause import Cause, Courses, Shape, Values, parameter
 
 if TYPE_CHECKING:
@@ -31,9 +32,8 @@ def _grid(courses: Courses, model: DriveModel) -> list[Values]:
 
 
 def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    offset = 0.0 if model.has_motor else model.values["offset"]
     bent = bristled(model, values["sigma0"])
-    force = [(bent.friction(c.x, c.v, c.step) - offset - c.bristle)[:, None] for c in courses]
+    force = [(follow(c, bent).bristle - c.bristle)[:, None] for c in courses]
     return Shape(("sigma0",), force=force, values=values, sure=0.3)
 
 

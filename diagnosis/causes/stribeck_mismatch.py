@@ -9,6 +9,7 @@ import numpy as np
 import sympy as sp
 
 from ...solver.component import Component, symbol
+from ..course import follow
 from .cause import ENGAGED, Courses, Shape, Values, force_cause, of_forms, parameter
 
 if TYPE_CHECKING:
@@ -41,10 +42,7 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     if abs(size) < _SMALL * scale:
         size = _SMALL * scale
     bent = model.changed({**values, "dF_low": size})
-    offset = 0.0 if model.has_motor else model.values["offset"]
-    force = [
-        ((bent.friction(c.x, c.v, c.step) - offset - c.bristle) / size)[:, None] for c in courses
-    ]
+    force = [((follow(c, bent).bristle - c.bristle) / size)[:, None] for c in courses]
     return Shape(("dF_low",), force=force, values=values)
 
 
@@ -72,7 +70,7 @@ _ADDED = force_cause(
     refined=("V_mismatch",),
 )
 
-_SLOW = force_cause(
+_EXPONENTIAL = force_cause(
     _ADDED.name,
     _ADDED.says,
     {parameter("dF_fall", "N", "friction at low speed beyond the model's"): _FALL * ENGAGED},
@@ -82,4 +80,4 @@ _SLOW = force_cause(
     refined=("V_fall",),
 )
 
-CAUSE = of_forms(replace(_ADDED, at=_at, extend=_extend), _SLOW)
+CAUSE = of_forms(replace(_ADDED, at=_at, extend=_extend), _EXPONENTIAL)

@@ -51,6 +51,11 @@ def middle_and_half(courses: Courses) -> tuple[float, float]:
     return 0.5 * (low + high), max(0.5 * (high - low), 1e-9)
 
 
+def fast_speed(courses: Courses) -> float:
+    """Speed that the records hardly exceed [m/s]."""
+    return float(np.quantile(np.abs(np.concatenate([c.v for c in courses])), 0.98))
+
+
 def periods(
     courses: Courses, model: DriveModel, name: str, harmonics: Sequence[int], flips: bool
 ) -> list[Values]:
