@@ -7,6 +7,7 @@ else; a jump arrives late on average, over about the delay's own length.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import factorial
 
@@ -55,14 +56,41 @@ def with_filtered_command(plant: Component, lag: Parameter) -> Component:
     lag : Parameter
         The filter's time constant [s]; its minimum is more than 0.
     """
-    u, given = symbol("u"), symbol("u_filtered")
+    return with_command_behind(plant, lag, (symbol(lag.name),))
+
+
+def with_command_behind(
+    plant: Component, time: Parameter, coefficients: Sequence[sp.Expr]
+) -> Component:
+    """The plant with its command `u` behind a linear filter, settled at zero at first.
+
+    Parameters
+    ----------
+    plant : Component
+        Has an input `u`.
+    time : Parameter
+        In which the coefficients are told; its minimum is more than 0.
+    coefficients : sequence of expression
+        Of the filter's denominator 1 + c1 s + c2 s^2 + ...; its numerator is 1.
+    """
+    u = symbol("u")
     unit = next(i.unit for i in plant.inputs if i.name == "u")
-    state = State(
-        given.name, unit, "command behind its filter", (u - given) / symbol(lag.name), nominal=10.0
-    )
-    held = plant.equations_with({u: given})
-    held["states"] = (*held["states"], state)
-    return replace(plant, **held, parameters=(*plant.parameters, lag))
+    names = ["u_filtered", *(f"u_filtered_rate{k}" for k in range(1, len(coefficients)))]
+    parts = [symbol(n) for n in names]
+    left = u - parts[0] - sp.Add(*[c * q for c, q in zip(coefficients, parts[1:], strict=False)])
+    rates = [*parts[1:], left / coefficients[-1]]
+    scale = symbol(time.name)
+    behind = []
+    for k, (name, rate) in enumerate(zip(names, rates, strict=True)):
+        # rates are told per the filter's time, so that all states are as large as the command
+        scaled = {q: q / scale**j for j, q in enumerate(parts)}
+        meaning = "command behind its filter" + (f", rate {k} by its time" if k else "")
+        behind.append(
+            State(name, unit, meaning, sp.simplify(rate.xreplace(scaled) * scale**k), nominal=10.0)
+        )
+    held = plant.equations_with({u: parts[0]})
+    held["states"] = (*held["states"], *behind)
+    return replace(plant, **held, parameters=(*plant.parameters, time))
 
 
 def _coefficients(own: int, other: int) -> list[sp.Rational]:
