@@ -15,26 +15,21 @@ import numpy as np
 import numpy.typing as npt
 
 from .causes import CAUSES
-from .course import Course, doubts
+from .contests import freest_beside, gain, held_out_squares, rivalled
+from .course import Course
 from .diagnosis import NotNamed
-from .evidence import fit, side_by_side
 from .held_out import Gain, with_values
-from .regression import calibrated
+from .plausibility import drives, not_shown, size_differs, within_tolerance
 from .residuals import residual, rms
 from .search import added_by
 from .selection import (
     MOST_CANCELLED,
-    OWN,
     Explanation,
     Problem,
     amplitudes,
-    beside,
-    can_be,
     cancelled,
-    grown,
     loosened,
     restricted_to,
-    scores,
     without,
 )
 from .surrogates import chance
@@ -42,14 +37,16 @@ from .surrogates import chance
 Vector = npt.NDArray[np.float64]
 Folds = npt.NDArray[np.int64]
 
-LEAST_SHARE = 0.1
+LEAST_SHARE = 0.05
 """Of the surprises that are left without a cause, that it has to take away."""
-LEAST_SHARE_OF_SWINGS = 0.05
+LEAST_SHARE_OF_SWINGS = 0.03
 """The same of what swings along the travel: nothing that a law's own error leaves looks like it."""
+LEAST_SHARE_OF_VALUES = 0.1
+"""The same of values that may be anything: what is slightly wrong in a law looks like them."""
 LEAST_SHARE_OF_FORCE = 0.4
 """Of the mean square of the force, instead: what is slow shows there."""
 _SLOW = 0.3  # of the share of surprises, that is asked for then
-LEAST_SIZE = 0.01
+LEAST_SIZE = 0.005
 """Of the friction, that the force of anything but a swing has to be: laws are not more exact."""
 LEAST_BESIDE = 0.1
 """Of what the largest cause takes away, that any other has to; all where one may be the other."""
@@ -61,16 +58,7 @@ _PLACES = 4  # stretches that a gain comes from, as many as alike would be, or a
 _CLEAR, _CLEAR_SHARE = 9.0, 0.1  # squares in the noise's variance, share of a stretch's
 _LOSES = 0.1  # of what is gained, that may be lost elsewhere
 _ALONE = 0.25  # of what a cause brings beside others, that it has to bring alone
-_APART = 0.7  # of what a cause brings, that it brings beside another if they are two things
-_STRUCTURE = 0.03  # of what is left, that a free function has to take away to be one
 _UNCLEAR = 0.1  # of what is named, that structure without a name may be beside it
-_LESS = 0.005  # of what a cause brings, that another in its place has to bring less
-_FREER = 0.1  # of what a cause brings, that a free function may bring more: forms are not exact
-_SAMPLES = 3  # within which what a reversal does cannot be seen
-_NEAR_TOLERANCE = 0.25  # of a tolerance's whole width
-_DRAWS = 2000
-_LIKE = (0.25, 2.5)  # size in one part of the data, relative to that in all
-_AGREE = 0.75  # of the information: parts whose size is like that
 
 
 @dataclass(frozen=True)
@@ -111,7 +99,7 @@ def taken_back(
     """What may be named without one of the names after all."""
     now = before.explanation
     now = without(problem, now, now.names.index(name))
-    freest, _ = _freest(problem, now, folds)
+    freest, _ = freest_beside(problem, now, folds)
     return replace(
         before,
         explanation=now,
@@ -153,12 +141,12 @@ def accepted(
             continue
         refused.append(failing[weakest])
         now = without(problem, now, now.names.index(weakest))
-    freest, left = _freest(problem, now, folds)
+    freest, left = freest_beside(problem, now, folds)
     if now.members and not _clear(problem, now, left, folds):
         free = freest.members[-1].name
         refused += [NotNamed(n, f"too much is left beside it ({free})") for n in now.names]
         now = restricted_to(problem, now, ())
-        freest, left = _freest(problem, now, folds)
+        freest, left = freest_beside(problem, now, folds)
     chances = {n: found[n].chance for n in now.names}
     return Accepted(now, chances, tuple(refused), freest)
 
@@ -208,33 +196,6 @@ def _small_beside(found: Mapping[str, Judged]) -> dict[str, NotNamed]:
     }
 
 
-def held_out_squares(problem: Problem, explanation: Explanation, folds: Folds) -> Vector:
-    """What an explanation fitted elsewhere leaves in each stretch, squared, shape (stretches,)."""
-    out = np.empty(len(folds))
-    columns = np.concatenate([[0], *(p.columns for p in explanation.priors)]).astype(np.int64)
-    each = problem.columns.by_stretch(columns)
-    priors = side_by_side(explanation.priors)
-    for fold in np.unique(folds):
-        mine = folds == fold
-        fitted = fit(each[~mine].sum(axis=0), priors).amplitude
-        weights = np.append(1.0, -fitted)
-        out[mine] = np.einsum("i,sij,j->s", weights, each[mine], weights)
-    return out
-
-
-def gain(before: Vector, after: Vector) -> Gain:
-    """What goes of the squares in stretches, each shape (stretches,)."""
-    random = np.random.default_rng(0)
-    count = len(before)
-    # neighbours are drawn together: what lasts longer than a stretch is no new evidence
-    starts = random.integers(0, count, (_DRAWS, -(-count // 2)))
-    drawn = np.concatenate([starts, (starts + 1) % count], axis=1)
-    shares = 1.0 - after[drawn].sum(axis=1) / np.maximum(before[drawn].sum(axis=1), 1e-300)
-    low, high = np.quantile(shares, [0.025, 0.975])
-    whole = 1.0 - float(after.sum()) / max(float(before.sum()), 1e-300)
-    return Gain(whole, (float(low), float(high)))
-
-
 def _judged(
     problem: Problem, now: Explanation, k: int, folds: Folds, courses: Sequence[Course]
 ) -> Judged:
@@ -253,6 +214,8 @@ def _judged(
     if not over.certain or not _steady(over, before, mine, noise):
         return refuse("what it gains on data held out may be nothing")
     least = LEAST_SHARE_OF_SWINGS if name in _SWINGS else LEAST_SHARE
+    if now.members[k].shape.freed:
+        least = LEAST_SHARE_OF_VALUES
     without_it, with_it = (_forces(problem, e, courses) for e in (base, now))
     of_force = 1.0 - (rms(with_it) / max(rms(without_it), 1e-300)) ** 2
     slow = of_force > LEAST_SHARE_OF_FORCE and over.share > _SLOW * least
@@ -263,9 +226,10 @@ def _judged(
     if name not in _SWINGS and size < LEAST_SIZE:
         return refuse(f"its force is {100 * size:.2g} % of the friction: no law is as exact")
     reason = (
-        _size_differs(problem, now, k, folds)
-        or _not_shown(problem, now, k, courses)
-        or _within_tolerance(problem, now, k)
+        drives(problem, now, k, courses)
+        or size_differs(problem, now, k, folds)
+        or not_shown(problem, now, k, courses)
+        or within_tolerance(problem, now, k)
     )
     if reason:
         return refuse(reason)
@@ -274,36 +238,9 @@ def _judged(
             held_out_squares(problem, loosened(problem, base, m.name), folds), mine
         ).certain:
             return refuse(f"{m.name} in another form foretells as much")
-    brought = float((before - mine).sum())
-
-    def replaces(instead: Explanation, others: Vector) -> bool:
-        """Whether another explanation leaves the member little; else they are two things."""
-        both = held_out_squares(problem, beside(problem, instead, now.members[k]), folds)
-        return float((others - both).sum()) < _APART * brought
-
-    in_its_place = grown(problem, base)
-    for other, instead in in_its_place.items():
-        if other == name:
-            continue
-        others = held_out_squares(problem, instead, folds)
-        if instead.members[-1].is_rival:  # it may have the cause in it, and does as well then
-            more = float((mine - others).sum())
-            if gain(mine, others).certain and more > _FREER * brought:
-                return refuse(f"a free function ({other}) foretells more")
-            continue
-        less = float((others - mine).sum())
-        alike = less < _LESS * brought or not gain(others, mine).certain
-        if alike and replaces(instead, others):
-            better = instead if less < 0.0 else None
-            return refuse(f"{other} foretells as much", other, better)
-    for other in CAUSES:
-        if other in now.names:
-            continue
-        instead = loosened(problem, base, other)
-        others = held_out_squares(problem, instead, folds)
-        if gain(mine, others).certain and replaces(instead, others):
-            said = f"{other}, in several forms at once, foretells more"
-            return refuse(said, other, in_its_place.get(other))
+    reason, like, better = rivalled(problem, base, now.members[k], before, mine, folds)
+    if reason:
+        return refuse(reason, like, better)
     p = chance(problem, base, now, courses)
     if p > LEAST_P:
         return refuse(f"as much may come by accident, p = {p:.2g}")
@@ -335,86 +272,3 @@ def _forces(problem: Problem, explanation: Explanation, courses: Sequence[Course
     added = added_by(explanation.members, fitted, courses)
     found = residual(courses, with_values(problem, fitted), added)
     return found.force[found.telling]
-
-
-def _size_differs(problem: Problem, now: Explanation, k: int, folds: Folds) -> str:
-    """Why a member's size cannot be one number; empty if it can."""
-    found = scores(problem, now, k)
-    estimate = found.estimate()
-    member = now.members[k]
-    if member.shape.sure is not None and not OWN[0] < float(estimate[0]) < OWN[1]:
-        return f"its size is {float(estimate[0]):.2g} of what its shape asks for"
-    likes, informations = [], []
-    for fold in np.unique(folds):
-        mine = folds == fold
-        information = float(estimate @ found.pieces[mine].sum(axis=0) @ estimate)
-        if information > 0.0:
-            size = float(estimate @ found.by_stretch[mine].sum(axis=0)) / information
-            likes.append(_LIKE[0] < size < _LIKE[1])
-            informations.append(information)
-    share = float(np.dot(likes, informations)) / max(sum(informations), 1e-300)
-    return "" if share >= _AGREE else "its size differs between parts of the data"
-
-
-def _not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
-    """Why instruments could not show a cause of this size; empty if they could."""
-    member, course = now.members[k], courses[0]
-    fitted = amplitudes(problem, now)
-    late, way = CAUSES[member.name].late, CAUSES[member.name].way
-    if way:
-        goes = way(problem.model, member.shape.values)
-        if goes < max(c.record.count for c in courses):
-            return "its way is less than a count of the encoder"
-        if goes < _crossed(courses):
-            return f"its way is gone within {_SAMPLES} samples of a reversal"
-        return ""
-    # a command that acts later than it is written may be a recorder's
-    later, least = np.inf, doubts(course)["command_shift"].high * course.step
-    if late:
-        place = 1 + len(problem.names) + list(calibrated(courses)).index("command_shift")
-        early = (course.calibration["command_shift"] + fitted[place]) * course.step
-        later = sum(member.shape.values[n] for n in late if n in member.shape.values) - early
-        least *= 1.0 + 2.0 * _NEAR_TOLERANCE
-    elif "m" in member.shape.freed:
-        # the drive follows its command later by the mass over what slows it
-        slowed = max(problem.model.linear_friction + problem.model.braking, 1e-9)
-        column = member.columns[member.shape.freed.index("m")]
-        found = problem.model.values["m"] * (1.0 + fitted[column])
-        later = abs(found - problem.believed.values["m"]) / slowed
-    return "a command may be recorded as early as that" if later < least else ""
-
-
-def _within_tolerance(problem: Problem, now: Explanation, k: int) -> str:
-    """Why a freed value is no error: it is absurd, or hardly an error; empty if it is one."""
-    member = now.members[k]
-    if not member.shape.freed:
-        return ""
-    if not can_be(problem, now):
-        return "a value would be beyond the range of what can be wrong"
-    fitted = amplitudes(problem, now)[member.columns]
-    places = member.columns - 1
-    near = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
-    if np.any((fitted > problem.low[places] - near) & (fitted < problem.high[places] + near)):
-        return "a value is hardly beyond its tolerance"
-    return ""
-
-
-def _crossed(courses: Sequence[Course]) -> float:
-    """Way that the drive goes in a few samples after a reversal, usually [m]."""
-    ways = []
-    for c in courses:
-        turns = np.flatnonzero((c.v[1:] > 0.0) != (c.v[:-1] > 0.0))
-        ways.append(0.5 * np.abs(c.mean_a[turns]) * (_SAMPLES * c.step) ** 2)
-    return float(np.median(np.concatenate(ways))) if any(len(w) for w in ways) else 0.0
-
-
-def _freest(problem: Problem, now: Explanation, folds: Folds) -> tuple[Explanation, Gain]:
-    """What is named with the free function beside it that gains most, if it certainly does."""
-    mine = held_out_squares(problem, now, folds)
-    best, most = now, gain(mine, mine)
-    for e in grown(problem, now).values():
-        if e.members[-1].is_rival:
-            found = gain(mine, held_out_squares(problem, e, folds))
-            if found.certain and found.share > max(most.share, _STRUCTURE):
-                best, most = e, found
-    return best, most

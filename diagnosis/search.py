@@ -14,6 +14,7 @@ from ..records.drive_record import DriveRecord
 from .course import Course, driven_by_current, follow, lay_along
 from .drive_model import DriveModel
 from .evidence import Prior, fit_within, volume
+from .refinement import refine
 from .regression import (
     Added,
     Noise,
@@ -42,7 +43,6 @@ from .selection import (
     free_spreads,
     nothing_in,
     pruned,
-    refine,
     state_problem,
 )
 from .threads import in_threads

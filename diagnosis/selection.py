@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
 
 from .causes import CAUSES
 from .causes.cause import Shape
@@ -31,7 +30,6 @@ from .evidence import (
 )
 from .regression import (
     Added,
-    Filter,
     Noise,
     calibrated,
     edges,
@@ -57,13 +55,15 @@ _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 0.2  # spread of an unknown mass, relative to all that moves
 _KEPT = 4  # sets of each size that are grown
 _LOOKED_AT = 40  # sets of each size that are looked at closely
-LARGEST = 3  # members of a set
+LARGEST = 7  # members of a set: real machines have several things wrong at once
+_BESIDE_NOISE = 3  # causes that noise is sought beside
 MOST_CANCELLED = 1.5  # squares of what members bring, over that of what they bring together
 FREE_RANGE = (0.3, 3.0)  # of a value that may be wrong, to the believed one
 _ANY = 1.0  # relative spread of values that take all they can, where noise is sought
 _MUCH = 0.1  # of what is left, that one more cause has to explain there
 _HELD = 1e-3  # of its spread, to one that stands at the end of what is believed
 OWN = (0.6, 1.6)  # amplitude of a cause whose shape has its size in it
+_ROUGHLY = (0.3, 3.0)  # the same at a point of a grid, next to the size
 
 
 @dataclass(frozen=True)
@@ -134,11 +134,8 @@ def state_problem(
         if not cause.beyond(courses, model)
         for values in cause.grid(courses, model)
     ]
-    asked += [
-        (CAUSES[c.name], c.shape.values)
-        for c in found or ()
-        if not c.is_rival and CAUSES[c.name].refined_of(c.shape.values)
-    ]
+    before = [(CAUSES[c.name], c.shape.values) for c in found or () if not c.shape.freed]
+    asked += [one for one in before if one not in asked]
     shapes = in_threads(lambda one: one[0].at(courses, model, one[1]), asked)
     named = [
         (cause.name, s, False)
@@ -213,7 +210,7 @@ def _least_noise(
     spread = prior.spread.copy()
     spread[:values] = np.maximum(spread[:values], _ANY)
     taken = [replace(prior, spread=spread)]
-    for _ in range(LARGEST):
+    for _ in range(_BESIDE_NOISE):
         left = conditioned(products, taken)
         explained = [_explained(*left.of(c.columns)) for c in causes]
         best = int(np.argmax(explained))
@@ -356,11 +353,11 @@ def choose(problem: Problem, largest: int = LARGEST) -> Choice:
 def nothing_in(problem: Problem) -> Explanation:
     """The explanation without a name."""
     products = problem.columns.products()
-    priors = _within(problem, products, (), ())
+    priors = within_bounds(problem, products, (), ())
     return Explanation((), priors, evidence_of(products, priors), ())
 
 
-def _within(
+def within_bounds(
     problem: Problem, products: Matrix, members: Sequence[Candidate], own: Sequence[Prior]
 ) -> tuple[Prior, ...]:
     """Priors of values and members, in which values that would leave their bounds are held there.
@@ -398,9 +395,14 @@ def beside(problem: Problem, start: Explanation, member: Candidate) -> Explanati
 def loosened(problem: Problem, explanation: Explanation, name: str) -> Explanation:
     """The explanation with all forms of a cause beside it, together, of any amplitudes.
 
-    What a cause has in a form that is only nearly right, it has here.
+    What a cause has in a form that is only nearly right, it has here. Forms that have their size
+    in them are left out: with other amplitudes they are another cause.
     """
-    forms = [c.columns for c in problem.candidates if c.name == name and not c.shape.freed]
+    forms = [
+        c.columns
+        for c in problem.candidates
+        if c.name == name and not c.shape.freed and c.shape.sure is None
+    ]
     columns = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *forms]))
     taken = np.concatenate([p.columns for p in explanation.priors[1:]] or [columns[:0]])
     columns = np.setdiff1d(columns, taken)
@@ -409,7 +411,7 @@ def loosened(problem: Problem, explanation: Explanation, name: str) -> Explanati
     products = problem.columns.products()
     spread = weigh(*conditioned(products, explanation.priors).of(columns)).spread
     own = (*explanation.priors[1:], Prior(columns, np.zeros(len(columns)), spread))
-    return replace(explanation, priors=_within(problem, products, explanation.members, own))
+    return replace(explanation, priors=within_bounds(problem, products, explanation.members, own))
 
 
 def again(problem: Problem, names: Sequence[str]) -> Explanation:
@@ -456,7 +458,7 @@ def _stands(problem: Problem, products: Matrix, explanation: Explanation) -> boo
     for k, m in enumerate(explanation.members):
         if (
             m.shape.sure is not None
-            and not OWN[0] < own_size(problem, products, explanation, k) < OWN[1]
+            and not _ROUGHLY[0] < own_size(problem, products, explanation, k) < _ROUGHLY[1]
         ):
             return False
     if not can_be(problem, explanation):
@@ -481,11 +483,16 @@ def can_be(problem: Problem, explanation: Explanation) -> bool:
     return True
 
 
+def _beside(explanation: Explanation, member: int) -> list[Prior]:
+    """Priors of all but a member's own, values held or not as they are with it."""
+    gone = explanation.members[member].columns
+    return [p for p in explanation.priors if not np.array_equal(p.columns, gone)]
+
+
 def own_size(problem: Problem, products: Matrix, explanation: Explanation, member: int) -> float:
     """Amplitude of a cause whose shape has its size in it, as the data alone have it."""
     column = explanation.members[member].columns[:1]
-    others = without(problem, explanation, member).priors
-    inner, signal = conditioned(products, others).of(column)
+    inner, signal = conditioned(products, _beside(explanation, member)).of(column)
     return float(signal[0] / max(inner[0, 0], 1e-300))
 
 
@@ -548,16 +555,11 @@ def _grow(
         if c.shape.freed:
             if any(np.isin(c.columns, m.columns).any() for m in start.members if m.shape.freed):
                 continue
-            freed = _within(problem, products, (*start.members, c), start.priors[1:])
+            freed = within_bounds(problem, products, (*start.members, c), start.priors[1:])
             bring = evidence_of(products, freed) - left.evidence
             found.setdefault(c.name, []).append((bring, c, freed))
             continue
-        if c.shape.sure is not None:
-            mean, spread = np.ones(len(c.columns)), np.full(len(c.columns), c.shape.sure)
-            bring = gain(*left.of(c.columns), mean, spread)
-        else:
-            weighed = weigh(*left.of(c.columns))
-            mean, spread, bring = np.zeros(len(c.columns)), weighed.spread, weighed.gain
+        bring, mean, spread = bring_of(c.shape, *left.of(c.columns))
         priors = (*start.priors, Prior(c.columns, mean, spread))
         found.setdefault(c.name, []).append((bring, c, priors))
     out = {}
@@ -571,93 +573,20 @@ def _grow(
         members = (*start.members, best[1])
         out[name] = Explanation(
             members,
-            _within(problem, products, members, best[2][1:]),
+            within_bounds(problem, products, members, best[2][1:]),
             start.score + brings - price,
             (*start.gains, brings),
         )
     return out
 
 
-def refine(
-    problem: Problem,
-    explanation: Explanation,
-    courses: Sequence[Course],
-    model: DriveModel,
-    made: Sequence[Filter],
-) -> tuple[Problem, Explanation]:
-    """The explanation with its causes' nonlinear values found between the points of their grids."""
-    for k, m in enumerate(explanation.members):
-        if not (m.is_rival or m.shape.freed) and CAUSES[m.name].refined_of(m.shape.values):
-            problem, explanation = _refined_member(problem, explanation, k, courses, model, made)
-    return problem, explanation
-
-
-def _refined_member(
-    problem: Problem,
-    explanation: Explanation,
-    k: int,
-    courses: Sequence[Course],
-    model: DriveModel,
-    made: Sequence[Filter],
-) -> tuple[Problem, Explanation]:
-    member = explanation.members[k]
-    cause = CAUSES[member.name]
-    key = cause.refined_of(member.shape.values) or ""
-    others_fixed = {n: v for n, v in member.shape.values.items() if n != key}
-    points = sorted(
-        c.shape.values[key]
-        for c in problem.candidates
-        if c.name == member.name
-        and {**others_fixed, key: c.shape.values.get(key)} == c.shape.values
-    )
-    here = points.index(member.shape.values[key])
-    low = points[max(here - 1, 0)] * (0.7 if here == 0 else 1.0)
-    high = points[min(here + 1, len(points) - 1)] * (1.4 if here + 1 == len(points) else 1.0)
-    others = without(problem, explanation, k)
-    used = np.concatenate([[0], *(p.columns for p in others.priors)]).astype(np.int64)
-    base = problem.columns.of(used)
-    inner = problem.columns.products()[np.ix_(used, used)]
-    moved, at = side_by_side(others.priors), len(used)
-
-    fixed = dict(member.shape.values)
-    if member.shape.sure is None:
-        # how it is linear depends on how large it is
-        fitted = fit(problem.columns.products(), explanation.priors)
-        size = fitted.amplitude[np.isin(fitted.columns, member.columns)]
-        fixed |= dict(zip(member.shape.amplitudes, size.tolist(), strict=True))
-
-    def bring(value: float) -> tuple[float, Shape, Matrix, Vector]:
-        shape = cause.at(courses, model, {**fixed, key: value})
-        columns = whitened(made, responses(courses, model, shape))
-        cross = base.T @ columns
-        products = np.block([[inner, cross], [cross.T, columns.T @ columns]])
-        rest = conditioned(products, moved).of(np.arange(at, at + columns.shape[1]))
-        if shape.sure is not None:
-            # between the grid's points the size is the value's
-            spread = np.full(columns.shape[1], 0.02)
-            return gain(*rest, np.ones(len(spread)), spread), shape, columns, spread
-        weighed = weigh(*rest)
-        return weighed.gain, shape, columns, weighed.spread
-
-    found = minimize_scalar(
-        lambda q: -bring(math.exp(q))[0],
-        bounds=(math.log(low), math.log(high)),
-        method="bounded",
-        options={"xatol": 0.02 * math.log(high / low), "maxiter": 10},
-    )
-    between, at_point = bring(math.exp(float(found.x))), bring(member.shape.values[key])
-    # where the evidence has several peaks, the search may have come down on a lower one
-    _, shape, columns, spread = between if between[0] > at_point[0] else at_point
-    candidate = replace(member, shape=shape)
-    problem = replace(
-        problem,
-        columns=problem.columns.exchanged(int(candidate.columns[0]), columns),
-        candidates=[candidate if c is member else c for c in problem.candidates],
-    )
-    mean = np.full(len(spread), 1.0 if shape.sure is not None else 0.0)
-    priors = (*others.priors, Prior(candidate.columns, mean, spread))
-    members = tuple(candidate if j == k else m for j, m in enumerate(explanation.members))
-    return problem, replace(explanation, members=members, priors=priors)
+def bring_of(shape: Shape, inner: Matrix, signal: Vector) -> tuple[float, Vector, Vector]:
+    """Evidence that a shape brings, with the mean and the spread of its amplitudes."""
+    if shape.sure is not None:
+        mean, spread = np.ones(len(signal)), np.full(len(signal), shape.sure)
+        return gain(inner, signal, mean, spread), mean, spread
+    weighed = weigh(inner, signal)
+    return weighed.gain, np.zeros(len(signal)), weighed.spread
 
 
 def amplitudes(problem: Problem, explanation: Explanation, used: Mask | None = None) -> Vector:
@@ -709,16 +638,19 @@ class Scores:
 def scores(problem: Problem, explanation: Explanation, member: int) -> Scores:
     """The scores of a member at the fit without it."""
     columns = explanation.members[member].columns
-    others = without(problem, explanation, member)
+    if explanation.members[member].shape.sure is None:
+        priors: Sequence[Prior] = without(problem, explanation, member).priors
+    else:  # without a shape of its size, values would go to their bounds and stay there
+        priors = _beside(explanation, member)
     products = problem.columns.products()
-    fitted = fit(products, others.priors)
+    fitted = fit(products, priors)
     mine = np.isin(fitted.columns, columns)  # a freed value stays where it was believed to be
     amplitude = fitted.amplitude.copy()
     amplitude[mine] = 0.0
-    mean = np.concatenate([p.mean for p in others.priors])
+    mean = np.concatenate([p.mean for p in priors])
     amplitude[mine] = mean[mine]
     rest = fitted.columns[~mine]
-    precision = np.diag(np.concatenate([p.spread for p in others.priors])[~mine] ** -2.0)
+    precision = np.diag(np.concatenate([p.spread for p in priors])[~mine] ** -2.0)
     cross = products[np.ix_(rest, columns)]
     share = np.linalg.solve(products[np.ix_(rest, rest)] + precision, cross)
     weights = np.zeros((problem.columns.count, len(columns)))
@@ -754,5 +686,5 @@ def without(
     gains = tuple(g for k, g in enumerate(explanation.gains) if k != member)
     gone = explanation.members[member].columns
     own = [p for p in explanation.priors[1:] if not np.array_equal(p.columns, gone)]
-    priors = _within(problem, products, members, own)
+    priors = within_bounds(problem, products, members, own)
     return Explanation(members, priors, explanation.score, gains)

@@ -93,10 +93,12 @@ class Cause:
         Those of `values` that are found between the grid's points; of each form one at most.
     beyond : function of (courses, model) to str or None
         Why these records cannot show it at all.
+    of_friction : bool
+        Its force is a part of the friction, which can only brake.
     on_screw : bool
         Its force acts on the screw's side, where a load cell before the block does not feel it.
-    late : tuple of str
-        Those of `values` by which the command is late, as a recorder may be, too.
+    late : mapping of str to float
+        By how much of these `values` the command is late, as a recorder may be, too.
     way : function of (model, values) to a number, optional
         For what shows after reversals: the way that it takes until all of it has shown [m].
     """
@@ -111,8 +113,9 @@ class Cause:
     mistaken_for: tuple[str, ...] = ()
     refined: tuple[str, ...] = ()
     beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
+    of_friction: bool = False
     on_screw: bool = False
-    late: tuple[str, ...] = ()
+    late: Mapping[str, float] = field(default_factory=dict)
     way: Callable[[DriveModel, Values], float] | None = None
 
     def refined_of(self, values: Values) -> str | None:
@@ -120,7 +123,7 @@ class Cause:
         return next((n for n in self.refined if n in values), None)
 
 
-def of_forms(first: Cause, *others: Cause) -> Cause:
+def of_forms(first: Cause, *others: Cause, of_friction: bool = False) -> Cause:
     """One cause that machines have in several forms, told by the names of their values.
 
     Name and wording are those of the first.
@@ -146,7 +149,8 @@ def of_forms(first: Cause, *others: Cause) -> Cause:
         extend=extend,
         parameters=tuple(dict.fromkeys(p for f in forms for p in f.parameters)),
         refined=tuple(dict.fromkeys(n for f in forms for n in f.refined)),
-        late=tuple(dict.fromkeys(n for f in forms for n in f.late)),
+        of_friction=of_friction,
+        late={n: share for f in forms for n, share in f.late.items()},
     )
 
 
@@ -230,7 +234,7 @@ def force_cause(
         mistaken_for,
         refined,
         beyond,
-        on_screw,
+        on_screw=on_screw,
     )
 
 

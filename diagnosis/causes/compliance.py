@@ -44,13 +44,6 @@ def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     return with_spring(plant)
 
 
-def _beyond(courses: Courses, model: DriveModel) -> str | None:
-    del courses
-    if model.law != "classical":
-        return None
-    return "the believed law has no presliding, and bristles do nearly the same at reversals"
-
-
 CAUSE = Cause(
     "compliance",
     "something elastic lies between the encoder and the block",
@@ -60,7 +53,6 @@ CAUSE = Cause(
     _extend,
     confirm="a sensor on the block beside the encoder: the two part when the force reverses",
     refined=("stiffness",),
-    beyond=_beyond,
     way=lambda model, values: 2.0 * model.friction_scale / values["stiffness"],
     mistaken_for=("parameter_error", "backlash"),
 )

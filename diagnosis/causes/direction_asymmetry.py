@@ -49,4 +49,4 @@ _APART = force_cause(
     constants=(parameter(_SPEED, "m/s", "speed at which that force is told", 1.0),),
     grid=_fast,
 )
-CAUSE = of_forms(_ALIKE, _APART)
+CAUSE = of_forms(_ALIKE, _APART, of_friction=True)

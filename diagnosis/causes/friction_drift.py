@@ -76,4 +76,8 @@ _WITH_TEMPERATURE = replace(
     at=_with_temperature_at,
 )
 
-CAUSE = of_forms(*(_form(how) for how in in_time("friction", "drift_time")), _WITH_TEMPERATURE)
+CAUSE = of_forms(
+    *(_form(how) for how in in_time("friction", "drift_time")),
+    _WITH_TEMPERATURE,
+    of_friction=True,
+)

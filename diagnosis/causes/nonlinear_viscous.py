@@ -65,4 +65,4 @@ _THINNING = force_cause(
     constants=(parameter("V_viscous", "m/s", "speed at which half of that change has come", 1.0),),
     grid=_changes,
 )
-CAUSE = of_forms(_QUADRATIC, _POWER, _THINNING)
+CAUSE = of_forms(_QUADRATIC, _POWER, _THINNING, of_friction=True)

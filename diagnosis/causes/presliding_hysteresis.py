@@ -11,7 +11,7 @@ import sympy as sp
 
 from ...solver.component import Component
 from ..course import follow
-from .cause import Cause, Courses, Shape, Values, parameter
+from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 _WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # over which the force comes up [m]
 
 
-def bristled(model: DriveModel, sigma0: float) -> DriveModel:
-    """The model with LuGre's bristles, critically damped, under its own curve over speed."""
+def bristled(model: DriveModel, sigma0: float, sigma1: float | None = None) -> DriveModel:
+    """The model with LuGre's bristles under its own curve over speed, else critically damped."""
     damping = max(2 * math.sqrt(sigma0 * model.block) - model.values["sigma2"], 0.0)  # Eq. 2.17
+    damping = damping if sigma1 is None else sigma1
     values = {**model.values, "sigma0": sigma0, "sigma1": damping, "Kv": 1e8}
     return replace(model, law="modified_lugre", values=values)
 
@@ -31,8 +32,12 @@ def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     return [{"sigma0": model.friction_scale / float(way)} for way in _WAYS]
 
 
+def _undamped_grid(courses: Courses, model: DriveModel) -> list[Values]:
+    return [{**values, "sigma1": 0.0} for values in _grid(courses, model)]
+
+
 def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    bent = bristled(model, values["sigma0"])
+    bent = bristled(model, values["sigma0"], values.get("sigma1"))
     force = [(follow(c, bent).bristle - c.bristle)[:, None] for c in courses]
     return Shape(("sigma0",), force=force, values=values, sure=0.3)
 
@@ -47,7 +52,7 @@ def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     return plant  # the law is another one, see `bristled`
 
 
-CAUSE = Cause(
+_DAMPED = Cause(
     "presliding_hysteresis",
     "the force comes up over a way after each reversal, which the law does not know",
     _grid,
@@ -60,3 +65,9 @@ CAUSE = Cause(
     mistaken_for=("compliance", "backlash"),
     beyond=_beyond,
 )
+_UNDAMPED = replace(
+    _DAMPED,
+    grid=_undamped_grid,
+    parameters=(*_DAMPED.parameters, parameter("sigma1", "N*s/m", "damping of the bristles")),
+)
+CAUSE = of_forms(_DAMPED, _UNDAMPED)

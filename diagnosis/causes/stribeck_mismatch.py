@@ -80,4 +80,4 @@ _EXPONENTIAL = force_cause(
     refined=("V_fall",),
 )
 
-CAUSE = of_forms(replace(_ADDED, at=_at, extend=_extend), _EXPONENTIAL)
+CAUSE = of_forms(replace(_ADDED, at=_at, extend=_extend), _EXPONENTIAL, of_friction=True)

@@ -9,14 +9,16 @@ import numpy as np
 import sympy as sp
 
 from ...solver.component import Component, symbol
-from .cause import Cause, Courses, Shape, Values, of_forms, parameter
+from .cause import Cause, Courses, Shape, Values, Vector, of_forms, parameter
 
 if TYPE_CHECKING:
+    from ..course import Course
     from ..drive_model import DriveModel
 
 # of the largest command; the last cuts nothing off, as an end for what is sought between them
 _LEVELS = 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)
 
+_SAGS = (0.1, 0.3, 1.0)  # resistance of a supply, of the motor's
 _SCALES = np.geomspace(0.6, 12.0, 10)  # of the largest command; a bend, not a limit
 
 
@@ -58,6 +60,45 @@ def _bent(plant: Component, curve: sp.Expr, values: Values) -> Component:
     return plant.substituted(given, parameters=(*plant.parameters, *_BEND.parameters))
 
 
+def _sagging_grid(courses: Courses, model: DriveModel) -> list[Values]:
+    if not model.has_motor:
+        return []
+    largest = max(float(np.abs(c.u).max()) for c in courses)
+    return [
+        {"voltage_limit": float(level), "supply_resistance": share * model.values["R"]}
+        for share in _SAGS
+        for level in largest * _LEVELS[::2]
+    ]
+
+
+def _sagging_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    command = []
+    for c in courses:
+        most = values["voltage_limit"] - values["supply_resistance"] * _drawn(c, model, values)
+        most = np.maximum(most, 0.0)
+        command.append((np.clip(c.u, -most, most) - c.u)[:, None])
+    return Shape(("voltage_limit",), command=command, values=values, sure=0.3)
+
+
+def _drawn(course: Course, model: DriveModel, values: Values) -> Vector:
+    """Current at the limit, measured or as the limited voltage makes it once settled, (n,) [A]."""
+    if course.has_current:
+        return np.abs(course.mean_i)
+    generated = np.sign(course.u) * model.back_emf * course.middle_v
+    resistance = model.values["R"] + values["supply_resistance"]
+    return np.maximum((values["voltage_limit"] - generated) / resistance, 0.0)
+
+
+def _sagging(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
+    u = symbol("u")
+    most = symbol("voltage_limit") - symbol("supply_resistance") * sp.Abs(symbol("i"))
+    most = sp.Max(most, 0)
+    given = {u: sp.Piecewise((-most, u < -most), (most, u > most), (u, True))}
+    return plant.substituted(given, parameters=(*plant.parameters, _RESISTANCE))
+
+
+_RESISTANCE = parameter("supply_resistance", "Ohm", "by which the limit sags with the current")
 _CLIP = Cause(
     "voltage_saturation",
     "the amplifier gives less than the largest commands ask for",
@@ -79,4 +120,11 @@ _BEND = replace(
     extend=_bent,
     refined=("voltage_scale",),
 )
-CAUSE = of_forms(_CLIP, _BEND)
+_SAG = replace(
+    _CLIP,
+    grid=_sagging_grid,
+    at=_sagging_at,
+    parameters=(*_CLIP.parameters, _RESISTANCE),
+    extend=_sagging,
+)
+CAUSE = of_forms(_CLIP, _BEND, _SAG)

@@ -119,7 +119,11 @@ OTHER_FORMS = [
     ("resistance_drift", {"R_settling_time": 1.0, "R_settling": 0.2}),
     ("resistance_drift", {"R_step_time": 1.0, "R_step": 0.2}),
     ("input_delay", {"command_lag": 3e-3}),
+    ("input_delay", {"command_lag_twice": 2e-3}),
+    ("input_delay", {"command_window": 4e-3}),
+    ("presliding_hysteresis", {"sigma0": 2e5, "sigma1": 0.0}),
     ("voltage_saturation", {"voltage_scale": 15.0}),
+    ("voltage_saturation", {"voltage_limit": 20.0, "supply_resistance": 6.0}),
 ]
 SIZED = ("gap", "stiffness", "delay")  # their amplitude is one, the size is the value itself
 
@@ -341,7 +345,11 @@ def check_force_in_motion(model, found):
     assert apart(motion.force, without, moving) > 0.02
 
 
-@pytest.mark.parametrize("found", [{"delay": 3e-4}, {"command_lag": 3e-3}], ids="+".join)
+@pytest.mark.parametrize(
+    "found",
+    [{"delay": 3e-4}, {"command_lag": 3e-3}, {"command_lag_twice": 2e-3}, {"command_window": 4e-3}],
+    ids="+".join,
+)
 def test_a_late_command_arrives_as_was_foretold(found):
     motion = simulated(believed(), [("input_delay", found)])
     u = command()

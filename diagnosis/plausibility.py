@@ -1,0 +1,102 @@
+"""Whether a cause can be what it would have to be: in size, in kind, and for the instruments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .causes import CAUSES
+from .causes.cause import engaged
+from .course import Course, doubts, opposing
+from .held_out import with_values
+from .regression import calibrated
+from .search import added_by
+from .selection import OWN, Explanation, Problem, amplitudes, can_be, scores
+
+Folds = npt.NDArray[np.int64]
+
+_SLIDES = 0.9  # of the sliding friction, that has come up
+_SOME_OF_IT = 0.2  # of the time that the drive slides
+_LEAST_LEFT = 0.2  # of the friction, that a cause has to leave for more than that time
+_NEAR_TOLERANCE = 0.25  # of a tolerance's whole width
+_LIKE = (0.25, 2.5)  # size in one part of the data, relative to that in all
+_AGREE = 0.75  # of the information: parts whose size is like that
+
+
+def drives(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
+    """Why a friction cannot be one: it would hardly brake, or even drive; empty if it can."""
+    if not CAUSES[now.members[k].name].of_friction:
+        return ""
+    fitted = amplitudes(problem, now)
+    friction = [m for m in now.members if CAUSES[m.name].of_friction]
+    added = added_by(friction, fitted, courses).force
+    model = with_values(problem, fitted)
+    shares = []
+    for c, more in zip(courses, added, strict=True):
+        law = opposing(c, model)
+        sliding = (np.abs(engaged(c, model)) > _SLIDES) & ~c.rests
+        shares.append(1.0 + (more / np.where(sliding, law, 1.0))[sliding])
+    left = float(np.quantile(np.concatenate(shares), _SOME_OF_IT))
+    return "" if left > _LEAST_LEFT else "hardly any friction would be left with it"
+
+
+def size_differs(problem: Problem, now: Explanation, k: int, folds: Folds) -> str:
+    """Why a member's size cannot be one number; empty if it can."""
+    found = scores(problem, now, k)
+    estimate = found.estimate()
+    member = now.members[k]
+    if member.shape.sure is not None and not OWN[0] < float(estimate[0]) < OWN[1]:
+        return f"its size is {float(estimate[0]):.2g} of what its shape asks for"
+    likes, informations = [], []
+    for fold in np.unique(folds):
+        mine = folds == fold
+        information = float(estimate @ found.pieces[mine].sum(axis=0) @ estimate)
+        if information > 0.0:
+            size = float(estimate @ found.by_stretch[mine].sum(axis=0)) / information
+            likes.append(_LIKE[0] < size < _LIKE[1])
+            informations.append(information)
+    share = float(np.dot(likes, informations)) / max(sum(informations), 1e-300)
+    return "" if share >= _AGREE else "its size differs between parts of the data"
+
+
+def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
+    """Why instruments could not show a cause of this size; empty if they could."""
+    member, course = now.members[k], courses[0]
+    fitted = amplitudes(problem, now)
+    late, way = CAUSES[member.name].late, CAUSES[member.name].way
+    if way:
+        goes = way(problem.model, member.shape.values)
+        if goes < max(c.record.count for c in courses):
+            return "its way is less than a count of the encoder"
+        return ""
+    # a command that acts later than it is written may be a recorder's
+    later, least = np.inf, doubts(course)["command_shift"].high * course.step
+    if late:
+        place = 1 + len(problem.names) + list(calibrated(courses)).index("command_shift")
+        early = (course.calibration["command_shift"] + fitted[place]) * course.step
+        later = sum(share * member.shape.values.get(n, 0.0) for n, share in late.items()) - early
+        least *= 1.0 + 2.0 * _NEAR_TOLERANCE
+    elif "m" in member.shape.freed:
+        # the drive follows its command later by the mass over what slows it
+        slowed = max(problem.model.linear_friction + problem.model.braking, 1e-9)
+        column = member.columns[member.shape.freed.index("m")]
+        found = problem.model.values["m"] * (1.0 + fitted[column])
+        later = abs(found - problem.believed.values["m"]) / slowed
+    return "a command may be recorded as early as that" if later < least else ""
+
+
+def within_tolerance(problem: Problem, now: Explanation, k: int) -> str:
+    """Why a freed value is no error: it is absurd, or hardly an error; empty if it is one."""
+    member = now.members[k]
+    if not member.shape.freed:
+        return ""
+    if not can_be(problem, now):
+        return "a value would be beyond the range of what can be wrong"
+    fitted = amplitudes(problem, now)[member.columns]
+    places = member.columns - 1
+    near = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
+    if np.any((fitted > problem.low[places] - near) & (fitted < problem.high[places] + near)):
+        return "a value is hardly beyond its tolerance"
+    return ""
