@@ -42,7 +42,7 @@ LEAST_SHARE = 0.05
 LEAST_SHARE_OF_SWINGS = 0.03
 """The same of what swings along the travel: nothing that a law's own error leaves looks like it."""
 LEAST_SHARE_OF_VALUES = 0.1
-"""The same of values that may be anything: what is slightly wrong in a law looks like them."""
+"""The same of each value that may be anything: what is slightly wrong in a law looks like them."""
 LEAST_SHARE_OF_FORCE = 0.4
 """Of the mean square of the force, instead: what is slow shows there."""
 _SLOW = 0.3  # of the share of surprises, that is asked for then
@@ -215,7 +215,7 @@ def _judged(
         return refuse("what it gains on data held out may be nothing")
     least = LEAST_SHARE_OF_SWINGS if name in _SWINGS else LEAST_SHARE
     if now.members[k].shape.freed:
-        least = LEAST_SHARE_OF_VALUES
+        least = LEAST_SHARE_OF_VALUES * len(now.members[k].shape.freed)
     without_it, with_it = (_forces(problem, e, courses) for e in (base, now))
     of_force = 1.0 - (rms(with_it) / max(rms(without_it), 1e-300)) ** 2
     slow = of_force > LEAST_SHARE_OF_FORCE and over.share > _SLOW * least

@@ -41,6 +41,7 @@ from .evidence import Conditioned, Prior, conditioned, fit
 from .held_out import HeldOut, gained, judged, laps_of, parts_of, with_values
 from .load_cell import witness
 from .next_experiment import UNNAMED, motion_for, reach_of, trial_for
+from .plausibility import crossed
 from .regression import Added, filters, responses, whitened
 from .residuals import Residual, floor, repetition, residual
 from .rivals import rivals
@@ -51,16 +52,18 @@ from .selection import (
     Explanation,
     Problem,
     amplitudes,
+    nothing_in,
     own_size,
     scores,
 )
+from .surrogates import chance
 
 Vector = npt.NDArray[np.float64]
 
 _SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
 _SEEN = 5.0  # standard deviations
 _FREED_SHOWN = 0.1  # of a value that may be wrong
-_EXACT = 0.01  # relative, to which no size is known: laws and shapes are not exact
+_EXACT = 0.02  # relative, to which no size is known: laws and shapes are not exact
 _AT_FLOOR = 2.0  # times the floor: more is not explained
 UNITS = {p.name: p.unit for p in (*ball_screw.PARAMETERS, *direct_drive.PARAMETERS)} | {
     name: unit
@@ -219,6 +222,7 @@ def _concluded(
             )
         },
         alone={n: float(g) for n, g in found.choice.alone.items() if n in CAUSES},
+        p_value=chance(problem, nothing_in(problem), best, courses),
         load_cell=cell,
         records=tuple(r.name for r in records),
         curves=curves,
@@ -303,6 +307,8 @@ def _values_of(
         error = _EXACT + quantile * wide * _log_spread(situation, problem, best, k)
         if shape.sure is not None:  # by which the shape would be larger or smaller, were it free
             error += abs(math.log(max(own_size(problem, products, best, k), 0.1)))
+        if cause.way:  # what is over before samples tell of it is known no better
+            error += math.log1p(crossed(situation.courses) / cause.way(problem.model, values))
         error = min(error, 3.0)
         intervals[refined] = (value * math.exp(-error), value * math.exp(error))
     if shape.sure is None:

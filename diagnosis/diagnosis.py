@@ -204,6 +204,8 @@ class Diagnosis:
         Of the instruments and the unmodelled force, as found.
     alone : mapping of str to float
         Evidence of every cause by itself.
+    p_value : float
+        Share of surrogates without a cause in which some cause brings as much as the best one.
     load_cell : Witness or None
         What the recorded ``force``, which takes no part, says of both models.
     notes : tuple of str
@@ -231,6 +233,7 @@ class Diagnosis:
     adjustments: Mapping[str, float]
     noise: Mapping[str, float]
     alone: Mapping[str, float]
+    p_value: float
     load_cell: Witness | None
     records: tuple[str, ...]
     curves: Curves
@@ -283,6 +286,7 @@ class Diagnosis:
             "adjustments": dict(self.adjustments),
             "noise": dict(self.noise),
             "evidence_alone": dict(self.alone),
+            "p_value": self.p_value,
             "load_cell": None
             if self.load_cell is None
             else {"believed_N": self.load_cell.believed, "mended_N": self.load_cell.mended},

@@ -20,7 +20,10 @@ Folds = npt.NDArray[np.int64]
 _SLIDES = 0.9  # of the sliding friction, that has come up
 _SOME_OF_IT = 0.2  # of the time that the drive slides
 _LEAST_LEFT = 0.2  # of the friction, that a cause has to leave for more than that time
+_SAMPLES = 3  # within which what a reversal does cannot be seen
 _NEAR_TOLERANCE = 0.25  # of a tolerance's whole width
+_AT_END = 0.02  # of a range's width
+_MOST_AT_ENDS = 2  # values at the end of their range, beside two that may be anything
 _LIKE = (0.25, 2.5)  # size in one part of the data, relative to that in all
 _AGREE = 0.75  # of the information: parts whose size is like that
 
@@ -99,4 +102,23 @@ def within_tolerance(problem: Problem, now: Explanation, k: int) -> str:
     near = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
     if np.any((fitted > problem.low[places] - near) & (fitted < problem.high[places] + near)):
         return "a value is hardly beyond its tolerance"
+    if len(member.shape.freed) > 1 and _at_ends(problem, now, member.columns) >= _MOST_AT_ENDS:
+        return "other values stand at the end of their range beside it"
     return ""
+
+
+def _at_ends(problem: Problem, now: Explanation, but: npt.NDArray[np.int64]) -> int:
+    """How many values and calibrations stand at the end of what they can be."""
+    fitted = amplitudes(problem, now)[problem.prior.columns]
+    near = _AT_END * (problem.high - problem.low)
+    ends = (fitted < problem.low + near) | (fitted > problem.high - near)
+    return int(np.count_nonzero(ends[~np.isin(problem.prior.columns, but)]))
+
+
+def crossed(courses: Sequence[Course]) -> float:
+    """Way that the drive goes after a reversal before samples tell anything of it, usually [m]."""
+    ways = []
+    for c in courses:
+        turns = np.flatnonzero((c.v[1:] > 0.0) != (c.v[:-1] > 0.0))
+        ways.append(0.5 * np.abs(c.mean_a[turns]) * (max(_SAMPLES, c.width) * c.step) ** 2)
+    return float(np.median(np.concatenate(ways))) if any(len(w) for w in ways) else 0.0

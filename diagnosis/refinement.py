@@ -22,7 +22,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _FORMS = 4  # of a cause, that compete once more between the points of their grids
-_SURE = 0.02  # of an amplitude that is one, between those points: the size is the value's
+_SURE = 0.02  # of an amplitude that is one: the size is the value's
 
 
 def refine(
@@ -117,7 +117,7 @@ class _Refinement:
         values = start.shape.values
         key = CAUSES[start.name].refined_of(values)
         if key is None:
-            return self._at(start, values, at_grid=True)
+            return self._at(start, values)
         fixed = dict(values)
         if start.shape.sure is None and start is self.explanation.members[self.place]:
             # how it is linear depends on how large it is
@@ -140,11 +140,11 @@ class _Refinement:
             options={"xatol": 0.02 * math.log(high / low), "maxiter": 10},
         )
         between = self._at(start, {**fixed, key: math.exp(float(found.x))})
-        at_point = self._at(start, fixed, at_grid=True)
+        at_point = self._at(start, fixed)
         # where the evidence has several peaks, the search may have come down on a lower one
         return between if between.evidence > at_point.evidence else at_point
 
-    def _at(self, start: Candidate, values: Mapping[str, float], at_grid: bool = False) -> _Refined:
+    def _at(self, start: Candidate, values: Mapping[str, float]) -> _Refined:
         shape = CAUSES[start.name].at(self.courses, self.model, values)
         columns = whitened(self.made, responses(self.courses, self.model, shape))
         cross = self.base.T @ columns
@@ -153,7 +153,7 @@ class _Refinement:
         mine = np.arange(len(self.inner), len(products))
         own = side_by_side(self.others.priors)
         _, mean, spread = bring_of(shape, *conditioned(products, own).of(mine))
-        if shape.sure is not None and not at_grid:
+        if shape.sure is not None:
             spread = np.full(count, _SURE)
         members = self.others.members
         priors = within_bounds(

@@ -43,6 +43,7 @@ from .selection import (
     free_spreads,
     nothing_in,
     pruned,
+    stands,
     state_problem,
 )
 from .threads import in_threads
@@ -170,7 +171,11 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
             break
         tried |= {_key(e) for e in contenders}
         taken = partial(_step, situation, problem, believed)
-        steps = in_threads(taken, contenders)
+        steps = [s for s in in_threads(taken, contenders) if s.stands]
+        if not steps:
+            if best:
+                break
+            return _nothing_found(situation, believed, choice, first)
         noise = min((s.situation.noise for s in steps), key=lambda n: float(n.sizes[0]))
         costs = [_unlikelihood(s.situation, noise) + s.price for s in steps]
         step, cost = steps[int(np.argmin(costs))], min(costs)
@@ -219,6 +224,11 @@ class Step:
     problem: Problem
     explanation: Explanation
     price: float
+
+    @property
+    def stands(self) -> bool:
+        """Whether its values are such as a drive can have, see `stands`."""
+        return stands(self.problem, self.problem.columns.products(), self.explanation)
 
 
 def _step(
@@ -284,4 +294,5 @@ def _contenders(choice: Choice, first: bool) -> list[Explanation]:
         and len(set(e.names) - set(own.names)) == 1
         and e.score > max(least, nothing)
     ][:_MOST_CONTENDERS]
-    return [best, *near]
+    simplest = [e for e in ranked.values() if len(e.members) == 1 and first][:1]
+    return [best, *near, *(e for e in simplest if len(best.members) > 1)]

@@ -383,7 +383,7 @@ def grown(problem: Problem, start: Explanation) -> dict[str, Explanation]:
     """The explanation with one more name, for each name there is, in a form that stands."""
     products = problem.columns.products()
     more = _grow(problem, products, start, problem.candidates)
-    return {n: e for n, e in more.items() if _stands(problem, products, e)}
+    return {n: e for n, e in more.items() if stands(problem, products, e)}
 
 
 def beside(problem: Problem, start: Explanation, member: Candidate) -> Explanation:
@@ -441,7 +441,7 @@ def _search(
                 if key not in grown or grown[key].score < more.score:
                     grown[key] = more
         ranked = sorted(grown.values(), key=lambda e: -e.score)
-        ranked = [e for e in ranked[:_LOOKED_AT] if _stands(problem, products, e)]
+        ranked = [e for e in ranked[:_LOOKED_AT] if stands(problem, products, e)]
         beam = ranked[:_KEPT]
         seen += ranked if size == 0 else ranked[: 4 * _KEPT]
         if not beam or beam[0].score < max(e.score for e in seen) - NEXT_PRICE:
@@ -449,7 +449,7 @@ def _search(
     return sorted(seen, key=lambda e: -e.score)
 
 
-def _stands(problem: Problem, products: Matrix, explanation: Explanation) -> bool:
+def stands(problem: Problem, products: Matrix, explanation: Explanation) -> bool:
     """Whether values that may be anything are still such as a drive can have.
 
     A mass or a resistance below zero is none. And a large change that others cancel can fit

@@ -24,6 +24,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import kstest
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "diagnosis_worlds.json"
@@ -53,6 +54,7 @@ from ballscrew.orchestration.closed_loop import write_json  # noqa: E402
 from diagnosis import draw_confusion, wilson  # noqa: E402
 
 OFTEN = 20  # trials after which the file is written anew
+_LEVELS = (0.01, 0.05, 0.2, 0.5)  # of p-values
 INTERVALS = 100  # at least so many have to be judged
 
 
@@ -147,6 +149,20 @@ def worst_first(rows: list[Row]) -> list[str]:
     return sorted(worlds, key=lambda w: -badness(r for r in rows if r.world == w))
 
 
+def uniformity(rows: Iterable[Row]) -> dict[str, object]:
+    """How even p-values of faultless records are: shares below levels, and Kolmogorov's test."""
+    found = [r.p_value for r in rows if r.group == FAULTLESS and r.p_value is not None]
+    if not found:
+        return {"records": 0}
+    test = kstest(found, "uniform")
+    return {
+        "records": len(found),
+        "share_at_most": {f"{a:g}": float(np.mean(np.array(found) <= a)) for a in _LEVELS},
+        "kolmogorov_distance": float(test.statistic),
+        "kolmogorov_p": float(test.pvalue),
+    }
+
+
 def matrix_of(rows: list[Row], world: str) -> dict[str, dict[str, int]]:
     """First answers by truth, of one world."""
     here = [r for r in rows if r.world == world and r.verdict != UNUSABLE]
@@ -212,6 +228,10 @@ def report_of(rows: list[Row], code: str, first_seed: int) -> dict[str, object]:
                 "first_answers": matrix_of(rows, world),
             }
             for world in order
+        },
+        "p_values_of_faultless_records": {
+            "all worlds": uniformity(rows),
+            **{world: uniformity(r for r in rows if r.world == world) for world in order},
         },
         "wrong_by_condition": by_condition(rows),
         "wrong_though_of_the_same_shape_by_the_truth": excused(rows),

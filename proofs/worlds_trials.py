@@ -57,6 +57,8 @@ class Row:
         All causes in the answer, in its order.
     values, intervals : list of dict
         Of each cause.
+    p_value : float or None
+        Share of surrogates without a cause in which some cause brings as much.
     seconds : float
         Of processor time.
     message : str
@@ -78,6 +80,7 @@ class Row:
     named: list[str]
     values: list[dict[str, float]]
     intervals: list[dict[str, tuple[float, float]]]
+    p_value: float | None
     seconds: float
     message: str
 
@@ -157,11 +160,11 @@ def run_trial(trial: Trial) -> Row:
     try:
         case = draw_case(trial.world, (trial.effect,) if trial.effect else (), trial.seed)
     except Unusable as reason:
-        return _row(trial, None, UNUSABLE, [], 0.0, str(reason))
+        return _row(trial, None, UNUSABLE, [], None, 0.0, str(reason))
     # here, so that the truth can be drawn where there is no estimator
     from ballscrew.diagnosis.diagnose import diagnose
 
-    verdict, causes, message = FAILED, [], ""
+    verdict, causes, p_value, message = FAILED, [], None, ""
     with tempfile.TemporaryDirectory() as folder:
         record, believed = write_case(case, Path(folder))
         started = time.process_time()
@@ -169,12 +172,13 @@ def run_trial(trial: Trial) -> Row:
             found = diagnose([record], params=believed)
             verdict = str(found.verdict)
             causes = [(str(c.name), dict(c.parameters), dict(c.intervals)) for c in found.causes]
+            p_value = float(found.p_value)
         except ValueError as reason:  # what is said of input that cannot be used
             verdict, message = REFUSED, str(reason).strip().splitlines()[-1]
         except Exception:  # a crash; counted, and the others go on
             message = traceback.format_exc().strip().splitlines()[-1]
         seconds = time.process_time() - started
-    return _row(trial, case, verdict, causes, seconds, message)
+    return _row(trial, case, verdict, causes, p_value, seconds, message)
 
 
 def _row(
@@ -182,6 +186,7 @@ def _row(
     case: Case | None,
     verdict: str,
     causes: list[tuple[str, dict[str, float], dict[str, tuple[float, float]]]],
+    p_value: float | None,
     seconds: float,
     message: str,
 ) -> Row:
@@ -210,6 +215,7 @@ def _row(
             {n: (float(low), float(high)) for n, (low, high) in bounds.items()}
             for _, _, bounds in causes
         ],
+        p_value=p_value,
         seconds=seconds,
         message=message,
     )
