@@ -107,6 +107,48 @@ def test_a_command_that_is_late_by_less_than_a_recorder_may_be_is_not_named(tmp_
     assert reasons["input_delay"] == "a command may be recorded as early as that"
 
 
+def found_in_world(tmp_path, world, effects, seed):
+    case = draw_world(world, effects, seed)
+    record, believed = write_world(case, tmp_path)
+    return case, diagnose([record], params=believed)
+
+
+def test_a_supply_that_sags_with_the_current_is_found_with_its_limit(tmp_path):
+    _, found = found_in_world(tmp_path, "industrial", ("voltage_saturation",), 61000)
+    (cause,) = found.causes
+    assert cause.name == "voltage_saturation"
+    assert cause.parameters["voltage_limit"] == pytest.approx(99.2, rel=0.02)
+    assert cause.parameters["supply_resistance"] > 0.0
+
+
+def test_a_command_averaged_over_many_samples_is_found_with_its_window(tmp_path):
+    """32 samples; a value that stood at the end of its range hid that."""
+    _, found = found_in_world(tmp_path, "simulated", ("input_delay",), 61000)
+    (cause,) = found.causes
+    assert cause.parameters["command_window"] == pytest.approx(3.17e-3, rel=0.03)
+
+
+def test_bristles_of_a_law_that_has_none_are_told_from_a_gap_and_a_spring(tmp_path):
+    case, found = found_in_world(tmp_path, "heavy_screw", ("presliding_hysteresis",), 61000)
+    (cause,) = found.causes
+    assert cause.name == "presliding_hysteresis"
+    low, high = cause.intervals["sigma0"]
+    assert low < case.effects[0].truth["sigma0"] < high
+
+
+def test_a_load_is_named_where_an_asymmetry_adds_nothing_beside_it(tmp_path):
+    case, found = found_in_world(tmp_path, "simulated", ("load_bias",), 61001)
+    (cause,) = found.causes
+    assert cause.name == "load_bias"
+    assert cause.parameters["load"] == pytest.approx(case.effects[0].truth["load"], rel=0.02)
+
+
+def test_friction_is_not_said_to_vanish_where_nothing_is_hidden(tmp_path):
+    """The engine before found a friction that falls by 90 % after the start."""
+    _, found = found_in_world(tmp_path, "industrial", (), 61017)
+    assert found.causes == ()
+
+
 def test_of_two_causes_that_a_record_cannot_tell_apart_neither_is_named_alone():
     """One speed both ways: a load and friction that is larger one way are nearly one force."""
     time = np.arange(12_000) * 1e-3
