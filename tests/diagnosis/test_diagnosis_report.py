@@ -246,6 +246,7 @@ def found(**changes) -> Diagnosis:
         "adjustments": {"Fc": 0.02},
         "noise": {"position_m": 1e-7},
         "alone": {},
+        "p_value": 0.5,
         "load_cell": None,
         "records": ("run.csv",),
         "curves": curves,
