@@ -37,9 +37,9 @@ from .surrogates import chance
 Vector = npt.NDArray[np.float64]
 Folds = npt.NDArray[np.int64]
 
-LEAST_SHARE = 0.05
+LEAST_SHARE = 0.08
 """Of the surprises that are left without a cause, that it has to take away."""
-LEAST_SHARE_OF_SWINGS = 0.03
+LEAST_SHARE_OF_SWINGS = 0.05
 """The same of what swings along the travel: nothing that a law's own error leaves looks like it."""
 LEAST_SHARE_OF_VALUES = 0.1
 """The same of each value that may be anything: what is slightly wrong in a law looks like them."""

@@ -18,8 +18,9 @@ from .selection import OWN, Explanation, Problem, amplitudes, can_be, scores
 Folds = npt.NDArray[np.int64]
 
 _SLIDES = 0.9  # of the sliding friction, that has come up
-_SOME_OF_IT = 0.2  # of the time that the drive slides
-_LEAST_LEFT = 0.2  # of the friction, that a cause has to leave for more than that time
+_ACTS = 0.8  # of the largest force of a cause: where it acts
+_SOME = 0.2  # of the time that it acts
+_LEAST_LEFT = 0.2  # of the friction, that has to be left for more than that time
 _SAMPLES = 3  # within which what a reversal does cannot be seen
 _NEAR_TOLERANCE = 0.25  # of a tolerance's whole width
 _AT_END = 0.02  # of a range's width
@@ -36,12 +37,15 @@ def drives(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]
     friction = [m for m in now.members if CAUSES[m.name].of_friction]
     added = added_by(friction, fitted, courses).force
     model = with_values(problem, fitted)
-    shares = []
+    shares, sizes = [], []
     for c, more in zip(courses, added, strict=True):
         law = opposing(c, model)
         sliding = (np.abs(engaged(c, model)) > _SLIDES) & ~c.rests
-        shares.append(1.0 + (more / np.where(sliding, law, 1.0))[sliding])
-    left = float(np.quantile(np.concatenate(shares), _SOME_OF_IT))
+        shares.append(1.0 + more[sliding] / law[sliding])
+        sizes.append(np.abs(more[sliding]))
+    size = np.concatenate(sizes)
+    acts = size >= _ACTS * size.max(initial=0.0)
+    left = float(np.quantile(np.concatenate(shares)[acts], _SOME)) if np.any(acts) else 1.0
     return "" if left > _LEAST_LEFT else "hardly any friction would be left with it"
 
 

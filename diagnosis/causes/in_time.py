@@ -14,8 +14,9 @@ from .cause import Courses, Values, parameter
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
 
-_SETTLING = (0.08, 0.16, 0.32)  # of the record
-_STEPS = 16  # places of a step in a record
+# what is over at once, or comes at the very end, is another constant value for nearly all the time
+_SETTLING = (0.15, 0.25, 0.45)  # of the record
+_STEPS = 16  # parts of a record; a step is not in the first two or the last
 _SUDDEN = 0.01  # of a step [s]
 
 
@@ -67,7 +68,7 @@ def in_time(name: str, line: str) -> tuple[InTime, ...]:
             (1 + sp.tanh((TIME - symbol(step)) / _SUDDEN)) / 2,
             parameter(step, "s", "time of that change", 1.0),
             lambda courses, model: [
-                {step: k / _STEPS * longest(courses)} for k in range(1, _STEPS)
+                {step: k / _STEPS * longest(courses)} for k in range(2, _STEPS - 1)
             ],
             (step,),
         ),

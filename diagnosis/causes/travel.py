@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _FEWEST_PERIODS = 2  # in the travel
 _MOST_PERIODS = 250
+_SHORTEST_PERIOD = 5e-5  # m; shorter ones are an encoder's own error
 _FINER = 5  # periods that are tried, to each whole one in the travel
 _CELLS = 4096  # of the travel: 16 in the shortest period
 _PEAKS = 6
@@ -82,6 +83,7 @@ def periods(
         power += _power((c.x - low) / way, force - force.mean())[tried]
     # peaks over what lies around them: slow structure has more power at few periods
     rises = power / median_filter(power, _AROUND, mode="nearest")
+    rises[swings > 1.0 / _SHORTEST_PERIOD] = 0.0
     inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
     best = inner[np.argsort(-rises[inner])][:_PEAKS]
     apart = 1.0 / (_FINER * way)  # closer ones are the same
