@@ -19,7 +19,7 @@ from .contests import freest_beside, gain, held_out_squares, rivalled
 from .course import Course
 from .diagnosis import NotNamed
 from .held_out import Gain, with_values
-from .plausibility import drives, not_shown, size_differs, within_tolerance
+from .plausibility import at_an_end, drives, not_shown, size_differs, within_tolerance
 from .residuals import residual, rms
 from .search import added_by
 from .selection import (
@@ -226,7 +226,8 @@ def _judged(
     if name not in _SWINGS and size < LEAST_SIZE:
         return refuse(f"its force is {100 * size:.2g} % of the friction: no law is as exact")
     reason = (
-        drives(problem, now, k, courses)
+        at_an_end(now, k, courses)
+        or drives(problem, now, k, courses)
         or size_differs(problem, now, k, folds)
         or not_shown(problem, now, k, courses)
         or within_tolerance(problem, now, k)

@@ -146,9 +146,20 @@ def _concluded(
     while held.order:
         worse = [n for n in held.order if not held.gain(n).certain]
         reason = "the force left on data held out may be no less with it"
-        if not worse and held.all.force_rms >= baseline.force_rms:
+        no_less = [
+            domain
+            for domain, mine, before in (
+                ("force", held.all.force_rms, baseline.force_rms),
+                ("position over a second", held.all.position_rms, baseline.position_rms),
+            )
+            if mine >= before
+        ]
+        if not worse and no_less:
             worse = held.order
-            reason = "the model as believed leaves less than the one with it, on data held out"
+            reason = (
+                f"the model as believed leaves less {no_less[0]} than the one with it, "
+                "on data held out"
+            )
         if not worse:
             break
         holds_up = taken_back(problem, holds_up, worse[-1], reason, folds)

@@ -22,11 +22,22 @@ _ACTS = 0.8  # of the largest force of a cause: where it acts
 _SOME = 0.2  # of the time that it acts
 _LEAST_LEFT = 0.2  # of the friction, that has to be left for more than that time
 _SAMPLES = 3  # within which what a reversal does cannot be seen
+_BETWEEN = (0.1, 0.9)  # of a record: where a change can be told from another value
 _NEAR_TOLERANCE = 0.25  # of a tolerance's whole width
 _AT_END = 0.02  # of a range's width
 _MOST_AT_ENDS = 2  # values at the end of their range, beside two that may be anything
 _LIKE = (0.25, 2.5)  # size in one part of the data, relative to that in all
 _AGREE = 0.75  # of the information: parts whose size is like that
+
+
+def at_an_end(now: Explanation, k: int, courses: Sequence[Course]) -> str:
+    """Why a change in time is none: another constant value does nearly the same; empty if not."""
+    member = now.members[k]
+    longest = max(float(c.time[-1]) for c in courses)
+    times = [member.shape.values[n] for n in CAUSES[member.name].when if n in member.shape.values]
+    if all(_BETWEEN[0] * longest < t < _BETWEEN[1] * longest for t in times):
+        return ""
+    return "it comes at the start or the end of the record only"
 
 
 def drives(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:

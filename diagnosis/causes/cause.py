@@ -93,6 +93,8 @@ class Cause:
         Those of `values` that are found between the grid's points; of each form one at most.
     beyond : function of (courses, model) to str or None
         Why these records cannot show it at all.
+    when : tuple of str
+        Those of `values` that are times within a record.
     of_friction : bool
         Its force is a part of the friction, which can only brake.
     on_screw : bool
@@ -113,6 +115,7 @@ class Cause:
     mistaken_for: tuple[str, ...] = ()
     refined: tuple[str, ...] = ()
     beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
+    when: tuple[str, ...] = ()
     of_friction: bool = False
     on_screw: bool = False
     late: Mapping[str, float] = field(default_factory=dict)
@@ -149,6 +152,7 @@ def of_forms(first: Cause, *others: Cause, of_friction: bool = False) -> Cause:
         extend=extend,
         parameters=tuple(dict.fromkeys(p for f in forms for p in f.parameters)),
         refined=tuple(dict.fromkeys(n for f in forms for n in f.refined)),
+        when=tuple(dict.fromkeys(n for f in forms for n in f.when)),
         of_friction=of_friction,
         late={n: share for f in forms for n, share in f.late.items()},
     )

@@ -23,7 +23,7 @@ _CONFIRM = "the same motion again and again, with a thermometer: friction follow
 
 
 def _form(how: InTime) -> Cause:
-    return force_cause(
+    cause = force_cause(
         _NAME,
         _SAYS,
         {parameter(how.change, "1", "share by which friction grows"): changing(_SHARE, how.course)},
@@ -33,6 +33,7 @@ def _form(how: InTime) -> Cause:
         grid=lambda courses, model: either_way(how.grid(courses, model), _SHARE),
         refined=how.refined,
     )
+    return replace(cause, when=how.refined)
 
 
 def _temperature(course: Course) -> Vector | None:
