@@ -222,7 +222,12 @@ def _judged(
     if over.share < least and not slow:
         said = f"it gains {100 * over.share:.2g} % on data held out, asked is {100 * least:g} %"
         return refuse(said)
-    size = rms(with_it - without_it) / problem.model.friction_scale
+    size = rms(with_it - without_it)
+    if not now.members[k].shape.freed:  # values that are fitted otherwise beside it are not its own
+        own = added_by([now.members[k]], amplitudes(problem, now), courses)
+        command = problem.model.per_command * rms(np.concatenate(own.command))
+        size = min(size, rms(np.concatenate(own.force)) + command)
+    size /= problem.model.friction_scale
     if name not in _SWINGS and size < LEAST_SIZE:
         return refuse(f"its force is {100 * size:.2g} % of the friction: no law is as exact")
     reason = (
