@@ -16,7 +16,15 @@ from .course import Course
 from .drive_model import DriveModel
 from .evidence import Prior, conditioned, evidence_of, fit, side_by_side
 from .regression import Filter, responses, whitened
-from .selection import Candidate, Explanation, Problem, bring_of, within_bounds, without
+from .selection import (
+    Candidate,
+    Explanation,
+    Problem,
+    bring_of,
+    price_of_form,
+    within_bounds,
+    without,
+)
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -42,7 +50,7 @@ def refine(
             continue
         search = _Refinement.of(problem, explanation, k, courses, model, made)
         found = [search.best(c) for c in _best_of_forms(problem, explanation, k)]
-        best = max(found, key=lambda f: f.evidence)
+        best = max(found, key=lambda f: f.evidence - price_of_form(f.candidate))
         problem, explanation = search.with_member(best)
     return problem, explanation
 

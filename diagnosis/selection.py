@@ -63,6 +63,7 @@ _ANY = 1.0  # relative spread of values that take all they can, where noise is s
 _MUCH = 0.1  # of what is left, that one more cause has to explain there
 _HELD = 1e-3  # of its spread, to one that stands at the end of what is believed
 OWN = (0.6, 1.6)  # amplitude of a cause whose shape has its size in it
+_PER_AMPLITUDE = 3.0  # evidence that one amplitude more in a form has to bring
 _ROUGHLY = (0.3, 3.0)  # the same at a point of a grid, next to the size
 
 
@@ -564,7 +565,8 @@ def _grow(
         found.setdefault(c.name, []).append((bring, c, priors))
     out = {}
     for name, options in found.items():
-        best = max(options, key=lambda o: o[0])
+        # of forms that explain alike, the simplest
+        best = max(options, key=lambda o: o[0] - price_of_form(o[1]))
         # one of many shapes was to be picked as well
         brings = float(np.logaddexp.reduce([o[0] for o in options])) - math.log(len(options))
         price = max(NEXT_PRICE, _BESIDE * max(start.gains)) if start.members else PRICE
@@ -578,6 +580,11 @@ def _grow(
             (*start.gains, brings),
         )
     return out
+
+
+def price_of_form(candidate: Candidate) -> float:
+    """What a form of a cause has to bring more than a simpler one."""
+    return 0.0 if candidate.is_rival else _PER_AMPLITUDE * len(candidate.columns)
 
 
 def bring_of(shape: Shape, inner: Matrix, signal: Vector) -> tuple[float, Vector, Vector]:
