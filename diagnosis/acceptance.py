@@ -200,7 +200,8 @@ def _judged(
     problem: Problem, now: Explanation, k: int, folds: Folds, courses: Sequence[Course]
 ) -> Judged:
     """What data held out say of a member, the cheapest question first."""
-    name = now.members[k].name
+    member = now.members[k]
+    name = member.name
     base = without(problem, now, k)
     mine = held_out_squares(problem, now, folds)
     before = held_out_squares(problem, base, folds)
@@ -214,8 +215,8 @@ def _judged(
     if not over.certain or not _steady(over, before, mine, noise):
         return refuse("what it gains on data held out may be nothing")
     least = LEAST_SHARE_OF_SWINGS if name in _SWINGS else LEAST_SHARE
-    if now.members[k].shape.freed:
-        least = LEAST_SHARE_OF_VALUES * len(now.members[k].shape.freed)
+    if member.shape.freed:
+        least = LEAST_SHARE_OF_VALUES * len(member.shape.freed)
     without_it, with_it = (_forces(problem, e, courses) for e in (base, now))
     of_force = 1.0 - (rms(with_it) / max(rms(without_it), 1e-300)) ** 2
     slow = of_force > LEAST_SHARE_OF_FORCE and over.share > _SLOW * least
@@ -223,8 +224,8 @@ def _judged(
         said = f"it gains {100 * over.share:.2g} % on data held out, asked is {100 * least:g} %"
         return refuse(said)
     size = rms(with_it - without_it)
-    if not now.members[k].shape.freed:  # values that are fitted otherwise beside it are not its own
-        own = added_by([now.members[k]], amplitudes(problem, now), courses)
+    if not member.shape.freed:  # values that are fitted otherwise beside it are not its own
+        own = added_by([member], amplitudes(problem, now), courses)
         command = problem.model.per_command * rms(np.concatenate(own.command))
         size = min(size, rms(np.concatenate(own.force)) + command)
     size /= problem.model.friction_scale
@@ -244,7 +245,7 @@ def _judged(
             held_out_squares(problem, loosened(problem, base, m.name), folds), mine
         ).certain:
             return refuse(f"{m.name} in another form foretells as much")
-    reason, like, better = rivalled(problem, base, now.members[k], before, mine, folds)
+    reason, like, better = rivalled(problem, base, member, before, mine, folds)
     if reason:
         return refuse(reason, like, better)
     p = chance(problem, base, now, courses)

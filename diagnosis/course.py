@@ -169,7 +169,7 @@ def lay_along(record: DriveRecord, model: DriveModel) -> Course:
     share = model.inertia * noise * math.sqrt(record.step) / (_SHOWN * model.friction_scale)
     spacing = (math.sqrt(8.0 / 3.0) * share) ** 0.4
     # long enough for the drive to have answered, short enough to see it answer
-    answers = model.inertia / max(model.linear_friction + model.braking, 1e-9)
+    answers = model.inertia / max(model.damping, 1e-9)
     least = min(max(answers, _SHORTEST), _SHORT)
     spacing = min(max(spacing, least, _OF_BAND / carried(record)), _LONGEST)
     width = max(round(spacing / record.step), -(-len(record.x) // _MOST_WINDOWS), 1)
@@ -309,7 +309,7 @@ def mean_current(course: Course, model: DriveModel) -> Vector:
     jumps = np.diff(course.u, prepend=course.u[0]) / resistance
     # of a jump, the sample may have a share already
     had = course.calibration["current_jump"] * jumps
-    slowed = max(model.linear_friction + model.braking, 1e-12)
+    slowed = max(model.damping, 1e-12)
     return between_samples(
         true_current(course) - had,
         jumps,

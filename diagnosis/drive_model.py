@@ -123,6 +123,11 @@ class DriveModel:
         return self.values["sigma2"] if "sigma2" in self.law_parameters else 0.0
 
     @property
+    def damping(self) -> float:
+        """What slows a motion in proportion to its velocity [N*s/m]."""
+        return self.linear_friction + self.braking
+
+    @property
     def friction_scale(self) -> float:
         """Size of the friction while sliding slowly [N]."""
         v = self.values

@@ -182,10 +182,6 @@ def _friction(model: DriveModel) -> float:
     return max([model.friction_scale, *static])
 
 
-def _damping(model: DriveModel) -> float:
-    return model.linear_friction + model.braking
-
-
 def _force(reach: Reach, model: DriveModel) -> float:
     """What the largest command that is used gives, without what friction takes [N]."""
     offset = abs(model.values["offset"]) if not model.has_motor else 0.0
@@ -195,14 +191,14 @@ def _force(reach: Reach, model: DriveModel) -> float:
 def _fastest(reach: Reach, model: DriveModel) -> float:
     """Speed that the machine went at, and by the model has force to spare at [m/s]."""
     known = _USED * reach.speed
-    damping = _damping(model)
+    damping = model.damping
     spare = 0.8 * _force(reach, model)
     return min(known, spare / damping) if spare > 0.0 and damping > 0.0 else known
 
 
 def _acceleration(reach: Reach, model: DriveModel, speed: float) -> float:
     """Acceleration up to a speed [m/s^2]: that of the records, if the model has force for it."""
-    spare = _HEADROOM * (_force(reach, model) - _damping(model) * speed) / model.inertia
+    spare = _HEADROOM * (_force(reach, model) - model.damping * speed) / model.inertia
     return min(reach.acceleration, spare) if spare > 0.0 else 0.5 * reach.acceleration
 
 
@@ -365,7 +361,7 @@ def _sines(cause: str, reach: Reach, model: DriveModel) -> Motion:
     low, high = _ends(reach)
     peak = 0.5 * _fastest(reach, model)
     rows = _rows(reach)
-    spare = 0.8 * (_force(reach, model) - _damping(model) * peak) / model.inertia
+    spare = 0.8 * (_force(reach, model) - model.damping * peak) / model.inertia
     hardest = spare if spare > 0.0 else reach.acceleration
     fastest = min(hardest / (2 * math.pi * peak), 1.0 / (_SAMPLES_A_PERIOD * rows))
     if reach.count:
@@ -424,7 +420,7 @@ def _steps(cause: str, reach: Reach, model: DriveModel) -> Motion:
     """Steps of the command from rest, both ways in turn, each over a tenth of the travel."""
     del cause
     speed = min(0.5 * reach.speed, _fastest(reach, model))
-    wanted = (_friction(model) + _damping(model) * speed) / abs(model.per_command)
+    wanted = (_friction(model) + model.damping * speed) / abs(model.per_command)
     size = min(max(wanted, 1.1 * _friction(model) / abs(model.per_command)), _USED * reach.command)
     rows = _rows(reach)
     held = max(round(min(0.1 * reach.travel / speed, 0.5) / rows), 10)

@@ -85,10 +85,8 @@ def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Cour
     fitted = amplitudes(problem, now)
     late, way = CAUSES[member.name].late, CAUSES[member.name].way
     if way:
-        goes = way(problem.model, member.shape.values)
-        if goes < max(c.record.count for c in courses):
-            return "its way is less than a count of the encoder"
-        return ""
+        too_short = way(problem.model, member.shape.values) < max(c.record.count for c in courses)
+        return "its way is less than a count of the encoder" if too_short else ""
     # a command that acts later than it is written may be a recorder's
     later, least = np.inf, doubts(course)["command_shift"].high * course.step
     if late:
@@ -98,7 +96,7 @@ def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Cour
         least *= 1.0 + 2.0 * _NEAR_TOLERANCE
     elif "m" in member.shape.freed:
         # the drive follows its command later by the mass over what slows it
-        slowed = max(problem.model.linear_friction + problem.model.braking, 1e-9)
+        slowed = max(problem.model.damping, 1e-9)
         column = member.columns[member.shape.freed.index("m")]
         found = problem.model.values["m"] * (1.0 + fitted[column])
         later = abs(found - problem.believed.values["m"]) / slowed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -48,17 +49,16 @@ def refine(
     for k, m in enumerate(explanation.members):
         if m.is_rival or m.shape.freed:
             continue
-        search = _Refinement.of(problem, explanation, k, courses, model, made)
-        found = [search.best(c) for c in _best_of_forms(problem, explanation, k)]
+        search = _Refinement(problem, explanation, k, courses, model, made)
+        found = [search.best(c) for c in _best_of_forms(problem, m, search.others)]
         best = max(found, key=lambda f: f.evidence - price_of_form(f.candidate))
         problem, explanation = search.with_member(best)
     return problem, explanation
 
 
-def _best_of_forms(problem: Problem, explanation: Explanation, k: int) -> list[Candidate]:
+def _best_of_forms(problem: Problem, member: Candidate, others: Explanation) -> list[Candidate]:
     """Of each form of a member's cause the point of the grid that explains most, some forms."""
-    member = explanation.members[k]
-    left = conditioned(problem.columns.products(), without(problem, explanation, k).priors)
+    left = conditioned(problem.columns.products(), others.priors)
     best: dict[tuple[object, ...], tuple[float, Candidate]] = {}
     for c in problem.candidates:
         if c.name != member.name or c.is_rival:
@@ -100,25 +100,26 @@ class _Refinement:
     courses: Sequence[Course]
     model: DriveModel
     made: Sequence[Filter]
-    others: Explanation
-    base: Matrix
-    inner: Matrix
 
-    @classmethod
-    def of(
-        cls,
-        problem: Problem,
-        explanation: Explanation,
-        place: int,
-        courses: Sequence[Course],
-        model: DriveModel,
-        made: Sequence[Filter],
-    ) -> _Refinement:
-        others = without(problem, explanation, place)
-        used = np.concatenate([[0], *(p.columns for p in others.priors)]).astype(np.int64)
-        base = problem.columns.of(used)
-        inner = problem.columns.products()[np.ix_(used, used)]
-        return cls(problem, explanation, place, courses, model, made, others, base, inner)
+    @cached_property
+    def others(self) -> Explanation:
+        """The explanation without the member."""
+        return without(self.problem, self.explanation, self.place)
+
+    @cached_property
+    def used(self) -> npt.NDArray[np.int64]:
+        """The signal's column and those of the others."""
+        return np.concatenate([[0], *(p.columns for p in self.others.priors)]).astype(np.int64)
+
+    @cached_property
+    def base(self) -> Matrix:
+        """These columns."""
+        return self.problem.columns.of(self.used)
+
+    @cached_property
+    def inner(self) -> Matrix:
+        """Their products."""
+        return self.problem.columns.products()[np.ix_(self.used, self.used)]
 
     def best(self, start: Candidate) -> _Refined:
         """From a point of the grid to the best between its neighbours."""

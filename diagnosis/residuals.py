@@ -118,7 +118,7 @@ def at_samples(course: Course, values: Vector) -> Vector:
 def _ahead(model: DriveModel, force: Vector, step: float) -> Vector:
     """Error of the position that comes of not knowing a force, from nothing at every second."""
     every = max(2, round(AHEAD / step))
-    slowed = (model.linear_friction + model.braking) / model.inertia
+    slowed = model.damping / model.inertia
     kept = math.exp(-slowed * step)
     gained = step if slowed * step < 1e-9 else -math.expm1(-slowed * step) / slowed
     out = np.zeros(len(force))

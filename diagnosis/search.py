@@ -294,5 +294,7 @@ def _contenders(choice: Choice, first: bool) -> list[Explanation]:
         and len(set(e.names) - set(own.names)) == 1
         and e.score > max(least, nothing)
     ][:_MOST_CONTENDERS]
-    simplest = [e for e in ranked.values() if len(e.members) == 1 and first][:1]
-    return [best, *near, *(e for e in simplest if len(best.members) > 1)]
+    if not first or len(best.members) == 1:
+        return [best, *near]
+    simplest = [e for e in ranked.values() if len(e.members) == 1]
+    return [best, *near, *simplest[:1]]

@@ -45,7 +45,8 @@ PARAMETERS = (
 )
 
 
-def _clip(value: sp.Expr, low: sp.Expr, high: sp.Expr) -> sp.Expr:
+def clip(value: sp.Expr, low: sp.Expr, high: sp.Expr) -> sp.Expr:
+    """A value held between two others."""
     return sp.Piecewise((low, value < low), (high, value > high), (value, True))
 
 
@@ -55,10 +56,10 @@ def applied_voltage(demand: sp.Expr) -> sp.Expr:
     emf = symbol("ke") * 2 * sp.pi * symbol("p") * symbol("v")
     per_ampere = symbol("L") / symbol("current_limit_time")
     hold = symbol("R") * current + emf
-    within_current = _clip(
+    within_current = clip(
         demand, hold - per_ampere * (limit + current), hold + per_ampere * (limit - current)
     )
-    return _clip(within_current, -symbol("voltage_limit"), symbol("voltage_limit"))
+    return clip(within_current, -symbol("voltage_limit"), symbol("voltage_limit"))
 
 
 def with_amplifier(plant: Component) -> Component:

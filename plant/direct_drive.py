@@ -18,6 +18,7 @@ from ..solver.component import (
     symbol,
 )
 from .amplifier import PARAMETERS as AMPLIFIER
+from .amplifier import clip
 from .ball_screw import acted_on_of, inner_outputs
 from .classical import classical, with_sticking
 from .modified_lugre import modified_lugre
@@ -93,7 +94,6 @@ def with_command_limit(plant: Component) -> Component:
     The parameter is the amplifier's, so that a limit has one name for every plant.
     """
     u, limit = symbol("u"), symbol("voltage_limit")
-    cut = sp.Piecewise((-limit, u < -limit), (limit, u > limit), (u, True))
     (parameter,) = (p for p in AMPLIFIER if p.name == limit.name)
     parameter = replace(parameter, meaning="largest command, either sign; 1e6: no limit")
-    return plant.substituted({u: cut}, parameters=(*plant.parameters, parameter))
+    return plant.substituted({u: clip(u, -limit, limit)}, parameters=(*plant.parameters, parameter))

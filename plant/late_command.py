@@ -46,19 +46,6 @@ def with_late_command(plant: Component, delay: Parameter) -> Component:
     return replace(plant, **held, parameters=(*plant.parameters, delay))
 
 
-def with_filtered_command(plant: Component, lag: Parameter) -> Component:
-    """The plant with its command `u` behind a filter of first order, settled at zero at first.
-
-    Parameters
-    ----------
-    plant : Component
-        Has an input `u`.
-    lag : Parameter
-        The filter's time constant [s]; its minimum is more than 0.
-    """
-    return with_command_behind(plant, lag, (symbol(lag.name),))
-
-
 def with_command_behind(
     plant: Component, time: Parameter, coefficients: Sequence[sp.Expr]
 ) -> Component:
@@ -73,21 +60,25 @@ def with_command_behind(
     coefficients : sequence of expression
         Of the filter's denominator 1 + c1 s + c2 s^2 + ...; its numerator is 1.
     """
-    u = symbol("u")
+    u, scale = symbol("u"), symbol(time.name)
     unit = next(i.unit for i in plant.inputs if i.name == "u")
-    names = ["u_filtered", *(f"u_filtered_rate{k}" for k in range(1, len(coefficients)))]
+    order = len(coefficients)
+    names = ["u_filtered", *(f"u_filtered_rate{k}" for k in range(1, order))]
+    # rates are told per the filter's time, so that all states are as large as the command
     parts = [symbol(n) for n in names]
-    left = u - parts[0] - sp.Add(*[c * q for c, q in zip(coefficients, parts[1:], strict=False)])
-    rates = [*parts[1:], left / coefficients[-1]]
-    scale = symbol(time.name)
-    behind = []
-    for k, (name, rate) in enumerate(zip(names, rates, strict=True)):
-        # rates are told per the filter's time, so that all states are as large as the command
-        scaled = {q: q / scale**j for j, q in enumerate(parts)}
-        meaning = "command behind its filter" + (f", rate {k} by its time" if k else "")
-        behind.append(
-            State(name, unit, meaning, sp.simplify(rate.xreplace(scaled) * scale**k), nominal=10.0)
+    told = [q / scale**k for k, q in enumerate(parts)]
+    left = u - parts[0] - sp.Add(*[c * r for c, r in zip(coefficients, told[1:], strict=False)])
+    rates = [*(q / scale for q in parts[1:]), left * scale ** (order - 1) / coefficients[-1]]
+    behind = [
+        State(
+            name,
+            unit,
+            "command behind its filter" + (f", rate {k} by its time" if k else ""),
+            rate,
+            nominal=10.0,
         )
+        for k, (name, rate) in enumerate(zip(names, rates, strict=True))
+    ]
     held = plant.equations_with({u: parts[0]})
     held["states"] = (*held["states"], *behind)
     return replace(plant, **held, parameters=(*plant.parameters, time))

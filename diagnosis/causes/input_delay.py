@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 import sympy as sp
 
-from ...solver.component import Component, symbol
+from ...plant.late_command import with_command_behind, with_late_command
+from ...solver.component import Component, Parameter, symbol
 from ..weak_form import lagged
 from .cause import Cause, Courses, Shape, Values, Vector, of_forms, parameter
 
@@ -49,118 +51,79 @@ def smeared(u: Vector, window: float, step: float) -> Vector:
     return np.asarray((means[-count:] - means[-count - n :][:count] + rest) / (n + share))
 
 
-def _delayed(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    del model
-    command = [(late(c.u, values["delay"], c.step) - c.u)[:, None] for c in courses]
-    return Shape(("delay",), command=command, values=values, sure=0.35)
+def _filtered(u: Vector, time_constant: float, step: float, filters: int) -> Vector:
+    """Mean over each interval of a held command behind filters in series.
 
-
-def _filtered(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    del model
-    command = [
-        (lagged(c.u[:, None], c.step, values["command_lag"]) - c.u[:, None]) for c in courses
-    ]
-    return Shape(("command_lag",), command=command, values=values, sure=0.35)
-
-
-def _filtered_twice(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    del model
-
-    def twice(u: Vector, step: float) -> Vector:
-        # the second filter has what the first gives between samples on average: held, half a
-        # sample late
-        once = lagged(u[:, None], step, values["command_lag_twice"])
-        return np.asarray(lagged(once, step, values["command_lag_twice"])[:, 0])
-
-    command = [(twice(c.u, c.step) - c.u)[:, None] for c in courses]
-    return Shape(("command_lag_twice",), command=command, values=values, sure=0.35)
-
-
-def _averaged(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    del model
-    command = [(smeared(c.u, values["command_window"], c.step) - c.u)[:, None] for c in courses]
-    return Shape(("command_window",), command=command, values=values, sure=0.35)
-
-
-def _extend_delayed(plant: Component, curve: sp.Expr, values: Values) -> Component:
-    del curve, values
-    from ...plant.late_command import with_late_command
-
-    (delay,) = _DELAY.parameters
-    return with_late_command(plant, replace(delay, minimum=1e-7))
-
-
-def _extend_filtered(plant: Component, curve: sp.Expr, values: Values) -> Component:
-    del curve, values
-    from ...plant.late_command import with_filtered_command
-
-    (lag,) = _LAG.parameters
-    return with_filtered_command(plant, replace(lag, minimum=1e-7))
-
-
-def _extend_filtered_twice(plant: Component, curve: sp.Expr, values: Values) -> Component:
-    del curve, values
-    from ...plant.late_command import with_command_behind
-
-    (lag,) = _LAG_TWICE.parameters
-    time = symbol(lag.name)
-    return with_command_behind(plant, replace(lag, minimum=1e-7), (2 * time, time**2))
-
-
-def _extend_averaged(plant: Component, curve: sp.Expr, values: Values) -> Component:
-    del curve, values
-    from ...plant.late_command import with_command_behind
-
-    (window,) = _WINDOW.parameters
-    time = symbol(window.name)
-    # Pade's approximation of a mean over a window, with a numerator of degree zero
-    return with_command_behind(plant, replace(window, minimum=1e-7), (time / 2, time**2 / 12))
-
-
-_DELAY = Cause(
-    "input_delay",
-    "the command reaches the drive late",
-    lambda courses, model: [{"delay": float(time)} for time in _times(courses)],
-    _delayed,
-    (parameter("delay", "s", "by which the command arrives late", 1e-4),),
-    _extend_delayed,
-    confirm="a step of the command with the current recorded: the current begins late",
-    refined=("delay",),
-    late={"delay": 1.0},
-    mistaken_for=("unmodelled_inertia",),
-)
+    Each filter has what the one before gives on average over an interval, held.
+    """
+    given = u[:, None]
+    for _ in range(filters):
+        given = lagged(given, step, time_constant)
+    return np.asarray(given[:, 0])
 
 
 def _form(
     name: str,
     meaning: str,
     share: float,
-    at: Callable[..., Shape],
-    extend: Callable[..., Component],
+    arrives: Callable[[Vector, float, float], Vector],
+    built: Callable[[Component, Parameter], Component],
 ) -> Cause:
-    """Another form, told by one time; the command is late by this share of it."""
-    return replace(
-        _DELAY,
-        grid=lambda courses, model: [{name: float(time)} for time in _times(courses)],
-        at=at,
-        parameters=(parameter(name, "s", meaning, 1e-4),),
-        extend=extend,
+    """A form that is told by one time, by a share of which the command is late on average."""
+    time = parameter(name, "s", meaning, 1e-4)
+
+    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+        del model
+        command = [(arrives(c.u, values[name], c.step) - c.u)[:, None] for c in courses]
+        return Shape((name,), command=command, values=values, sure=0.35)
+
+    def extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+        del curve, values
+        return built(plant, replace(time, minimum=1e-7))
+
+    return Cause(
+        "input_delay",
+        "the command reaches the drive late",
+        lambda courses, model: [{name: float(t)} for t in _times(courses)],
+        at,
+        (time,),
+        extend,
+        confirm="a step of the command with the current recorded: the current begins late",
         refined=(name,),
         late={name: share},
+        mistaken_for=("unmodelled_inertia",),
     )
 
 
-_LAG = _form(
-    "command_lag", "time constant of the command's filter", 1.0, _filtered, _extend_filtered
+def _behind(
+    coefficients: Callable[[sp.Symbol], Sequence[sp.Expr]],
+) -> Callable[[Component, Parameter], Component]:
+    """What puts a plant's command behind a filter, see `with_command_behind`."""
+    return lambda plant, time: with_command_behind(plant, time, coefficients(symbol(time.name)))
+
+
+CAUSE = of_forms(
+    _form("delay", "by which the command arrives late", 1.0, late, with_late_command),
+    _form(
+        "command_lag",
+        "time constant of the command's filter",
+        1.0,
+        partial(_filtered, filters=1),
+        _behind(lambda time: (time,)),
+    ),
+    _form(
+        "command_lag_twice",
+        "time constant of each of the command's two filters",
+        2.0,
+        partial(_filtered, filters=2),
+        _behind(lambda time: (2 * time, time**2)),
+    ),
+    _form(
+        "command_window",
+        "time over which the command is averaged",
+        0.5,
+        smeared,
+        # Pade's approximation of a mean over a window, with a numerator of degree zero
+        _behind(lambda time: (time / 2, time**2 / 12)),
+    ),
 )
-_LAG_TWICE = _form(
-    "command_lag_twice",
-    "time constant of each of the command's two filters",
-    2.0,
-    _filtered_twice,
-    _extend_filtered_twice,
-)
-_WINDOW = _form(
-    "command_window", "time over which the command is averaged", 0.5, _averaged, _extend_averaged
-)
-CAUSE = of_forms(_DELAY, _LAG, _LAG_TWICE, _WINDOW)

@@ -26,7 +26,7 @@ def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
 
 
 def _beyond(courses: Courses, model: DriveModel) -> str | None:
-    settles = model.inertia / max(model.linear_friction + model.braking, 1e-12)
+    settles = model.inertia / max(model.damping, 1e-12)
     if all(settles < c.step or model.inertia < _LEAST * c.inertia for c in courses):
         return "what is moved is too light for these samples: its speed settles between them"
     return None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import sympy as sp
 
+from ...plant.amplifier import clip
 from ...solver.component import Component, symbol
 from .cause import Cause, Courses, Shape, Values, Vector, of_forms, parameter
 
@@ -94,8 +95,7 @@ def _sagging(plant: Component, curve: sp.Expr, values: Values) -> Component:
     u = symbol("u")
     most = symbol("voltage_limit") - symbol("supply_resistance") * sp.Abs(symbol("i"))
     most = sp.Max(most, 0)
-    given = {u: sp.Piecewise((-most, u < -most), (most, u > most), (u, True))}
-    return plant.substituted(given, parameters=(*plant.parameters, _RESISTANCE))
+    return plant.substituted({u: clip(u, -most, most)}, parameters=(*plant.parameters, _RESISTANCE))
 
 
 _RESISTANCE = parameter("supply_resistance", "Ohm", "by which the limit sags with the current")
