@@ -91,7 +91,8 @@ def extended_plant(
     own = {name: last_record(numbers) for name, numbers in found}
     values = {n: v for numbers in own.values() for n, v in numbers.items()}
     if "presliding_hysteresis" in names:
-        model = bristled(model, values["sigma0"], values.get("sigma1"))
+        model = bristled(model, values["sigma0"], values.pop("damping_ratio", 1.0))
+        values["sigma1"] = model.values["sigma1"]
     make = bare_ball_screw if model.has_motor else bare_direct_drive
     plant = _with_defaults(make(law(model.law), NAME), model.values, BELIEVED)
     v = symbol("v")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..course import Course
     from ..drive_model import DriveModel
 
-_GAPS = 1e-6 * 2.0 ** np.arange(1.0, 9.5, 0.5)  # [m]
+_GAPS = 1e-6 * 2.0 ** np.arange(1.0, 10.75, 0.5)  # [m]
 
 
 def _missing(course: Course, model: DriveModel, gap: float) -> Vector:

@@ -1,4 +1,4 @@
-"""A spring between the encoder and where friction acts."""
+"""A spring between the encoder and the load, friction behind it or before it."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import sympy as sp
+from scipy.signal import cont2discrete, lfilter
 
 from ...solver.component import Component
-from .cause import Cause, Courses, Shape, Values, parameter
+from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 
 if TYPE_CHECKING:
     from ..course import Course
     from ..drive_model import DriveModel
 
 _YIELDING = 1e-6 * 2.0 ** np.arange(-4.0, 8.0)  # under the friction of slow sliding [m]
+_RESONANCES = (0.02, 1.0)  # of one over the sampling interval [rad/s]
+_DAMPING = 0.1  # of a load on its spring, share of critical; as in `plant.two_masses`
 
 
 def _missing(course: Course, model: DriveModel, stiffness: float) -> np.ndarray:
@@ -44,7 +47,43 @@ def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     return with_spring(plant)
 
 
-CAUSE = Cause(
+def _load_grid(courses: Courses, model: DriveModel) -> list[Values]:
+    """Stiffnesses at which the load swings within what the samples show, half octaves.
+
+    None where nobody told which part of the mass is the load.
+    """
+    if not model.values.get("Jm"):
+        return []
+    slowest, fastest = (share / courses[0].step for share in _RESONANCES)
+    count = math.ceil(4.0 * math.log2(fastest / slowest)) + 1
+    resonances = np.geomspace(slowest, fastest, count)
+    return [{"load_stiffness": float(model.block * w**2)} for w in resonances]
+
+
+def _load_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    """What a load that swings behind a spring asks for beyond a rigid one."""
+    resonance = math.sqrt(values["load_stiffness"] / model.block)
+    swings = [1.0, 2.0 * _DAMPING * resonance, resonance**2]
+    force = []
+    for c in courses:
+        b, a, _ = cont2discrete(([-1.0, 0.0, 0.0], swings), c.step, method="foh")
+        force.append(model.block * lfilter(b.ravel(), a, c.mean_a)[:, None])
+    return Shape(("load_stiffness",), force=force, values=values, sure=0.3)
+
+
+def _load_extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+    del curve, values
+    from ...plant.two_masses import with_load_on_spring
+
+    return with_load_on_spring(plant)
+
+
+def _way(model: DriveModel, values: Values) -> float:
+    """Over which the friction behind a spring comes up; one before it needs none."""
+    return 2.0 * model.friction_scale / values["stiffness"] if "stiffness" in values else math.inf
+
+
+_FRICTION_BEHIND = Cause(
     "compliance",
     "something elastic lies between the encoder and the block",
     _grid,
@@ -53,6 +92,17 @@ CAUSE = Cause(
     _extend,
     confirm="a sensor on the block beside the encoder: the two part when the force reverses",
     refined=("stiffness",),
-    way=lambda model, values: 2.0 * model.friction_scale / values["stiffness"],
+    way=_way,
     mistaken_for=("parameter_error", "backlash"),
 )
+_FRICTION_BEFORE = Cause(
+    _FRICTION_BEHIND.name,
+    _FRICTION_BEHIND.says,
+    _load_grid,
+    _load_at,
+    (parameter("load_stiffness", "N/m", "of what lies between friction and load", 1e9),),
+    _load_extend,
+    confirm=_FRICTION_BEHIND.confirm,
+    refined=("load_stiffness",),
+)
+CAUSE = of_forms(_FRICTION_BEHIND, _FRICTION_BEFORE)

@@ -22,6 +22,8 @@ def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     names = [n for n in model.adjustable if n.partition("_")[0] not in _OTHERS]
     # more than two at once can be anything: all forces together are the mass
     sets = [*combinations(names, 1), *combinations(names, 2)]
+    levels = [(n, n.replace("Fc", "Fs")) for n in names if n.startswith("Fc")]
+    sets += [pair for pair in levels if pair[1] in model.adjustable]  # of sliding and of rest
     return [{n: model.values[n] for n in those} for those in sets]
 
 

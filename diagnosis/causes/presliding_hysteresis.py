@@ -16,14 +16,15 @@ from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
 
+_RATIOS = (0.35, 0.0)  # of the bristles' damping to the critical one, beside that one itself
 _WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # over which the force comes up [m]
 
 
-def bristled(model: DriveModel, sigma0: float, sigma1: float | None = None) -> DriveModel:
-    """The model with LuGre's bristles under its own curve over speed, else critically damped."""
-    damping = max(2 * math.sqrt(sigma0 * model.block) - model.values["sigma2"], 0.0)  # Eq. 2.17
-    damping = damping if sigma1 is None else sigma1
-    values = {**model.values, "sigma0": sigma0, "sigma1": damping, "Kv": 1e8}
+def bristled(model: DriveModel, sigma0: float, damping_ratio: float = 1.0) -> DriveModel:
+    """The model with LuGre's bristles under its own curve over speed, see `damping_ratio`."""
+    critical = 2.0 * math.sqrt(sigma0 * model.block)  # of sigma1 + sigma2, Eq. 2.17
+    sigma1 = max(damping_ratio * critical - model.values["sigma2"], 0.0)
+    values = {**model.values, "sigma0": sigma0, "sigma1": sigma1, "Kv": 1e8}
     return replace(model, law="modified_lugre", values=values)
 
 
@@ -32,12 +33,12 @@ def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     return [{"sigma0": model.friction_scale / float(way)} for way in _WAYS]
 
 
-def _undamped_grid(courses: Courses, model: DriveModel) -> list[Values]:
-    return [{**values, "sigma1": 0.0} for values in _grid(courses, model)]
+def _less_damped_grid(courses: Courses, model: DriveModel) -> list[Values]:
+    return [{**v, "damping_ratio": r} for r in _RATIOS for v in _grid(courses, model)]
 
 
 def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    bent = bristled(model, values["sigma0"], values.get("sigma1"))
+    bent = bristled(model, **values)
     force = [(follow(c, bent).bristle - c.bristle)[:, None] for c in courses]
     return Shape(("sigma0",), force=force, values=values, sure=0.3)
 
@@ -65,9 +66,12 @@ _DAMPED = Cause(
     mistaken_for=("compliance", "backlash"),
     beyond=_beyond,
 )
-_UNDAMPED = replace(
+_LESS_DAMPED = replace(
     _DAMPED,
-    grid=_undamped_grid,
-    parameters=(*_DAMPED.parameters, parameter("sigma1", "N*s/m", "damping of the bristles")),
+    grid=_less_damped_grid,
+    parameters=(
+        *_DAMPED.parameters,
+        parameter("damping_ratio", "1", "damping of the bristles, share of the critical one", 1.0),
+    ),
 )
-CAUSE = of_forms(_DAMPED, _UNDAMPED)
+CAUSE = of_forms(_DAMPED, _LESS_DAMPED)

@@ -121,11 +121,16 @@ OTHER_FORMS = [
     ("input_delay", {"command_lag": 3e-3}),
     ("input_delay", {"command_lag_twice": 2e-3}),
     ("input_delay", {"command_window": 4e-3}),
-    ("presliding_hysteresis", {"sigma0": 2e5, "sigma1": 0.0}),
+    ("compliance", {"load_stiffness": 4e4}),
     ("voltage_saturation", {"voltage_scale": 15.0}),
     ("voltage_saturation", {"voltage_limit": 20.0, "supply_resistance": 6.0}),
 ]
-SIZED = ("gap", "stiffness", "delay")  # their amplitude is one, the size is the value itself
+SIZED = (
+    "gap",
+    "stiffness",
+    "load_stiffness",
+    "delay",
+)  # their amplitude is one, the size is the value itself
 
 
 def believed(kind="ball_screw", law_name="modified_lugre", **values):
@@ -160,6 +165,17 @@ def test_every_form_of_a_cause_is_part_of_the_plant_with_its_values(name, values
     known = {p.name: p.default for p in plant.all_parameters}
     assert {n: known[n] for n in values} == values
     assert generate(with_law_ports(plant)).states
+
+
+def test_bristles_with_less_damping_have_it_as_sigma1():
+    model = believed(law_name="classical", sigma2=0.0)
+    sigma1 = []
+    for ratio in (0.0, 0.35, 1.0):
+        values = {"sigma0": 2e5, "damping_ratio": ratio}
+        plant = extended_plant(model, [("presliding_hysteresis", values)])
+        sigma1.append({p.name: p.default for p in plant.all_parameters}["sigma1"])
+    assert sigma1[2] == pytest.approx(2.0 * np.sqrt(2e5 * model.block), rel=1e-12)
+    assert sigma1[:2] == pytest.approx([0.0, 0.35 * sigma1[2]])
 
 
 def test_all_causes_at_once_are_one_plant():
@@ -304,7 +320,12 @@ def foretold(model, motion, found):
     return without, whole
 
 
-_FORCES = ("position_periodic_friction", "position_trend_friction", "nonlinear_viscous")
+_FORCES = (
+    "position_periodic_friction",
+    "position_trend_friction",
+    "nonlinear_viscous",
+    "compliance",
+)
 
 
 def apart(seen, told, where):
