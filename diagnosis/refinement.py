@@ -31,6 +31,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _FORMS = 4  # of a cause, that compete once more between the points of their grids
+_BEYOND = (0.7, 1.4)  # times the ends of a grid
 _SURE = 0.02  # of an amplitude that is one: the size is the value's
 
 
@@ -140,8 +141,11 @@ class _Refinement:
             if c.name == start.name and not c.is_rival and _form(c) == form
         )
         here = points.index(values[key])
-        low = points[max(here - 1, 0)] * (0.7 if here == 0 else 1.0)
-        high = points[min(here + 1, len(points) - 1)] * (1.4 if here + 1 == len(points) else 1.0)
+        grid = CAUSES[start.name].grid(self.courses, self.model)
+        ends = [v[key] for v in grid if key in v]
+        low = points[here - 1] if here else min(_BEYOND[0] * min(ends), values[key])
+        last = here + 1 == len(points)
+        high = max(_BEYOND[1] * max(ends), values[key]) if last else points[here + 1]
         found = minimize_scalar(
             lambda q: -self._at(start, {**fixed, key: math.exp(q)}).evidence,
             bounds=(math.log(low), math.log(high)),

@@ -45,6 +45,7 @@ from .selection import (
     pruned,
     stands,
     state_problem,
+    with_one_value,
 )
 from .threads import in_threads
 
@@ -167,13 +168,21 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
         if not choice.best.members and not best:
             return _nothing_found(situation, believed, choice, first)
         contenders = [e for e in _contenders(choice, turn == 0) if _key(e) not in tried]
-        if best and (_key(choice.best) == _key(best.explanation) or not contenders):
+        one = with_one_value(problem, choice.best) if turn == 0 else None
+        contenders += [one] if one else []
+        if best and _key(choice.best) == _key(best.explanation):
+            break
+        if best and not contenders:
+            choice = _kept(problem, choice, best.explanation)
             break
         tried |= {_key(e) for e in contenders}
         taken = partial(_step, situation, problem, believed)
         steps = [s for s in in_threads(taken, contenders) if s.stands]
+        if not best:
+            steps = _with_the_first(steps)
         if not steps:
             if best:
+                choice = _kept(problem, choice, best.explanation)
                 break
             return _nothing_found(situation, believed, choice, first)
         noise = min((s.situation.noise for s in steps), key=lambda n: float(n.sizes[0]))
@@ -184,17 +193,25 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
             return _nothing_found(situation, believed, choice, first)
         # what was found before may be the better whole, along its own motion
         if best and cost > before + best.price:
-            stays = [e for e in choice.others if _key(e) == _key(best.explanation)]
-            if stays:
-                stays.sort(key=lambda e: -e.score)
-                kept = pruned(problem, problem.columns.products(), stays[0])
-            else:  # more names than a search tries at once
-                kept = again(problem, best.explanation.names)
-            choice = replace(choice, best=kept)
+            choice = _kept(problem, choice, best.explanation)
             break
         problem, choice = step.problem, replace(choice, best=step.explanation)
         situation, best = step.situation, step
-    return Found(situation, problem, choice, first)
+    else:
+        return Found(situation, problem, choice, first)
+    made = filters(situation.courses, problem.noise)
+    problem, last = refine(problem, choice.best, situation.courses, situation.model, made)
+    return Found(situation, problem, replace(choice, best=last), first)
+
+
+def _kept(problem: Problem, choice: Choice, explanation: Explanation) -> Choice:
+    """The choice of the names that an explanation had before, in the forms that are now best."""
+    stays = [e for e in choice.others if _key(e) == _key(explanation)]
+    if stays:
+        best = max(stays, key=lambda e: e.score)
+        return replace(choice, best=pruned(problem, problem.columns.products(), best))
+    # more names than a search tries at once
+    return replace(choice, best=again(problem, explanation.names))
 
 
 def _nothing_found(
@@ -285,16 +302,29 @@ def _contenders(choice: Choice, first: bool) -> list[Explanation]:
         return [best]
     nothing = max(e.score for e in choice.others if not e.members)
     own = ranked.get(tuple(sorted(best.causes))) or next(iter(ranked.values()))
-    least = nothing + _FIRST_CONTENDS * (own.score - nothing) if first else own.score - _CONTENDS
+    leading = max((e.score for e in ranked.values() if len(e.names) == 1), default=own.score)
+    least = nothing + _FIRST_CONTENDS * (leading - nothing) if first else own.score - _CONTENDS
+    size = 1 if first else len(own.names)
     near = [
         e
         for e in ranked.values()
         if e is not own
-        and len(e.names) == len(own.names)
-        and len(set(e.names) - set(own.names)) == 1
+        and len(e.names) == size
+        and (first or len(set(e.names) - set(own.names)) == 1)
         and e.score > max(least, nothing)
-    ][:_MOST_CONTENDERS]
-    if not first or len(best.members) == 1:
-        return [best, *near]
-    simplest = [e for e in ranked.values() if len(e.members) == 1]
-    return [best, *near, *simplest[:1]]
+    ]
+    return [best, *near[: _MOST_CONTENDERS + (len(best.members) > 1)]]
+
+
+def _with_the_first(steps: Sequence[Step]) -> list[Step]:
+    """Those with the cause that does best alone, once values are adjusted to it.
+
+    Around values that no cause is known of, a cause that changes much looks less than it is, and
+    sets that lack it look better than they are: others are sought beside the first, not without it.
+    """
+    alone = [s for s in steps if len(s.explanation.members) == 1]
+    if not alone:
+        return list(steps)
+    noise = min((s.situation.noise for s in steps), key=lambda n: float(n.sizes[0]))
+    first = min(alone, key=lambda s: _unlikelihood(s.situation, noise) + s.price)
+    return [s for s in steps if first.explanation.names[0] in s.explanation.names]

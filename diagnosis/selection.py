@@ -415,6 +415,20 @@ def loosened(problem: Problem, explanation: Explanation, name: str) -> Explanati
     return replace(explanation, priors=within_bounds(problem, products, explanation.members, own))
 
 
+def with_one_value(problem: Problem, explanation: Explanation) -> Explanation | None:
+    """The explanation with one value wrong where it has several, if it has.
+
+    Which values are wrong can be told once they are adjusted only: they act together.
+    """
+    several = [k for k, m in enumerate(explanation.members) if len(m.shape.freed) > 1]
+    if not several:
+        return None
+    name = explanation.members[several[0]].name
+    ones = [c for c in problem.candidates if c.name == name and len(c.shape.freed) == 1]
+    rest = without(problem, explanation, several[0])
+    return _grow(problem, problem.columns.products(), rest, ones).get(name)
+
+
 def again(problem: Problem, names: Sequence[str]) -> Explanation:
     """The explanation by these names, however many."""
     products = problem.columns.products()
@@ -497,6 +511,12 @@ def own_size(problem: Problem, products: Matrix, explanation: Explanation, membe
     return float(signal[0] / max(inner[0, 0], 1e-300))
 
 
+def evidence_brought(problem: Problem, before: Explanation, after: Explanation) -> float:
+    """By how much one explanation is more likely than another, in natural logarithms."""
+    products = problem.columns.products()
+    return evidence_of(products, after.priors) - evidence_of(products, before.priors)
+
+
 def cancelled(problem: Problem, products: Matrix, explanation: Explanation) -> float:
     """Squares of what the members bring, over the square of what they bring together."""
     freed = [int(c) - 1 for m in explanation.members if m.shape.freed for c in m.columns]
@@ -510,11 +530,13 @@ def cancelled(problem: Problem, products: Matrix, explanation: Explanation) -> f
     alone, whole, at = 0.0, np.zeros(len(columns)), 0
     for m in explanation.members:
         mean = problem.prior.mean[m.columns - 1] if m.shape.freed else 0.0
-        part = np.zeros(len(columns))
-        part[at : at + len(m.columns)] = np.array([amplitude[int(c)] for c in m.columns]) - mean
-        at += len(m.columns)
-        alone += float(part @ left @ part)
-        whole += part
+        mine = np.array([amplitude[int(c)] for c in m.columns]) - mean
+        for own in np.diag(mine) if m.shape.freed else mine[None, :]:  # values may cancel, too
+            part = np.zeros(len(columns))
+            part[at : at + len(mine)] = own
+            alone += float(part @ left @ part)
+            whole += part
+        at += len(mine)
     return alone / max(float(whole @ left @ whole), 1e-300)
 
 
@@ -566,7 +588,10 @@ def _grow(
     out = {}
     for name, options in found.items():
         # of forms that explain alike, the simplest
-        best = max(options, key=lambda o: o[0] - price_of_form(o[1]))
+        options.sort(key=lambda o: price_of_form(o[1]) - o[0])
+        best = next(
+            (o for o in options if _apart(problem, products, start, o[1], o[2])), options[0]
+        )
         # one of many shapes was to be picked as well
         brings = float(np.logaddexp.reduce([o[0] for o in options])) - math.log(len(options))
         price = max(NEXT_PRICE, _BESIDE * max(start.gains)) if start.members else PRICE
@@ -580,6 +605,20 @@ def _grow(
             (*start.gains, brings),
         )
     return out
+
+
+def _apart(
+    problem: Problem,
+    products: Matrix,
+    start: Explanation,
+    member: Candidate,
+    priors: tuple[Prior, ...],
+) -> bool:
+    """Whether values that may be anything together do not only cancel each other."""
+    if len(member.shape.freed) < 2:
+        return True
+    alone = Explanation((member,), priors, start.score, (0.0,))
+    return cancelled(problem, products, alone) < MOST_CANCELLED
 
 
 def price_of_form(candidate: Candidate) -> float:
