@@ -28,6 +28,7 @@ from .selection import (
     Problem,
     amplitudes,
     cancelled,
+    evidence_brought,
     loosened,
     restricted_to,
     without,
@@ -46,13 +47,15 @@ LEAST_SHARE_OF_VALUES = 0.1
 LEAST_SHARE_OF_FORCE = 0.4
 """Of the mean square of the force, instead: what is slow shows there."""
 _SLOW = 0.3  # of the share of surprises, that is asked for then
+LEAST_EVIDENCE = 300.0
+"""In natural logarithms: faultless records bring up to a hundred, wrong names more."""
 LEAST_SIZE = 0.005
 """Of the friction, that the force of anything but a swing has to be: laws are not more exact."""
 LEAST_BESIDE = 0.1
 """Of what the largest cause takes away, that any other has to; all where one may be the other."""
 LEAST_P = 0.01
 _FITS_ALL = {"parameter_error", "compliance"}  # beside any other
-_SWINGS = ("torque_ripple", "position_periodic_friction")
+SWINGS = ("torque_ripple", "position_periodic_friction")
 _STEADY = 0.25  # of a gain, that its interval's lower end has to be
 _PLACES = 4  # stretches that a gain comes from, as many as alike would be, or as are clear
 _CLEAR, _CLEAR_SHARE = 9.0, 0.1  # squares in the noise's variance, share of a stretch's
@@ -214,7 +217,7 @@ def _judged(
     noise = max(float(mine.sum()) / np.count_nonzero(problem.columns.blocks[0]), 1.0)
     if not over.certain or not _steady(over, before, mine, noise):
         return refuse("what it gains on data held out may be nothing")
-    least = LEAST_SHARE_OF_SWINGS if name in _SWINGS else LEAST_SHARE
+    least = LEAST_SHARE_OF_SWINGS if name in SWINGS else LEAST_SHARE
     if member.shape.freed:
         least = LEAST_SHARE_OF_VALUES * len(member.shape.freed)
     without_it, with_it = (_forces(problem, e, courses) for e in (base, now))
@@ -223,13 +226,16 @@ def _judged(
     if over.share < least and not slow:
         said = f"it gains {100 * over.share:.2g} % on data held out, asked is {100 * least:g} %"
         return refuse(said)
+    evidence = evidence_brought(problem, base, now)
+    if evidence < LEAST_EVIDENCE:
+        return refuse(f"its evidence is {evidence:.2g}, asked is {LEAST_EVIDENCE:g}")
     size = rms(with_it - without_it)
     if not member.shape.freed:  # values that are fitted otherwise beside it are not its own
         own = added_by([member], amplitudes(problem, now), courses)
         command = problem.model.per_command * rms(np.concatenate(own.command))
         size = min(size, rms(np.concatenate(own.force)) + command)
     size /= problem.model.friction_scale
-    if name not in _SWINGS and size < LEAST_SIZE:
+    if name not in SWINGS and size < LEAST_SIZE:
         return refuse(f"its force is {100 * size:.2g} % of the friction: no law is as exact")
     reason = (
         at_an_end(now, k, courses)

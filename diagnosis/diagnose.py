@@ -15,7 +15,7 @@ from ..orchestration.parameter_file import ParameterFile, read_parameters
 from ..plant import ball_screw, direct_drive
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.tellable import check_tellable
-from .acceptance import Accepted, accepted, taken_back
+from .acceptance import SWINGS, Accepted, accepted, taken_back
 from .along_record import LAWS
 from .believed import believed as believed_of
 from .believed import lead_of, with_lead
@@ -38,7 +38,7 @@ from .diagnosis import (
 )
 from .drive_model import DriveModel
 from .evidence import Conditioned, Prior, conditioned, fit
-from .held_out import HeldOut, gained, judged, laps_of, parts_of, with_values
+from .held_out import HeldOut, gained, gained_ahead, judged, laps_of, parts_of, with_values
 from .load_cell import witness
 from .next_experiment import UNNAMED, motion_for, reach_of, trial_for
 from .plausibility import crossed
@@ -144,15 +144,20 @@ def _concluded(
     held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
     baseline = residual(courses, believed, Added.nothing(courses))
     while held.order:
-        worse = [n for n in held.order if not held.gain(n).certain]
-        reason = "the force left on data held out may be no less with it"
+        worse = [
+            n
+            for n in held.order
+            if not held.gain(n).certain
+            or not (n in SWINGS or held.gain_alone(n).certain)  # nothing else looks like a swing
+        ]
+        reason = "the force left on data held out may be no less with it, or with it alone"
         no_less = [
             domain
-            for domain, mine, before in (
-                ("force", held.all.force_rms, baseline.force_rms),
-                ("position over a second", held.all.position_rms, baseline.position_rms),
+            for domain, loses in (
+                ("force", held.all.force_rms >= baseline.force_rms),
+                ("position over a second", gained_ahead(baseline, held.all, held.limits).loses),
             )
-            if mine >= before
+            if loses
         ]
         if not worse and no_less:
             worse = held.order

@@ -92,6 +92,11 @@ class Gain:
     def certain(self) -> bool:
         return self.interval[0] > 0.0
 
+    @property
+    def loses(self) -> bool:
+        """Whether it certainly loses."""
+        return self.interval[1] < 0.0
+
 
 @dataclass(frozen=True)
 class HeldOut:
@@ -188,16 +193,22 @@ def with_values(problem: Problem, fitted: Vector) -> DriveModel:
 
 
 def gained(before: Residual, after: Residual, limits: npt.NDArray[np.int64]) -> Gain:
-    """What one explanation gains over another, its interval from stretches drawn anew."""
-    pairs = []
-    for a, b in pairwise(limits):
-        keep = before.telling[a:b]
-        pairs.append(
-            (
-                float(np.sum(before.force[a:b][keep] ** 2)),
-                float(np.sum(after.force[a:b][keep] ** 2)),
-            )
-        )
+    """What one explanation gains over another in force, its interval from stretches drawn anew."""
+    return _gained(before.force, after.force, before.telling, limits)
+
+
+def gained_ahead(before: Residual, after: Residual, limits: npt.NDArray[np.int64]) -> Gain:
+    """The same of the position over a second."""
+    return _gained(before.position, after.position, np.ones(len(before.position), bool), limits)
+
+
+def _gained(
+    before: Vector, after: Vector, keep: npt.NDArray[np.bool_], limits: npt.NDArray[np.int64]
+) -> Gain:
+    pairs = [
+        (float(np.sum(before[a:b][keep[a:b]] ** 2)), float(np.sum(after[a:b][keep[a:b]] ** 2)))
+        for a, b in pairwise(limits)
+    ]
     squares = np.array(pairs)
     random = np.random.default_rng(0)
     drawn = squares[random.integers(0, len(squares), (_DRAWS, len(squares)))].sum(axis=1)
