@@ -242,7 +242,7 @@ def _judged(
         or drives(problem, now, k, courses)
         or size_differs(problem, now, k, folds)
         or not_shown(problem, now, k, courses)
-        or within_tolerance(problem, now, k)
+        or within_tolerance(problem, now, k, courses)
     )
     if reason:
         return refuse(reason)

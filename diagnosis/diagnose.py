@@ -41,7 +41,7 @@ from .evidence import Conditioned, Prior, conditioned, fit
 from .held_out import HeldOut, gained, gained_ahead, judged, laps_of, parts_of, with_values
 from .load_cell import witness
 from .next_experiment import UNNAMED, motion_for, reach_of, trial_for
-from .plausibility import crossed
+from .plausibility import at_ends, crossed
 from .regression import Added, filters, responses, whitened
 from .residuals import Residual, floor, repetition, residual
 from .rivals import rivals
@@ -189,6 +189,12 @@ def _concluded(
     if verdict == EXPLAINED and final.force > _AT_FLOOR * lowest.force:
         verdict = PARTLY
         notes.append(_above_floor(final, lowest, bool(laps)))
+    ends = at_ends(problem, best, courses)
+    if ends:
+        notes.append(
+            f"at the end of what they can be: {', '.join(ends)}. A tolerance is too narrow, or "
+            "something without a name is made up for"
+        )
     cell = witness(courses, believed, model, added_by(on_block, fitted, courses).force)
     if cell is None and any("force" in r.signals for r in records):
         notes.append("the load cell's `force` is not used: the model does not say where it sits")

@@ -103,7 +103,7 @@ def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Cour
     return "a command may be recorded as early as that" if later < least else ""
 
 
-def within_tolerance(problem: Problem, now: Explanation, k: int) -> str:
+def within_tolerance(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
     """Why a freed value is no error: it is absurd, or hardly an error; empty if it is one."""
     member = now.members[k]
     if not member.shape.freed:
@@ -115,17 +115,23 @@ def within_tolerance(problem: Problem, now: Explanation, k: int) -> str:
     near = _NEAR_TOLERANCE * (problem.high - problem.low)[places]
     if np.any((fitted > problem.low[places] - near) & (fitted < problem.high[places] + near)):
         return "a value is hardly beyond its tolerance"
-    if len(member.shape.freed) > 1 and _at_ends(problem, now, member.columns) >= _MOST_AT_ENDS:
+    if len(member.shape.freed) > 1 and len(at_ends(problem, now, courses)) >= _MOST_AT_ENDS:
         return "other values stand at the end of their range beside it"
     return ""
 
 
-def _at_ends(problem: Problem, now: Explanation, but: npt.NDArray[np.int64]) -> int:
-    """How many values and calibrations stand at the end of what they can be."""
+def at_ends(problem: Problem, now: Explanation, courses: Sequence[Course]) -> list[str]:
+    """Values and calibrations that stand at the end of what they can be, freed ones left out."""
     fitted = amplitudes(problem, now)[problem.prior.columns]
     near = _AT_END * (problem.high - problem.low)
     ends = (fitted < problem.low + near) | (fitted > problem.high - near)
-    return int(np.count_nonzero(ends[~np.isin(problem.prior.columns, but)]))
+    freed = [c for m in now.members if m.shape.freed for c in m.columns]
+    names = [*problem.names, *calibrated(courses)]
+    return [
+        n
+        for n, c, e in zip(names, problem.prior.columns, ends, strict=True)
+        if e and c not in freed
+    ]
 
 
 def crossed(courses: Sequence[Course]) -> float:

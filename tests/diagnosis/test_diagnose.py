@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from diagnosed import nominal
 from hidden_cases import draw_case, write_case
+from hidden_effects import NOMINAL
 from strong_effects import strong_record
 from worlds import draw_case as draw_world
 from worlds import write_case as write_world
@@ -106,6 +107,14 @@ def test_a_command_that_is_late_by_less_than_a_recorder_may_be_is_not_named(tmp_
     assert not found.causes
     reasons = {n.name: n.because for n in found.not_named}
     assert reasons["input_delay"] == "a command may be recorded as early as that"
+
+
+def test_a_value_at_the_end_of_its_tolerance_is_said():
+    record = strong_record({"kt": 1.04 * NOMINAL["kt"]})  # 3 % were believed
+    found = diagnose_records([record], nominal())
+    assert not found.causes
+    (note,) = (n for n in found.notes if n.startswith("at the end of what they can be: "))
+    assert "kt" in note
 
 
 def test_values_that_cancel_each_other_are_not_called_wrong(tmp_path):
