@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -32,6 +32,8 @@ _FALLS = 4.0  # powers of ten within an octave, that only a filter makes
 _LONGEST_REST = 0.05  # beyond which samples tell nothing [s]
 _SLOW = 3e-3  # of the record's fast speeds: slower is rest
 _OFFSET = 0.1  # of its root mean square: a current sensor's doubt
+_OFFSETS = "offset."  # names of the records' own
+_OWN_OFFSET = 0.5  # of the friction, that a record's own offset may be
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,9 @@ class Course:
         What the instruments are off by, as far as it is known: ``command_shift`` in sampling
         intervals, ``current_offset`` [A] and ``current_gain`` of what is read, and
         ``current_jump``, the share of a voltage's jump that a sample at its time has already.
+    offset_name : str
+        Under which `calibration` has the force [N] by which this record's offset is another than
+        the first record's; empty where all have one.
     by_current : bool
         Whether the motor's force is taken from the current, else from the voltage and the mean
         speed: where the speed follows the voltage within a sampling interval, no sample shows the
@@ -81,6 +86,7 @@ class Course:
     current_share: float = 1.0
     calibration: Mapping[str, float] = field(default_factory=dict)
     by_current: bool = False
+    offset_name: str = ""
 
     @property
     def step(self) -> float:
@@ -99,6 +105,11 @@ class Course:
     def time(self) -> Vector:
         """From the record's start [s]."""
         return np.asarray(self.record.time - self.record.time[0])
+
+    @property
+    def own_offset(self) -> float:
+        """Force by which this record's offset is another than the first record's [N]."""
+        return self.calibration.get(self.offset_name, 0.0)
 
     @cached_property
     def rests(self) -> npt.NDArray[np.bool_]:
@@ -159,7 +170,25 @@ def doubts(course: Course) -> dict[str, Doubt]:
         found["current_offset"] = Doubt(offset, -3.0 * offset, 3.0 * offset)
         found["current_gain"] = Doubt(0.03, -0.06, 0.06)
         found["current_jump"] = Doubt(0.4, 0.0, 1.0)
-    return found
+    friction = float(np.sqrt(np.mean(course.bristle**2)))
+    ends = (-_OWN_OFFSET * friction, _OWN_OFFSET * friction)
+    own = [n for n in course.calibration if n.startswith(_OFFSETS)]
+    return found | dict.fromkeys(own, Doubt(0.5 * ends[1], *ends))
+
+
+def with_own_offsets(courses: Sequence[Course], model: DriveModel) -> list[Course]:
+    """The courses of a drive with an offset for each record after the first.
+
+    Between records an amplifier drifts, and a cable or a slope pulls otherwise.
+    """
+    if model.has_motor:
+        return list(courses)
+    names = ["", *(f"{_OFFSETS}{k + 1}" for k in range(1, len(courses)))]
+    zeros = dict.fromkeys(names[1:], 0.0)
+    return [
+        replace(c, calibration={**c.calibration, **zeros}, offset_name=name)
+        for c, name in zip(courses, names, strict=True)
+    ]
 
 
 def lay_along(record: DriveRecord, model: DriveModel) -> Course:

@@ -189,6 +189,9 @@ def _concluded(
     if verdict == EXPLAINED and final.force > _AT_FLOOR * lowest.force:
         verdict = PARTLY
         notes.append(_above_floor(final, lowest, bool(laps)))
+    own = [f"{c.own_offset:+.3g} N in {c.record.name}" for c in courses if c.offset_name]
+    if own:
+        notes.append(f"offsets beyond that of {courses[0].record.name}: {', '.join(own)}")
     ends = at_ends(problem, best, courses)
     if ends:
         notes.append(

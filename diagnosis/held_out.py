@@ -56,12 +56,13 @@ def laps_of(courses: Sequence[Course]) -> list[float]:
 
 
 def parts_of(courses: Sequence[Course], laps: Sequence[float]) -> npt.NDArray[np.int64]:
-    """To which fold each stretch belongs: records, laps of one motion, or parts of equal length.
+    """To which fold each stretch belongs: records, laps of one motion, or parts of a record.
 
     `laps` are empty where the records have none.
     """
     counts = [stretches(c) for c in courses]
-    if len(courses) >= _FOLDS:
+    # an offset of a record's own can be had of that record only
+    if len(courses) >= _FOLDS and not any(c.offset_name for c in courses):
         return np.repeat(np.arange(len(courses)) % _FOLDS, counts)
     if not laps:
         return np.concatenate([np.arange(n) * _FOLDS // n for n in counts])

@@ -93,7 +93,7 @@ def balance(
     v = midway_velocity(course)
     after = np.append(course.u[1:], course.u[-1])
     u = course.u + course.calibration["command_shift"] * (after - course.u) + command
-    opposed = averaged(friction + force + model.linear_friction * v, width)
+    opposed = averaged(friction + force + model.linear_friction * v, width) + course.own_offset
     if not model.has_motor:
         driven = model.values["gain"] * averaged(u, width)
         return _forces(course, model, driven - opposed)[:, None]

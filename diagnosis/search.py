@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..records.drive_record import DriveRecord
-from .course import Course, driven_by_current, follow, lay_along
+from .course import Course, driven_by_current, follow, lay_along, with_own_offsets
 from .drive_model import DriveModel
 from .evidence import Prior, fit_within, volume
 from .refinement import refine
@@ -152,7 +152,7 @@ class Found:
 
 def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
     """Look for causes; values, noise and causes are found in turn until they agree."""
-    courses = [lay_along(r, believed) for r in records]
+    courses = with_own_offsets([lay_along(r, believed) for r in records], believed)
     situation = _first_situation(courses, believed)
     first: Mapping[str, float] = {}
     best: Step | None = None

@@ -15,10 +15,11 @@ from strong_effects import strong_record
 from worlds import draw_case as draw_world
 from worlds import write_case as write_world
 
+from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import checked
+from ballscrew.records.drive_record import checked, read_drive_records
 
 TRUTH = {
     "load_bias": ({"load": 0.4}, "load", 0.4),
@@ -115,6 +116,23 @@ def test_a_value_at_the_end_of_its_tolerance_is_said():
     assert not found.causes
     (note,) = (n for n in found.notes if n.startswith("at the end of what they can be: "))
     assert "kt" in note
+
+
+def test_each_record_may_have_an_offset_of_its_own(tmp_path):
+    """The second half of a faultless record, as if another force pulled at it."""
+    path, parameters = write_world(draw_world("linear_drive", (), 82000), tmp_path)
+    (record,) = read_drive_records([path])
+    believed = read_believed(parameters)
+    half, more = len(record.x) // 2, 0.2 * believed.friction_scale
+    pulled = record.signals["u"] + more / believed.values["gain"]
+    parts = [
+        checked("first", {n: s[:half] for n, s in record.signals.items()}),
+        checked("second", {n: s[half:] for n, s in (record.signals | {"u": pulled}).items()}),
+    ]
+    found = diagnose_records(parts, believed)
+    assert not found.causes
+    (note,) = (n for n in found.notes if n.startswith("offsets beyond that of first: "))
+    assert float(note.split()[5]) == pytest.approx(more, rel=0.1)  # friction noise lasts
 
 
 def test_values_that_cancel_each_other_are_not_called_wrong(tmp_path):
