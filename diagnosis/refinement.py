@@ -31,7 +31,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _FORMS = 4  # of a cause, that compete once more between the points of their grids
-_BEYOND = (0.7, 1.4)  # times the ends of a grid
+_BEYOND = (0.5, 2.0)  # times the ends of a grid
 _SURE = 0.02  # of an amplitude that is one: the size is the value's
 
 
