@@ -41,24 +41,26 @@ def refine(
     courses: Sequence[Course],
     model: DriveModel,
     made: Sequence[Filter],
+    forms: int = _FORMS,
 ) -> tuple[Problem, Explanation]:
     """The explanation with its causes' nonlinear values found between the points of their grids.
 
-    A cause's forms compete here once more: one that is nearly right, at a better point, may look
-    better on the grid than the right one.
+    A cause's forms compete here once more, so many of them: one that is nearly right, at a better
+    point, may look better on the grid than the right one.
     """
     for k, m in enumerate(explanation.members):
         if m.is_rival or m.shape.freed:
             continue
         search = _Refinement(problem, explanation, k, courses, model, made)
-        found = [search.best(c) for c in _best_of_forms(problem, m, search.others)]
-        best = max(found, key=lambda f: f.evidence - price_of_form(f.candidate))
+        found = [search.best(c) for c in _best_of_forms(problem, m, search.others)[:forms]]
+        most = max(f.evidence for f in found) - search.nothing
+        best = max(found, key=lambda f: f.evidence - price_of_form(f.candidate, most))
         problem, explanation = search.with_member(best)
     return problem, explanation
 
 
 def _best_of_forms(problem: Problem, member: Candidate, others: Explanation) -> list[Candidate]:
-    """Of each form of a member's cause the point of the grid that explains most, some forms."""
+    """Of each form of a member's cause the point of the grid that explains most; its own first."""
     left = conditioned(problem.columns.products(), others.priors)
     best: dict[tuple[object, ...], tuple[float, Candidate]] = {}
     for c in problem.candidates:
@@ -69,7 +71,7 @@ def _best_of_forms(problem: Problem, member: Candidate, others: Explanation) -> 
         if key not in best or best[key][0] < bring:
             best[key] = bring, c
     ranked = sorted(best.values(), key=lambda b: -b[0])
-    return [c for _, c in ranked[:_FORMS]]
+    return [c for _, c in ranked]
 
 
 def _form(candidate: Candidate) -> tuple[object, ...]:
@@ -106,6 +108,11 @@ class _Refinement:
     def others(self) -> Explanation:
         """The explanation without the member."""
         return without(self.problem, self.explanation, self.place)
+
+    @cached_property
+    def nothing(self) -> float:
+        """Evidence without the member."""
+        return evidence_of(self.problem.columns.products(), self.others.priors)
 
     @cached_property
     def used(self) -> npt.NDArray[np.int64]:

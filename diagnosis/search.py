@@ -200,7 +200,8 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
     else:
         return Found(situation, problem, choice, first)
     made = filters(situation.courses, problem.noise)
-    problem, last = refine(problem, choice.best, situation.courses, situation.model, made)
+    # which form each has is decided already
+    problem, last = refine(problem, choice.best, situation.courses, situation.model, made, forms=1)
     return Found(situation, problem, replace(choice, best=last), first)
 
 

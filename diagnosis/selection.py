@@ -64,6 +64,7 @@ _MUCH = 0.1  # of what is left, that one more cause has to explain there
 _HELD = 1e-3  # of its spread, to one that stands at the end of what is believed
 OWN = (0.6, 1.6)  # amplitude of a cause whose shape has its size in it
 _PER_AMPLITUDE = 3.0  # evidence that one amplitude more in a form has to bring
+_INEXACT = 1e-3  # the same as a share of all that the form brings: no form is just right
 _ROUGHLY = (0.3, 3.0)  # the same at a point of a grid, next to the size
 
 
@@ -588,7 +589,8 @@ def _grow(
     out = {}
     for name, options in found.items():
         # of forms that explain alike, the simplest
-        options.sort(key=lambda o: price_of_form(o[1]) - o[0])
+        most = max(o[0] for o in options)
+        options.sort(key=lambda o: price_of_form(o[1], most) - o[0])
         best = next(
             (o for o in options if _apart(problem, products, start, o[1], o[2])), options[0]
         )
@@ -621,9 +623,10 @@ def _apart(
     return cancelled(problem, products, alone) < MOST_CANCELLED
 
 
-def price_of_form(candidate: Candidate) -> float:
-    """What a form of a cause has to bring more than a simpler one."""
-    return 0.0 if candidate.is_rival else _PER_AMPLITUDE * len(candidate.columns)
+def price_of_form(candidate: Candidate, most: float) -> float:
+    """What a form of a cause has to bring more than a simpler one, the best bringing `most`."""
+    each = max(_PER_AMPLITUDE, _INEXACT * most)
+    return 0.0 if candidate.is_rival else each * len(candidate.columns)
 
 
 def bring_of(shape: Shape, inner: Matrix, signal: Vector) -> tuple[float, Vector, Vector]:
