@@ -170,10 +170,11 @@ def doubts(course: Course) -> dict[str, Doubt]:
         found["current_offset"] = Doubt(offset, -3.0 * offset, 3.0 * offset)
         found["current_gain"] = Doubt(0.03, -0.06, 0.06)
         found["current_jump"] = Doubt(0.4, 0.0, 1.0)
-    friction = float(np.sqrt(np.mean(course.bristle**2)))
-    ends = (-_OWN_OFFSET * friction, _OWN_OFFSET * friction)
     own = [n for n in course.calibration if n.startswith(_OFFSETS)]
-    return found | dict.fromkeys(own, Doubt(0.5 * ends[1], *ends))
+    if own:
+        most = _OWN_OFFSET * float(np.sqrt(np.mean(course.bristle**2)))
+        found |= dict.fromkeys(own, Doubt(0.5 * most, -most, most))
+    return found
 
 
 def with_own_offsets(courses: Sequence[Course], model: DriveModel) -> list[Course]:

@@ -29,7 +29,6 @@ from .regression import (
 )
 from .residuals import at_samples
 from .selection import (
-    LARGEST,
     PRICE,
     Candidate,
     Choice,
@@ -162,8 +161,7 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
         problem = state_problem(
             situation.courses, situation.model, believed, situation.noise, found
         )
-        # before anything is known, noise is overrated and the first name alone can be relied on
-        choice = choose(problem, largest=LARGEST)
+        choice = choose(problem)
         first = first or choice.alone
         if not choice.best.members and not best:
             return _nothing_found(situation, believed, choice, first)

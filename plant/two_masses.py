@@ -39,7 +39,8 @@ SIDES = Parameter(
 )
 _LEAST_ROTOR = 1e-12  # kg*m^2
 _DEPTH = sp.Float("1e-8")  # over which the sides' damping comes up [m]
-_SPRING_DAMPING, _CONTACT_DAMPING = sp.Rational(1, 10), sp.Integer(1)  # shares of critical
+SPRING_DAMPING = sp.Rational(1, 10)  # share of critical
+_CONTACT_DAMPING = sp.Integer(1)  # the same
 
 
 class OneBody(ValueError):
@@ -86,7 +87,7 @@ def with_load_on_spring(plant: Component) -> Component:
     plant, load = _shares(plant)
     (whole,) = plant.balances
     stiffness = symbol(LOAD_STIFFNESS.name)
-    damping = 2 * _SPRING_DAMPING * sp.sqrt(stiffness * load)
+    damping = 2 * SPRING_DAMPING * sp.sqrt(stiffness * load)
     pull = stiffness * (symbol("xl") - symbol("x")) + damping * (symbol("vl") - symbol("v"))
     spring = ForceTerm(
         "load",
@@ -133,7 +134,7 @@ def _force(block: sp.Expr, spring: bool, gap: bool) -> sp.Expr:
     longer = symbol("x") - symbol("xb")
     faster = symbol("v") - symbol("vb")
     stiffness = symbol(STIFFNESS.name if spring else SIDES.name)
-    share = _SPRING_DAMPING if spring else _CONTACT_DAMPING
+    share = SPRING_DAMPING if spring else _CONTACT_DAMPING
     damping = 2 * share * sp.sqrt(stiffness * block)
     if not gap:
         return stiffness * longer + damping * faster

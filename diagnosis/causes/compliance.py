@@ -9,6 +9,7 @@ import numpy as np
 import sympy as sp
 from scipy.signal import cont2discrete, lfilter
 
+from ...plant.two_masses import SPRING_DAMPING, with_load_on_spring, with_spring
 from ...solver.component import Component
 from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 _YIELDING = 1e-6 * 2.0 ** np.arange(-4.0, 8.0)  # under the friction of slow sliding [m]
 _RESONANCES = (0.02, 1.0)  # of one over the sampling interval [rad/s]
-_DAMPING = 0.1  # of a load on its spring, share of critical; as in `plant.two_masses`
 
 
 def _missing(course: Course, model: DriveModel, stiffness: float) -> np.ndarray:
@@ -42,8 +42,6 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
 
 def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     del curve, values
-    from ...plant.two_masses import with_spring
-
     return with_spring(plant)
 
 
@@ -63,7 +61,7 @@ def _load_grid(courses: Courses, model: DriveModel) -> list[Values]:
 def _load_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     """What a load that swings behind a spring asks for beyond a rigid one."""
     resonance = math.sqrt(values["load_stiffness"] / model.block)
-    swings = [1.0, 2.0 * _DAMPING * resonance, resonance**2]
+    swings = [1.0, 2.0 * float(SPRING_DAMPING) * resonance, resonance**2]
     force = []
     for c in courses:
         b, a, _ = cont2discrete(([-1.0, 0.0, 0.0], swings), c.step, method="foh")
@@ -73,8 +71,6 @@ def _load_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
 
 def _load_extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     del curve, values
-    from ...plant.two_masses import with_load_on_spring
-
     return with_load_on_spring(plant)
 
 

@@ -125,12 +125,8 @@ OTHER_FORMS = [
     ("voltage_saturation", {"voltage_scale": 15.0}),
     ("voltage_saturation", {"voltage_limit": 20.0, "supply_resistance": 6.0}),
 ]
-SIZED = (
-    "gap",
-    "stiffness",
-    "load_stiffness",
-    "delay",
-)  # their amplitude is one, the size is the value itself
+# their amplitude is one, the size is the value itself
+SIZED = ("gap", "stiffness", "load_stiffness", "delay")
 
 
 def believed(kind="ball_screw", law_name="modified_lugre", **values):
