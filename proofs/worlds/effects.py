@@ -111,7 +111,10 @@ def direction_asymmetry(rng: np.random.Generator, s: Setting) -> Effect:
     size = _sign(rng) * s.size(rng, 0.005, 0.6)
     changes = _part(rng, size, at.ASYMMETRY, at.ASYMMETRY_VISCOUS)
     form = _part_name(changes, at.ASYMMETRY_VISCOUS)
-    return Effect("direction_asymmetry", form, changes, {"asymmetry": size})
+    truth = {"asymmetry": size, "dry_asymmetry": size}
+    if form == "dry":
+        truth["dF_asymmetry"] = 0.0
+    return Effect("direction_asymmetry", form, changes, truth)
 
 
 def position_periodic_friction(rng: np.random.Generator, s: Setting) -> Effect:
@@ -169,7 +172,8 @@ def nonlinear_viscous(rng: np.random.Generator, s: Setting) -> Effect:
     viscous = s.double[at.SIGMA2] * v
     force = s.size(rng, 0.02, 2.0) * (s.double[at.FC] + viscous)
     if form == "quadratic":
-        return Effect("nonlinear_viscous", form, {at.QUADRATIC: force / v**2})
+        sigma3 = force / v**2
+        return Effect("nonlinear_viscous", form, {at.QUADRATIC: sigma3}, {"sigma3": sigma3})
     if form == "cubic":
         return Effect("nonlinear_viscous", form, {at.CUBIC: force / v**3})
     if form == "root":
@@ -209,7 +213,7 @@ def presliding_hysteresis(rng: np.random.Generator, s: Setting) -> Effect:
     if form in ("lugre", "elasto_plastic"):
         damping = float(rng.uniform(0.1, 1.0))
         changes[at.SIGMA1] = damping * 2 * math.sqrt(stiffness * s.mass)
-    truth = {"sigma0": stiffness} if form in ("lugre", "dahl") else {}
+    truth = {"sigma0": stiffness} if form in law else {}
     return Effect("presliding_hysteresis", form, changes, truth)
 
 
@@ -231,10 +235,19 @@ def input_delay(rng: np.random.Generator, s: Setting) -> Effect:
     if form == "pure":
         return Effect("input_delay", form, {at.DELAY: late}, {"delay": late})
     if form == "lag":
-        return Effect("input_delay", form, {at.LAG: late})
+        return Effect("input_delay", form, {at.LAG: late}, {"command_lag": late})
     if form == "lag_twice":
-        return Effect("input_delay", form, {at.LAG: late / 2, at.LAG_TWICE: 1.0})
-    return Effect("input_delay", form, {at.WINDOW: 2 * late})
+        changes = {at.LAG: late / 2, at.LAG_TWICE: 1.0}
+        return Effect("input_delay", form, changes, {"command_lag_twice": late / 2})
+    return Effect("input_delay", form, {at.WINDOW: 2 * late}, {"command_window": 2 * late})
+
+
+def _course(name: str, form: int, size: float, time: float) -> dict[str, float]:
+    """What an answer calls the size of a change in time, and when it comes."""
+    if form == 0:
+        return {f"{name}_drift": size}
+    course = "settling" if form == 1 else "step"
+    return {f"{name}_{course}": size, f"{name}_{course}_time": time}
 
 
 def friction_drift(rng: np.random.Generator, s: Setting) -> Effect:
@@ -246,7 +259,7 @@ def friction_drift(rng: np.random.Generator, s: Setting) -> Effect:
     name = ("line", "exponential", "step")[form] + "_" + _part_name(changes, at.DRIFT_VISCOUS)
     time = float(rng.uniform(0.15, 0.5 if form == 1 else 0.85)) * s.duration
     changes |= {at.DRIFT_FORM: float(form), at.DRIFT_TIME: time}
-    return Effect("friction_drift", name, changes)
+    return Effect("friction_drift", name, changes, _course("friction", form, size, time))
 
 
 def resistance_drift(rng: np.random.Generator, s: Setting) -> Effect:
@@ -254,13 +267,15 @@ def resistance_drift(rng: np.random.Generator, s: Setting) -> Effect:
     form = int(rng.integers(0, 4))
     name = ("line", "exponential", "step", "own_current")[form]
     force = s.double[at.FC] + 0.5 * s.double[at.SIGMA2] * s.fastest
+    size, time = s.size(rng, 0.01, 0.8), float(rng.uniform(0.2, 0.6)) * s.duration
     changes = {
-        at.R_DRIFT: s.size(rng, 0.01, 0.8),
+        at.R_DRIFT: size,
         at.R_FORM: float(form),
-        at.R_TIME: float(rng.uniform(0.2, 0.6)) * s.duration,
+        at.R_TIME: time,
         at.R_CURRENT: float(force / s.double[at.KT]),
     }
-    return Effect("resistance_drift", name, changes)
+    truth = {} if name == "own_current" else _course("R", form, size, time)
+    return Effect("resistance_drift", name, changes, truth)
 
 
 def _coupled(rng: np.random.Generator, s: Setting) -> tuple[dict[int, float], float]:
@@ -292,7 +307,8 @@ def compliance(rng: np.random.Generator, s: Setting) -> Effect:
     form = "little_damping" if little else "much_damping"
     if rng.uniform() < 0.3:
         changes[at.FRICTION_AT_MOTOR] = 1.0
-        return Effect("compliance", form + "_friction_at_motor", changes)
+        truth = {"load_stiffness": spring}
+        return Effect("compliance", form + "_friction_at_motor", changes, truth)
     return Effect("compliance", form, changes, {"stiffness": spring})
 
 
@@ -306,7 +322,7 @@ def voltage_saturation(rng: np.random.Generator, s: Setting) -> Effect:
     changes = {at.LIMIT: limit, at.LIMIT_FORM: float(form)}
     if form == 2:
         changes[at.SAG] = 0.3 * float(s.double[at.R])
-    truth = {"voltage_limit": limit} if form == 0 else {}
+    truth = {"voltage_scale" if form == 1 else "voltage_limit": limit}
     return Effect("voltage_saturation", ("clip", "bend", "sag")[form], changes, truth)
 
 
