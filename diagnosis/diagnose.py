@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +46,7 @@ from .plausibility import at_ends, crossed
 from .regression import Added, filters, responses, whitened
 from .residuals import Residual, floor, repetition, residual
 from .rivals import rivals
-from .search import Found, Situation, added_by, search
+from .search import Found, Situation, added_by, only_first, search
 from .search import adjusted as values_adjusted
 from .selection import (
     Candidate,
@@ -63,7 +64,7 @@ Vector = npt.NDArray[np.float64]
 _SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
 _SEEN = 5.0  # standard deviations
 _FREED_SHOWN = 0.1  # of a value that may be wrong
-_EXACT = 0.02  # relative, to which no size is known: laws and shapes are not exact
+_EXACT = 0.04  # relative, to which no size is known: laws and shapes are not exact
 _AT_FLOOR = 2.0  # times the floor: more is not explained
 UNITS = {p.name: p.unit for p in (*ball_screw.PARAMETERS, *direct_drive.PARAMETERS)} | {
     name: unit
@@ -129,15 +130,18 @@ def _level(found: Residual) -> Level:
     return Level(found.force_rms, found.position_rms)
 
 
-def _concluded(
-    records: Sequence[DriveRecord],
-    believed: DriveModel,
-    found: Found,
-    notes: list[str],
-    began: float,
-) -> Diagnosis:
+class _Judgement(NamedTuple):
+    """What of an explanation data held out let stand."""
+
+    holds_up: Accepted
+    held: HeldOut
+    baseline: Residual
+    laps: list[float]
+
+
+def _judgement(believed: DriveModel, found: Found) -> _Judgement:
     situation, problem = found.situation, found.problem
-    courses, noise = situation.courses, situation.noise
+    courses = situation.courses
     laps = laps_of(courses)
     folds = parts_of(courses, laps)
     holds_up = accepted(problem, found.choice.best, folds, courses)
@@ -169,6 +173,27 @@ def _concluded(
             break
         holds_up = taken_back(problem, holds_up, worse[-1], reason, folds)
         held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
+    return _Judgement(holds_up, held, baseline, laps)
+
+
+def _concluded(
+    records: Sequence[DriveRecord],
+    believed: DriveModel,
+    found: Found,
+    notes: list[str],
+    began: float,
+) -> Diagnosis:
+    judgement = _judgement(believed, found)
+    single = None if judgement.held.order else only_first(found, believed)
+    if single:
+        # too many causes together may leave none; the first of them is judged alone then
+        first = _judgement(believed, single)
+        doubted = {r.name for r in judgement.holds_up.refused if r.like}
+        if first.held.order and not doubted & set(first.held.order):
+            judgement, found = first, single
+    holds_up, held, baseline, laps = judgement
+    situation, problem = found.situation, found.problem
+    courses, noise = situation.courses, situation.noise
     best = holds_up.explanation
     nothing = Added.nothing(courses)
     causes = tuple(_found_cause(situation, problem, holds_up, held, name) for name in held.order)

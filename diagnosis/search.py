@@ -141,12 +141,19 @@ def _first_situation(courses: list[Course], believed: DriveModel) -> Situation:
 
 @dataclass(frozen=True)
 class Found:
-    """The end of a search: the situation under the best explanation."""
+    """The end of a search: the situation under the best explanation.
+
+    Attributes
+    ----------
+    first : Step or None
+        What became of the situation under the first cause alone.
+    """
 
     situation: Situation
     problem: Problem
     choice: Choice
     first_alone: Mapping[str, float]
+    first: Step | None = None
 
 
 def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
@@ -155,6 +162,7 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
     situation = _first_situation(courses, believed)
     first: Mapping[str, float] = {}
     best: Step | None = None
+    alone: Step | None = None
     tried: set[tuple[str, ...]] = set()
     for turn in range(_TURNS):
         found = best.explanation.members if best else None
@@ -177,7 +185,10 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
         taken = partial(_step, situation, problem, believed)
         steps = [s for s in in_threads(taken, contenders) if s.stands]
         if not best:
-            steps = _with_the_first(steps)
+            alone = _first_alone(steps)
+            steps = [
+                s for s in steps if not alone or alone.explanation.names[0] in s.explanation.names
+            ]
         if not steps:
             if best:
                 choice = _kept(problem, choice, best.explanation)
@@ -196,11 +207,24 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
         problem, choice = step.problem, replace(choice, best=step.explanation)
         situation, best = step.situation, step
     else:
-        return Found(situation, problem, choice, first)
+        return Found(situation, problem, choice, first, alone)
     made = filters(situation.courses, problem.noise)
     # which form each has is decided already
     problem, last = refine(problem, choice.best, situation.courses, situation.model, made, forms=1)
-    return Found(situation, problem, replace(choice, best=last), first)
+    return Found(situation, problem, replace(choice, best=last), first, alone)
+
+
+def only_first(found: Found, believed: DriveModel) -> Found | None:
+    """The end of a search under the first cause alone, where it has found others beside it."""
+    first = found.first
+    if first is None or _key(first.explanation) == _key(found.choice.best):
+        return None
+    after, members = first.situation, first.explanation.members
+    problem = state_problem(after.courses, after.model, believed, after.noise, members)
+    made = filters(after.courses, problem.noise)
+    best = again(problem, first.explanation.names)
+    problem, best = refine(problem, best, after.courses, after.model, made, forms=1)
+    return Found(after, problem, replace(found.choice, best=best), found.first_alone)
 
 
 def _kept(problem: Problem, choice: Choice, explanation: Explanation) -> Choice:
@@ -315,15 +339,14 @@ def _contenders(choice: Choice, first: bool) -> list[Explanation]:
     return [best, *near[: _MOST_CONTENDERS + (len(best.members) > 1)]]
 
 
-def _with_the_first(steps: Sequence[Step]) -> list[Step]:
-    """Those with the cause that does best alone, once values are adjusted to it.
+def _first_alone(steps: Sequence[Step]) -> Step | None:
+    """The single cause that does best, once values are adjusted to it.
 
     Around values that no cause is known of, a cause that changes much looks less than it is, and
     sets that lack it look better than they are: others are sought beside the first, not without it.
     """
     alone = [s for s in steps if len(s.explanation.members) == 1]
     if not alone:
-        return list(steps)
+        return None
     noise = min((s.situation.noise for s in steps), key=lambda n: float(n.sizes[0]))
-    first = min(alone, key=lambda s: _unlikelihood(s.situation, noise) + s.price)
-    return [s for s in steps if first.explanation.names[0] in s.explanation.names]
+    return min(alone, key=lambda s: _unlikelihood(s.situation, noise) + s.price)

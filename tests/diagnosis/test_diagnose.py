@@ -177,6 +177,12 @@ def test_a_load_is_named_where_an_asymmetry_adds_nothing_beside_it(tmp_path):
     assert cause.parameters["load"] == pytest.approx(case.effects[0].truth["load"], rel=0.02)
 
 
+def test_the_first_cause_is_named_where_those_found_beside_it_do_not_hold(tmp_path):
+    """Two values called wrong beside it took away so much that nothing was named."""
+    _, found = found_in_world(tmp_path, "heavy_screw", ("position_trend_friction",), 90003)
+    assert [c.name for c in found.causes] == ["position_trend_friction"]
+
+
 def test_friction_is_not_said_to_vanish_where_nothing_is_hidden(tmp_path):
     """The engine before found a friction that falls by 90 % after the start."""
     _, found = found_in_world(tmp_path, "industrial", (), 61017)
