@@ -140,6 +140,7 @@ class _Judgement(NamedTuple):
 
 
 def _judgement(believed: DriveModel, found: Found) -> _Judgement:
+    """Take names back until what is left gains for certain, each of them and all together."""
     situation, problem = found.situation, found.problem
     courses = situation.courses
     laps = laps_of(courses)

@@ -145,7 +145,9 @@ class Found:
 
     Attributes
     ----------
-    first : Step or None
+    first_alone : mapping of str to float
+        Evidence of each cause or free function by itself, before anything was found.
+    single : Step or None
         What became of the situation under the first cause alone.
     """
 
@@ -153,7 +155,7 @@ class Found:
     problem: Problem
     choice: Choice
     first_alone: Mapping[str, float]
-    first: Step | None = None
+    single: Step | None = None
 
 
 def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
@@ -162,7 +164,7 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
     situation = _first_situation(courses, believed)
     first: Mapping[str, float] = {}
     best: Step | None = None
-    alone: Step | None = None
+    single: Step | None = None
     tried: set[tuple[str, ...]] = set()
     for turn in range(_TURNS):
         found = best.explanation.members if best else None
@@ -185,10 +187,10 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
         taken = partial(_step, situation, problem, believed)
         steps = [s for s in in_threads(taken, contenders) if s.stands]
         if not best:
-            alone = _first_alone(steps)
-            steps = [
-                s for s in steps if not alone or alone.explanation.names[0] in s.explanation.names
-            ]
+            single = _best_single(steps)
+            if single:
+                name = single.explanation.names[0]
+                steps = [s for s in steps if name in s.explanation.names]
         if not steps:
             if best:
                 choice = _kept(problem, choice, best.explanation)
@@ -207,23 +209,28 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
         problem, choice = step.problem, replace(choice, best=step.explanation)
         situation, best = step.situation, step
     else:
-        return Found(situation, problem, choice, first, alone)
+        return Found(situation, problem, choice, first, single)
+    problem, last = _in_their_forms(situation, problem, choice.best)
+    return Found(situation, problem, replace(choice, best=last), first, single)
+
+
+def _in_their_forms(
+    situation: Situation, problem: Problem, explanation: Explanation
+) -> tuple[Problem, Explanation]:
+    """The explanation refined; which form each cause has is decided already."""
     made = filters(situation.courses, problem.noise)
-    # which form each has is decided already
-    problem, last = refine(problem, choice.best, situation.courses, situation.model, made, forms=1)
-    return Found(situation, problem, replace(choice, best=last), first, alone)
+    return refine(problem, explanation, situation.courses, situation.model, made, forms=1)
 
 
 def only_first(found: Found, believed: DriveModel) -> Found | None:
     """The end of a search under the first cause alone, where it has found others beside it."""
-    first = found.first
-    if first is None or _key(first.explanation) == _key(found.choice.best):
+    single = found.single
+    if single is None or _key(single.explanation) == _key(found.choice.best):
         return None
-    after, members = first.situation, first.explanation.members
+    after, members = single.situation, single.explanation.members
     problem = state_problem(after.courses, after.model, believed, after.noise, members)
-    made = filters(after.courses, problem.noise)
-    best = again(problem, first.explanation.names)
-    problem, best = refine(problem, best, after.courses, after.model, made, forms=1)
+    best = again(problem, single.explanation.names)
+    problem, best = _in_their_forms(after, problem, best)
     return Found(after, problem, replace(found.choice, best=best), found.first_alone)
 
 
@@ -339,7 +346,7 @@ def _contenders(choice: Choice, first: bool) -> list[Explanation]:
     return [best, *near[: _MOST_CONTENDERS + (len(best.members) > 1)]]
 
 
-def _first_alone(steps: Sequence[Step]) -> Step | None:
+def _best_single(steps: Sequence[Step]) -> Step | None:
     """The single cause that does best, once values are adjusted to it.
 
     Around values that no cause is known of, a cause that changes much looks less than it is, and
