@@ -33,7 +33,6 @@ from .selection import (
     restricted_to,
     without,
 )
-from .surrogates import chance
 
 Vector = npt.NDArray[np.float64]
 Folds = npt.NDArray[np.int64]
@@ -53,10 +52,8 @@ LEAST_SIZE = 0.005
 """Of the friction, that the force of anything but a swing has to be: laws are not more exact."""
 LEAST_BESIDE = 0.1
 """Of what the largest cause takes away, that any other has to; all where one may be the other."""
-LEAST_P = 0.01
 _FITS_ALL = {"parameter_error", "compliance"}  # beside any other
 SWINGS = ("torque_ripple", "position_periodic_friction")
-_STEADY = 0.25  # of a gain, that its interval's lower end has to be
 _PLACES = 4  # stretches that a gain comes from, as many as alike would be, or as are clear
 _CLEAR, _CLEAR_SHARE = 9.0, 0.1  # squares in the noise's variance, share of a stretch's
 _LOSES = 0.1  # of what is gained, that may be lost elsewhere
@@ -71,27 +68,23 @@ class Accepted:
     Attributes
     ----------
     explanation : Explanation
-    chances : dict of str to float
-        Of each cause that is named, that as much comes by accident, see `chance`.
     refused : tuple of NotNamed
     freest : Explanation
         What is named, and beside it the free function that has structure left, if one has.
     """
 
     explanation: Explanation
-    chances: dict[str, float]
     refused: tuple[NotNamed, ...]
     freest: Explanation
 
 
 class Judged(NamedTuple):
-    """A member's gain, the chance of as much by accident, and why it may not be named, if so.
+    """A member's gain, and why it may not be named, if so.
 
     Another cause may do better in its place.
     """
 
     gain: Gain
-    chance: float
     refused: NotNamed | None
     better: Explanation | None = None
 
@@ -150,8 +143,7 @@ def accepted(
         refused += [NotNamed(n, f"too much is left beside it ({free})") for n in now.names]
         now = restricted_to(problem, now, ())
         freest, left = freest_beside(problem, now, folds)
-    chances = {n: found[n].chance for n in now.names}
-    return Accepted(now, chances, tuple(refused), freest)
+    return Accepted(now, tuple(refused), freest)
 
 
 def _clear(problem: Problem, now: Explanation, left: Gain, folds: Folds) -> bool:
@@ -211,7 +203,7 @@ def _judged(
     over = gain(before, mine)
 
     def refuse(because: str, like: str = "", better: Explanation | None = None) -> Judged:
-        return Judged(over, 1.0, NotNamed(name, because, like), better=better)
+        return Judged(over, NotNamed(name, because, like), better=better)
 
     # what is left may be more than the noise that the windows were weighed with
     noise = max(float(mine.sum()) / np.count_nonzero(problem.columns.blocks[0]), 1.0)
@@ -254,10 +246,7 @@ def _judged(
     reason, like, better = rivalled(problem, base, member, before, mine, folds)
     if reason:
         return refuse(reason, like, better)
-    p = chance(problem, base, now, courses)
-    if p > LEAST_P:
-        return refuse(f"as much may come by accident, p = {p:.2g}")
-    return Judged(over, p, None)
+    return Judged(over, None)
 
 
 def _steady(over: Gain, before: Vector, after: Vector, noise: float) -> bool:
@@ -274,9 +263,8 @@ def _steady(over: Gain, before: Vector, after: Vector, noise: float) -> bool:
     won = np.maximum(gains, 0.0)
     alike = won.sum() ** 2 / max(float(won @ won), 1e-300)
     clear = np.count_nonzero((gains > _CLEAR * noise) & (gains > _CLEAR_SHARE * before))
-    sure = over.interval[0] >= _STEADY * over.share
     kept = won.sum() - gains.sum() < _LOSES * won.sum()
-    return bool(max(alike, clear) >= _PLACES and (sure or kept))
+    return bool(max(alike, clear) >= _PLACES and (over.sure or kept))
 
 
 def _forces(problem: Problem, explanation: Explanation, courses: Sequence[Course]) -> Vector:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from .along_record import LAWS
 from .believed import believed as believed_of
 from .believed import lead_of, with_lead
 from .causes import CAUSES
+from .causes.cause import Shape
 from .commanded import commanded
 from .course import Course, opposing
 from .diagnosis import (
@@ -39,6 +41,7 @@ from .diagnosis import (
 )
 from .drive_model import DriveModel
 from .evidence import Conditioned, Prior, conditioned, fit
+from .faultless import p_value
 from .held_out import HeldOut, gained, gained_ahead, judged, laps_of, parts_of, with_values
 from .load_cell import witness
 from .next_experiment import UNNAMED, motion_for, reach_of, trial_for
@@ -53,11 +56,12 @@ from .selection import (
     Explanation,
     Problem,
     amplitudes,
-    nothing_in,
+    bring_of,
     own_size,
     scores,
+    strongest_alone,
+    without,
 )
-from .surrogates import chance
 
 Vector = npt.NDArray[np.float64]
 
@@ -65,6 +69,7 @@ _SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
 _SEEN = 5.0  # standard deviations
 _FREED_SHOWN = 0.1  # of a value that may be wrong
 _EXACT = 0.04  # relative, to which no size is known: laws and shapes are not exact
+_AS_GOOD_A_FORM = 0.9  # of what a cause brings, that its other form brings in its place
 _AT_FLOOR = 2.0  # times the floor: more is not explained
 UNITS = {p.name: p.unit for p in (*ball_screw.PARAMETERS, *direct_drive.PARAMETERS)} | {
     name: unit
@@ -152,8 +157,9 @@ def _judgement(believed: DriveModel, found: Found) -> _Judgement:
         worse = [
             n
             for n in held.order
-            if not held.gain(n).certain
-            or not (n in SWINGS or held.gain_alone(n).certain)  # nothing else looks like a swing
+            # nothing else looks like a swing, and one goes on all over the record
+            if not (held.gain(n).sure if n in SWINGS else held.gain(n).certain)
+            or not (n in SWINGS or held.gain_alone(n).certain)
         ]
         reason = "the force left on data held out may be no less with it, or with it alone"
         no_less = [
@@ -189,9 +195,14 @@ def _concluded(
     if single:
         # too many causes together may leave none; the first of them is judged alone then
         first = _judgement(believed, single)
-        doubted = {r.name for r in judgement.holds_up.refused if r.like}
-        if first.held.order and not doubted & set(first.held.order):
-            judgement, found = first, single
+        refused = judgement.holds_up.refused
+        # of a swing alone an error of the others' laws may be the source
+        unsure = {r.name for r in refused if r.like} | set(SWINGS)
+        if first.held.order and not unsure & set(first.held.order):
+            more = [r for r in refused if r.name not in first.held.order]
+            kept = [r for r in first.holds_up.refused if r.name not in {m.name for m in more}]
+            holds_up = replace(first.holds_up, refused=(*more, *kept))
+            judgement, found = first._replace(holds_up=holds_up), single
     holds_up, held, baseline, laps = judgement
     situation, problem = found.situation, found.problem
     courses, noise = situation.courses, situation.noise
@@ -244,6 +255,7 @@ def _concluded(
         shape=np.concatenate(unnamed.force),
         telling=baseline.telling,
     )
+    strongest = strongest_alone(problem)
     return Diagnosis(
         verdict=verdict,
         where=_where(found, verdict, _level(baseline), lowest, lives),
@@ -273,7 +285,8 @@ def _concluded(
             )
         },
         alone={n: float(g) for n, g in found.choice.alone.items() if n in CAUSES},
-        p_value=chance(problem, nothing_in(problem), best, courses),
+        evidence=strongest,
+        p_value=p_value(strongest),
         load_cell=cell,
         records=tuple(r.name for r in records),
         curves=curves,
@@ -322,7 +335,7 @@ def _found_cause(
         before=_level(held.without[name]),
         after=_level(held.all),
         evidence=best.gains[k],
-        p_value=holds_up.chances[name],
+        p_value=p_value(best.gains[k]),
         confirm=cause.confirm,
     )
 
@@ -363,11 +376,44 @@ def _values_of(
         error = min(error, 3.0)
         intervals[refined] = (value * math.exp(-error), value * math.exp(error))
     if shape.sure is None:
-        for name, a, e in zip(shape.amplitudes, amplitude, errors, strict=True):
+        forms = np.array([amplitude, *_in_other_forms(problem, best, k)])
+        low, high = forms.min(axis=0), forms.max(axis=0)
+        for j, (name, a, e) in enumerate(zip(shape.amplitudes, amplitude, errors, strict=True)):
             values[name] = float(a)
             e += _EXACT * abs(a)
-            intervals[name] = (float(a - e), float(a + e))
+            intervals[name] = (float(low[j] - e), float(high[j] + e))
     return values, intervals
+
+
+def _in_other_forms(problem: Problem, best: Explanation, k: int) -> list[Vector]:
+    """A member's amplitudes, were its cause of another form that explains nearly as much.
+
+    Each other form's force is told in the member's own amplitudes, by least squares.
+    """
+    member = best.members[k]
+    left = conditioned(problem.columns.products(), without(problem, best, k).priors)
+    own, *_ = bring_of(member.shape, *left.of(member.columns))
+    mine = _whole_force(problem.model, member.shape)
+    out = []
+    for c in problem.candidates:
+        if c.name != member.name or c.is_rival or c is member or c.shape.sure is not None:
+            continue
+        inner, signal = left.of(c.columns)
+        brings, mean, spread = bring_of(c.shape, inner, signal)
+        if brings > _AS_GOOD_A_FORM * own:
+            precise = np.diag(spread**-2.0)
+            found = np.linalg.solve(inner + precise, signal + precise @ mean)
+            force = _whole_force(problem.model, c.shape) @ found
+            out.append(np.linalg.lstsq(mine, force, rcond=None)[0])
+    return out
+
+
+def _whole_force(model: DriveModel, shape: Shape) -> Vector:
+    """Force and command of a shape along all records, shape (n, amplitudes) [N]."""
+    parts = [np.concatenate(shape.force)] if shape.force is not None else []
+    if shape.command is not None:
+        parts.append(model.per_command * np.concatenate(shape.command))
+    return np.sum(parts, axis=0)
 
 
 def _reopened(problem: Problem, best: Explanation) -> list[Prior]:
@@ -475,12 +521,7 @@ def _shows(candidate: Candidate, left: Conditioned, size: float, model: DriveMod
     shape = candidate.shape
     if shape.freed:
         return float(_FREED_SHOWN * norms.max())
-    forces = []
-    if shape.force is not None:
-        forces.append(np.concatenate(shape.force))
-    if shape.command is not None:
-        forces.append(model.per_command * np.concatenate(shape.command))
-    rms = np.sqrt(np.mean(sum(forces) ** 2, axis=0))
+    rms = np.sqrt(np.mean(_whole_force(model, shape) ** 2, axis=0))
     return (
         float(np.max(norms * size / np.maximum(rms, 1e-300), initial=0.0))
         if np.any(rms > 0)

@@ -204,8 +204,10 @@ class Diagnosis:
         Of the instruments and the unmodelled force, as found.
     alone : mapping of str to float
         Evidence of every cause by itself.
+    evidence : float
+        Of the strongest cause by itself, in natural logarithms.
     p_value : float
-        Share of surrogates without a cause in which some cause brings as much as the best one.
+        Share of faultless records whose strongest cause has as much, see `faultless.p_value`.
     load_cell : Witness or None
         What the recorded ``force``, which takes no part, says of both models.
     notes : tuple of str
@@ -233,6 +235,7 @@ class Diagnosis:
     adjustments: Mapping[str, float]
     noise: Mapping[str, float]
     alone: Mapping[str, float]
+    evidence: float
     p_value: float
     load_cell: Witness | None
     records: tuple[str, ...]
@@ -286,6 +289,7 @@ class Diagnosis:
             "adjustments": dict(self.adjustments),
             "noise": dict(self.noise),
             "evidence_alone": dict(self.alone),
+            "evidence": self.evidence,
             "p_value": self.p_value,
             "load_cell": None
             if self.load_cell is None

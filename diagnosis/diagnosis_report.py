@@ -252,8 +252,8 @@ def _cause(c: FoundCause) -> str:
         f"residual {c.before.force:.4g} N to {c.after.force:.4g} N, "
         f"{length(c.before.position)} to {length(c.after.position)}; "
         f"alone, {_percent(c.gain_alone)} in force",
-        "how sure": f"p = {c.p_value:.2g}, from surrogates of the record; logarithm of the odds "
-        f"{c.evidence:.3g}",
+        "how sure": f"logarithm of the odds {c.evidence:.3g}, p = {c.p_value:.2g}: "
+        "the share of faultless records with as much",
         "easily mistaken for, in others": ", ".join(usual) or "nothing",
         "would confirm it": c.confirm,
     }

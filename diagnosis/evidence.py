@@ -226,19 +226,6 @@ def conditioned(products: Matrix, priors: Sequence[Prior]) -> Conditioned:
     return Conditioned(products, signal, cross, solved, evidence)
 
 
-def left_of(products: Matrix, priors: Sequence[Prior], signals: Matrix) -> Matrix:
-    """Products of all columns with signals, shape (columns, signals), as a model leaves them.
-
-    The signals are deviations from what the priors' means say.
-    """
-    columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
-    scale = np.concatenate([p.spread for p in priors])
-    rows = scale[:, None] * products[columns, :]
-    factor = cho_factor(np.eye(len(columns)) + rows[:, columns] * scale, lower=True)
-    solved = cho_solve(factor, scale[:, None] * signals[columns])
-    return np.asarray(signals - rows.T @ solved)
-
-
 def evidence_of(products: Matrix, priors: Sequence[Prior]) -> float:
     """Evidence of a model, on the scale of `conditioned`."""
     columns = np.concatenate([[0], *(p.columns for p in priors)]).astype(np.int64)
@@ -273,17 +260,12 @@ def gain(inner: Matrix, signal: Vector, mean: Vector, spread: Vector) -> float:
     mean, spread : ndarray
         Of its prior.
     """
-    return float(gains(inner, signal[:, None], mean, spread)[0])
-
-
-def gains(inner: Matrix, signals: Matrix, mean: Vector, spread: Vector) -> Vector:
-    """`gain` of many signals, shape (columns, signals), each."""
-    moved = signals - (inner @ mean)[:, None]
+    moved = signal - inner @ mean
     factor = cho_factor(np.eye(len(mean)) + spread[:, None] * inner * spread, lower=True)
-    scaled = spread[:, None] * moved
-    before = 2.0 * mean @ signals - mean @ inner @ mean
-    after = np.sum(scaled * cho_solve(factor, scaled), axis=0)
-    return np.asarray(0.5 * (before + after) - np.sum(np.log(np.diag(factor[0]))))
+    scaled = spread * moved
+    before = float(2.0 * mean @ signal - mean @ inner @ mean)
+    after = float(scaled @ cho_solve(factor, scaled))
+    return 0.5 * (before + after) - float(np.sum(np.log(np.diag(factor[0]))))
 
 
 @dataclass(frozen=True)
@@ -302,23 +284,6 @@ def weigh(inner: Matrix, signal: Vector) -> Weighed:
     inner, signal : ndarray
         What is left of its products, see `Conditioned.of`.
     """
-    found, relative = _by_size(inner, signal[:, None])
-    best = int(np.argmax(found[:, 0]))
-    return Weighed(float(_of_any_size(found)[0]), _SIZES[best] * relative)
-
-
-def weighed_gains(inner: Matrix, signals: Matrix) -> Vector:
-    """The gain of `weigh` of many signals, shape (columns, signals), each."""
-    return _of_any_size(_by_size(inner, signals)[0])
-
-
-def _of_any_size(found: Matrix) -> Vector:
-    """Every size was as likely before."""
-    return np.asarray(np.logaddexp.reduce(found, axis=0) - math.log(len(_SIZES)))
-
-
-def _by_size(inner: Matrix, signals: Matrix) -> tuple[Matrix, Vector]:
-    """Gains, shape (sizes, signals), and the spreads for a size of one."""
     norms = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     # a column that hardly shows has no reason to be larger for it
     relative = 1.0 / np.maximum(norms, _LEAST * norms.max())
@@ -326,6 +291,7 @@ def _by_size(inner: Matrix, signals: Matrix) -> tuple[Matrix, Vector]:
     # in the directions of the scaled products every size is a matter of one number
     strength, directions = np.linalg.eigh(relative[:, None] * inner * relative)
     grown = 1.0 + _SIZES[:, None] ** 2 * np.maximum(strength, 0.0)
-    seen = (directions.T @ (relative[:, None] * signals)) ** 2
-    found = 0.5 * ((_SIZES[:, None] ** 2 / grown) @ seen - np.log(grown).sum(axis=1)[:, None])
-    return found, relative
+    seen = (directions.T @ (relative * signal)) ** 2
+    found = 0.5 * ((_SIZES[:, None] ** 2 / grown) @ seen - np.log(grown).sum(axis=1))
+    every = float(np.logaddexp.reduce(found)) - math.log(len(_SIZES))  # as likely before
+    return Weighed(every, _SIZES[int(np.argmax(found))] * relative)

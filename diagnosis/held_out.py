@@ -22,6 +22,7 @@ _FOLDS = 5
 _LAPS = range(3, 7)  # how many laps of one motion are held out one by one
 _SAME = 1e-3  # share of the motion's mean square that laps of one motion differ by at most
 _SHORTEST_LAP = 1.0  # s
+_SURE = 0.25  # of a gain, that its interval's lower end has to be
 _DRAWS = 1000  # of stretches, for an interval
 
 
@@ -92,6 +93,11 @@ class Gain:
     @property
     def certain(self) -> bool:
         return self.interval[0] > 0.0
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is certainly a good part of what it seems."""
+        return self.interval[0] >= _SURE * self.share
 
     @property
     def loses(self) -> bool:

@@ -359,6 +359,13 @@ def nothing_in(problem: Problem) -> Explanation:
     return Explanation((), priors, evidence_of(products, priors), ())
 
 
+def strongest_alone(problem: Problem) -> float:
+    """Evidence that the strongest cause brings by itself, in natural logarithms."""
+    left = conditioned(problem.columns.products(), nothing_in(problem).priors)
+    causes = [c for c in problem.candidates if not c.is_rival]
+    return max((bring_of(c.shape, *left.of(c.columns))[0] for c in causes), default=0.0)
+
+
 def within_bounds(
     problem: Problem, products: Matrix, members: Sequence[Candidate], own: Sequence[Prior]
 ) -> tuple[Prior, ...]:

@@ -149,9 +149,16 @@ def worst_first(rows: list[Row]) -> list[str]:
     return sorted(worlds, key=lambda w: -badness(r for r in rows if r.world == w))
 
 
-def uniformity(rows: Iterable[Row]) -> dict[str, object]:
-    """How even p-values of faultless records are: shares below levels, and Kolmogorov's test."""
-    found = [r.p_value for r in rows if r.group == FAULTLESS and r.p_value is not None]
+def p_values(rows: list[Row], world: str) -> list[float]:
+    """Of a world's faultless records, each told by those of all other worlds."""
+    faultless = [r for r in rows if r.group == FAULTLESS and r.evidence is not None]
+    known = np.array([r.evidence for r in faultless if r.world != world])
+    here = [r.evidence for r in faultless if r.world == world]
+    return [float((1 + np.count_nonzero(known >= e)) / (1 + len(known))) for e in here]
+
+
+def uniformity(found: list[float]) -> dict[str, object]:
+    """How even p-values are: shares below levels, and Kolmogorov's test."""
     if not found:
         return {"records": 0}
     test = kstest(found, "uniform")
@@ -230,8 +237,8 @@ def report_of(rows: list[Row], code: str, first_seed: int) -> dict[str, object]:
             for world in order
         },
         "p_values_of_faultless_records": {
-            "all worlds": uniformity(rows),
-            **{world: uniformity(r for r in rows if r.world == world) for world in order},
+            "all worlds": uniformity([p for world in order for p in p_values(rows, world)]),
+            **{world: uniformity(p_values(rows, world)) for world in order},
         },
         "wrong_by_condition": by_condition(rows),
         "wrong_though_of_the_same_shape_by_the_truth": excused(rows),

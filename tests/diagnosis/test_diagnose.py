@@ -183,6 +183,14 @@ def test_the_first_cause_is_named_where_those_found_beside_it_do_not_hold(tmp_pa
     assert [c.name for c in found.causes] == ["position_trend_friction"]
 
 
+def test_an_interval_holds_what_forms_that_explain_as_much_say(tmp_path):
+    """Told dry and viscous apart, the dry part alone was called 7 %, give or take 2."""
+    case, found = found_in_world(tmp_path, "heavy_screw", ("direction_asymmetry",), 100003)
+    (cause,) = found.causes
+    low, high = cause.intervals["dry_asymmetry"]
+    assert low < case.effects[0].truth["dry_asymmetry"] < high
+
+
 def test_friction_is_not_said_to_vanish_where_nothing_is_hidden(tmp_path):
     """The engine before found a friction that falls by 90 % after the start."""
     _, found = found_in_world(tmp_path, "industrial", (), 61017)

@@ -336,6 +336,14 @@ def test_on_a_record_of_the_rig_whose_rotor_is_not_believed_no_name_does_worse(t
     assert told["not_named"]
 
 
+def test_a_swing_that_shows_in_a_part_of_the_record_only_is_not_named(tmp_path):
+    """The rig has no ripple; its rotor, which is not believed, made up for one."""
+    rig = tmp_path / "rig"
+    assert run("rig", "2.3.1/11", "--seed", "36", "--out", rig)[0] == 0
+    believed = ("--params", rig / "parameters.toml", "--out", tmp_path / "out", "--json")
+    assert json.loads(run("diagnose", rig / "record.csv", *believed)[1])["causes"] == []
+
+
 def test_nothing_is_named_on_one_constant_speed_of_the_rig(tmp_path):
     """One constant speed: values that cancel each other there had a name beside them."""
     rig = tmp_path / "rig"

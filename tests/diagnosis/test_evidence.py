@@ -15,10 +15,7 @@ from ballscrew.diagnosis.evidence import (
     evidence_of,
     fit_within,
     gain,
-    gains,
-    left_of,
     weigh,
-    weighed_gains,
 )
 
 
@@ -59,27 +56,6 @@ def test_columns_that_foretell_nothing_lose_and_true_ones_win():
         y = noise + amplitude * column[:, 0]
         products = Columns((y[:, None], column), (0, 2000)).products()
         assert (weigh(products[1:2, 1:2], products[1:2, 0]).gain > 3) == wins
-
-
-@settings(max_examples=25, deadline=None)
-@given(seed=st.integers(0, 10_000))
-def test_many_signals_at_once_gain_what_each_gains_alone(seed):
-    random = np.random.default_rng(seed)
-    columns = random.standard_normal((50, 5))
-    signals = random.standard_normal((50, 4))
-    first = Prior(np.array([1, 2]), np.zeros(2), random.uniform(0.1, 3, 2))
-    second = np.array([3, 4])
-    mean, spread = random.standard_normal(2), random.uniform(0.1, 3, 2)
-    together = left_of(columns.T @ columns, [first], columns.T @ signals)[second]
-    for k in range(4):
-        columns[:, 0] = signals[:, k]
-        left = conditioned(columns.T @ columns, [first])
-        inner, signal = left.of(second)
-        assert together[:, k] == pytest.approx(signal, abs=1e-9)
-        one = gain(inner, signal, mean, spread)
-        assert gains(inner, together, mean, spread)[k] == pytest.approx(one, abs=1e-9)
-        one = weigh(inner, signal).gain
-        assert weighed_gains(inner, together)[k] == pytest.approx(one, abs=1e-9)
 
 
 @settings(max_examples=50, deadline=None)

@@ -20,7 +20,7 @@ def row(
         "conditions": {},
         "wrong_values": {},
         "verdict": "explained" if named else "none",
-        "p_value": None,
+        "evidence": None,
         "seconds": 1.0,
         "message": "",
     } | other
