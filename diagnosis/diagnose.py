@@ -396,7 +396,8 @@ def _in_other_forms(problem: Problem, best: Explanation, k: int) -> list[Vector]
     mine = _whole_force(problem.model, member.shape)
     out = []
     for c in problem.candidates:
-        if c.name != member.name or c.is_rival or c is member or c.shape.sure is not None:
+        same = c.name == member.name and not c.is_rival and c is not member
+        if not same or c.shape.freed or c.shape.sure is not None:
             continue
         inner, signal = left.of(c.columns)
         brings, mean, spread = bring_of(c.shape, inner, signal)
@@ -404,7 +405,7 @@ def _in_other_forms(problem: Problem, best: Explanation, k: int) -> list[Vector]
             precise = np.diag(spread**-2.0)
             found = np.linalg.solve(inner + precise, signal + precise @ mean)
             force = _whole_force(problem.model, c.shape) @ found
-            out.append(np.linalg.lstsq(mine, force, rcond=None)[0])
+            out.append(np.asarray(np.linalg.lstsq(mine, force, rcond=None)[0], dtype=np.float64))
     return out
 
 
@@ -413,7 +414,7 @@ def _whole_force(model: DriveModel, shape: Shape) -> Vector:
     parts = [np.concatenate(shape.force)] if shape.force is not None else []
     if shape.command is not None:
         parts.append(model.per_command * np.concatenate(shape.command))
-    return np.sum(parts, axis=0)
+    return np.asarray(np.sum(parts, axis=0))
 
 
 def _reopened(problem: Problem, best: Explanation) -> list[Prior]:
