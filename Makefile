@@ -45,6 +45,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/interrupts.py
 
 bench: $(VENV)/installed
+	$(BIN)/python benchmarks/start.py
 	$(BIN)/python benchmarks/master.py
 	$(BIN)/python benchmarks/lyapunov.py
 	$(BIN)/python benchmarks/native.py

@@ -66,6 +66,9 @@ _RUN_EXAMPLES = """examples:
 """
 
 
+_DRAWING = ("run", "swap", "lyapunov", "map", "identify", "diagnose", "features")
+
+
 class BadRequest(ValueError):
     """Something on the command line makes no sense; the message is one line for the user."""
 
@@ -88,6 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         options = _parser().parse_args(arguments)
+        os.environ["BALLSCREW_SVG"] = "1" if getattr(options, "svg", False) else ""
         code = int(options.action(options))
         print(end="", flush=True)
         return code
@@ -210,6 +214,10 @@ def _parser() -> argparse.ArgumentParser:
         features_command,
     ):
         command.add_parser(commands, _Parser)
+    for name in _DRAWING:
+        commands.choices[name].add_argument(
+            "--svg", action="store_true", help="pictures as SVG, too, beside PNG"
+        )
     return parser
 
 
@@ -288,8 +296,8 @@ def _export(options: argparse.Namespace) -> int:
         return native_command.export_systems(options, names, told)
     if options.native:
         return native_command.export(options, names, tangents, told)
-    from .solver.codegen import UnsupportedComponent
     from .solver.component import ContractError
+    from .solver.tape import UnsupportedComponent
 
     for name in names:
         tell_export(names, name)
@@ -419,7 +427,7 @@ def _swap(options: argparse.Namespace) -> int:
         print(json.dumps(finite_or_null([r.figures() for r in result.results])))
     else:
         print(_table([r.figures() for r in result.results]))
-        files = ["comparison.csv", "comparison.json", "comparison.png and .svg", "parameters.toml"]
+        files = ["comparison.csv", "comparison.json", "comparison.png", "parameters.toml"]
         print(f"{', '.join([*files, *result.trajectories])} in {options.out}")
     for r in result.results:
         for note in r.notes:

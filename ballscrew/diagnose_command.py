@@ -329,8 +329,7 @@ def _table(
         lines.append(f"  {rig_command(result.next_experiment.trial)}")
     plant = f", {_FMU}" if extension.plant is not None else ""
     lines.append(
-        f"report.html, diagnosis.json, {_PARAMETERS}, {_CURVES}, diagnosis.png and .svg{plant} in "
-        f"{folder}"
+        f"report.html, diagnosis.json, {_PARAMETERS}, {_CURVES}, diagnosis.png{plant} in {folder}"
     )
     return "\n".join(lines)
 

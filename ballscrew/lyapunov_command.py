@@ -118,4 +118,4 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
     if figures["sum_rule_error"] is not None:
         print(f"  sum rule: off by {figures['sum_rule_error']:.2g} of the sum")
     print(f"  {figures['evidence']}")
-    print(f"lyapunov.json, lyapunov.csv, parameters.toml, lyapunov.png and .svg in {folder}")
+    print(f"lyapunov.json, lyapunov.csv, parameters.toml, lyapunov.png in {folder}")

@@ -40,7 +40,7 @@ def add_options(add: Any) -> None:
 def check(options: argparse.Namespace) -> None:
     """Refuse options that make no sense together, before any work is done."""
     from .cli import BadRequest
-    from .fmus.native.compilers import PLATFORMS
+    from .solver.compilers import PLATFORMS
 
     for option in ("fmi", "platforms"):
         if getattr(options, option) is not None and not options.native:
@@ -60,11 +60,11 @@ def export(
     """Write the FMUs, with the start values of a parameter file, and print their paths."""
     from .cli import BAD_REQUEST, TRUSTED, BadRequest, _write, tell_export
     from .fmus.catalogue import loop, loop_fmu_kernel
-    from .fmus.native.compilers import CompilerFailed
     from .fmus.native.export import NativeFmu, write_native
     from .fmus.native.sources import catalogued_model, stored_model, variational_model, with_kernel
-    from .solver.codegen import UnsupportedComponent
+    from .solver.compilers import CompilerFailed
     from .solver.component import ContractError
+    from .solver.tape import UnsupportedComponent
 
     written: list[NativeFmu] = []
     for name in names:
@@ -123,10 +123,10 @@ def export_systems(
 ) -> int:
     """Write one .ssp per closed loop, with the values of a parameter file, and print its path."""
     from .cli import BAD_REQUEST, TRUSTED, _write
-    from .fmus.native.compilers import CompilerFailed
     from .fmus.native.export import NativeFmu, write_native
     from .fmus.native.sources import catalogued_model, with_kernel
     from .fmus.system_export import export_system
+    from .solver.compilers import CompilerFailed
 
     with TemporaryDirectory(prefix="ballscrew-export-") as folder:
 

@@ -137,7 +137,7 @@ def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = Fa
         return kernel
     from .fmus.start_values import with_start_values
     from .plant import PLANTS
-    from .solver.connect import CONTROLLER, PLANT
+    from .solver.kernel import CONTROLLER, PLANT
 
     path = str(told.path)
     values: dict[str, float] = {}

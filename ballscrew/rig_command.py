@@ -99,8 +99,8 @@ def _rig(options: argparse.Namespace) -> int:
     from .plant.law import UnknownLaw
     from .rig.bench import BadRig, run_trial
     from .rig.fmu_bench import export_trial
-    from .solver.codegen import UnsupportedComponent
     from .solver.kernel import IntegrationError
+    from .solver.tape import UnsupportedComponent
 
     if options.export:
         names: list[Path] = []

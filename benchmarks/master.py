@@ -19,10 +19,10 @@ from other_masters import TimedLoop, side_by_side
 
 from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.export import export
-from ballscrew.orchestration.clock import clock
+from ballscrew.orchestration.clock import Clock
+from ballscrew.orchestration.compiled import PAIR
 from ballscrew.orchestration.coupling import Coupling, Loop
 from ballscrew.orchestration.isolated import open_fmu
-from ballscrew.orchestration.march import PAIR
 from ballscrew.orchestration.master import Course, RecordedLoop, march_on, run_loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.structs import struct
@@ -87,7 +87,7 @@ def step_cost(
         main = RecordedLoop(whole, loop, 1)
         nominal = np.array([p.nominal(name) for name in p.outputs])
         course = Course(goal, 1, loop.outputs, nominal, 1)
-        time = clock(seconds, h, False)
+        time = Clock(seconds, h, False)
         began = perf_counter()
         stop = march_on(main, [], time, course, start)
         best = min(best, (perf_counter() - began) / (seconds / h))

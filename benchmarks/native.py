@@ -18,9 +18,9 @@ import master
 from other_masters import TimedLoop, missing_for_ecos, step_cost
 
 from ballscrew.fmus.catalogue import NAMES, fmu
-from ballscrew.fmus.native.compilers import PLATFORMS, own_platform
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import catalogued_model
+from ballscrew.solver.compilers import PLATFORMS, own_platform
 
 ROUNDS = 3
 SECONDS = {"iol at 1e-3 s": ("iol", 1e-3, 5.0), "nctf at 1e-4 s": ("nctf", 1e-4, 1.0)}

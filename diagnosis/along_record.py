@@ -37,8 +37,8 @@ from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ..records.force_record import Record
 from .friction_estimation import FrictionEstimate, Motion, estimate_friction
 from .intervals import CONFIDENCE, NARROW, Interval, is_narrow
-from .law_along_record import ELEMENTS, KINDS, STATES, friction_along, score
-from .replay import replayed, with_play
+from .law_along_record import ELEMENTS, KINDS, LawValues, friction_along, score, with_play
+from .replay import replayed
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -386,7 +386,6 @@ class Problem:
             firsts = range(0, self.of_law, len(law.parameters))
             self.peaked = [(first + fc, first + fs) for first in firsts]
         self.owner = course.of_record()
-        self.friction = np.empty(len(course.x))
         rigid = law.name == "classical"
         self.spoken = ~course.still if rigid else np.ones(len(course.x), dtype=bool)
         self.break_aways = _break_aways(course) if rigid else {}
@@ -425,29 +424,17 @@ class Problem:
         forwards, backwards = values[:half], values[self.of_law - half : self.of_law]
         constant = float(values[-1]) if self.law.offset else 0.0
         sharpness = 0.0 if self.law.name == "lugre" else SHARPNESS
-        friction_along(
-            KINDS[self.law.name],
-            x,
-            v,
-            course.step,
-            course.starts,
-            shifts,
-            shaking,
-            forwards,
-            backwards,
-            sharpness,
-            self.friction,
-            np.zeros(STATES),
-        )
-        self.friction += constant
+        law = LawValues(KINDS[self.law.name], forwards, backwards, sharpness)
+        friction = friction_along(law, x, v, course.step, course.starts, shifts, shaking)
+        friction += constant
         if self.law.name == "classical":
             where = ~self.spoken
-            self.friction[where] = course.force[where] - inertial[where]
+            friction[where] = course.force[where] - inertial[where]
             static = half - 2  # Fs, before Vs
             for k, sign in self.break_aways.items():
                 held = sign * (forwards if sign > 0 else backwards)[static]
-                self.friction[k] = held + constant
-        return self.friction + inertial
+                friction[k] = held + constant
+        return friction + inertial
 
     def later(self, force: Vector, delays: Vector) -> Vector:
         """The force as it arrives `delays` late: a parabola through three samples."""

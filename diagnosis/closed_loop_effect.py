@@ -9,10 +9,11 @@ import numpy.typing as npt
 
 from ..fmus.catalogue import component
 from ..orchestration.motion import judge
-from ..solver.codegen import UnsupportedComponent, generate
+from ..solver.codegen import generate
 from ..solver.component import Component, ContractError, symbol
 from ..solver.connect import connect
 from ..solver.kernel import IntegrationError, Kernel, Model
+from ..solver.tape import UnsupportedComponent
 
 Vector = npt.NDArray[np.float64]
 

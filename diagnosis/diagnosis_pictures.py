@@ -372,7 +372,7 @@ def _round_numbers(low: float, high: float, most: int) -> list[tuple[float, str]
 
 
 def save_pictures(diagnosis: Diagnosis, folder: Path) -> None:
-    """Write diagnosis.png and diagnosis.svg: the residual before and after, in force and position.
+    """Write diagnosis.png: the residual before and after, in force and position.
 
     Raises
     ------

@@ -20,7 +20,7 @@ from ..solver.component import symbol
 from .along_record import LAWS
 from .law_along_record import (
     KINDS,
-    STATES,
+    LawValues,
     force_behind_gap,
     force_behind_spring,
     mean_friction_along,
@@ -151,10 +151,9 @@ class DriveModel:
 
         On average over the interval after each sample, as are all forces here.
         """
-        out = np.empty(len(x))
         parts = max(1, math.ceil(step / _FINEST))
-        motion = np.ascontiguousarray(x), np.ascontiguousarray(v), step, parts
-        mean_friction_along(KINDS[self.law], *motion, *self._law_values(), out, np.zeros(STATES))
+        motion = np.ascontiguousarray(x), np.ascontiguousarray(v)
+        out = mean_friction_along(self._law_values(), *motion, step, parts)
         out -= self.linear_friction * midway(v)
         if not self.has_motor:
             out += self.values["offset"]
@@ -162,26 +161,19 @@ class DriveModel:
 
     def force_behind_gap(self, x: Vector, v: Vector, step: float, gap: float) -> Vector:
         """Force on what pushes the block across a gap [m], shape (n,) [N]."""
-        out = np.empty(len(x))
-        law = self._law_values()
-        force_behind_gap(KINDS[self.law], x, v, step, gap, self.block, *law, out, np.zeros(STATES))
-        return out
+        return force_behind_gap(self._law_values(), x, v, step, gap, self.block)
 
     def force_behind_spring(self, x: Vector, v: Vector, step: float, stiffness: float) -> Vector:
         """Force of a spring [N/m] that drags the block, shape (n,) [N]."""
-        out = np.empty(len(x))
-        law = self._law_values()
-        force_behind_spring(
-            KINDS[self.law], x, v, step, stiffness, self.block, *law, out, np.zeros(STATES)
-        )
-        return out
+        return force_behind_spring(self._law_values(), x, v, step, stiffness, self.block)
 
-    def _law_values(self) -> tuple[Vector, Vector, float]:
+    def _law_values(self) -> LawValues:
         half = len(LAWS[self.law].parameters)
         q = np.array([self.values[n] for n in self.law_parameters])
         sharpness = self.values.get("Kv", 0.0) if self.law != "lugre" else 0.0
         bend = [self.values[n] for n in BEND] if self.can_bend and BEND[0] in self.values else []
-        return np.append(q[:half], bend), np.append(q[-half:], bend), sharpness
+        forwards, backwards = np.append(q[:half], bend), np.append(q[-half:], bend)
+        return LawValues(KINDS[self.law], forwards, backwards, sharpness)
 
 
 @cache

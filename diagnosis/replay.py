@@ -9,13 +9,8 @@ a reversal, what a block that sticks within a count does unseen.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from .compiled import compiled
 from .friction_estimation import FrictionEstimate, Motion, smooth_motion
-
-Vector = npt.NDArray[np.float64]
-Bounds = npt.NDArray[np.int64]
 
 
 def replayed(estimate: FrictionEstimate, random: np.random.Generator) -> Motion:
@@ -37,26 +32,3 @@ def replayed(estimate: FrictionEstimate, random: np.random.Generator) -> Motion:
         runs = np.diff(np.append(held, len(motion.seen)))
         position = np.concatenate([np.full(held[0], fresh[0]), np.repeat(fresh, runs)])
     return smooth_motion(position, motion.step, motion.later, estimate.from_rest, motion)
-
-
-@compiled
-def with_play(x: Vector, starts: Bounds, play: Vector) -> Vector:
-    """Positions that come short by `play` [m] after a record's start and after each reversal.
-
-    What rebuilding does at corners is the same at all of them and in all records, and a replay of
-    the rounded corners shows but a part of it.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Position [m].
-    starts : ndarray of int, shape (records + 1,)
-    play : ndarray, shape (records,)
-    """
-    short = np.empty_like(x)
-    for r in range(len(play)):
-        at = x[starts[r]]
-        for k in range(starts[r], starts[r + 1]):
-            at = min(max(at, x[k] - play[r]), x[k] + play[r])
-            short[k] = at
-    return short

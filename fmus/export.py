@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import sys
 import tempfile
 import zipfile
+from functools import cache
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -14,8 +16,8 @@ from .. import __version__
 from ..solver import kernel_cache
 from ..solver.codegen import generate, hashed_name
 from ..solver.component import Component
+from ..solver.core import LIBRARY
 from ..solver.kernel import Kernel
-from . import process_end, runtime
 from .accompanying import accompanying, licence
 from .archive import packed
 from .feedback_law import accept_law, report_law
@@ -23,14 +25,20 @@ from .interface import interface_of
 from .made_here import remember
 from .model_description import model_description
 
+RUNTIME = (
+    *("solver/core.py", "solver/stepper.py", f"solver/c/{LIBRARY}"),
+    *("fmus/runtime.py", "fmus/process_end.py"),
+)
+"""What of the package an FMU carries, in a package of its own whose name ends in its hash."""
+
 _SLAVE = '''"""The slave that pythonfmu loads: {description}."""
 
 import ctypes
-from pathlib import Path
+from base64 import b64decode
 
-import {cache}
-from {process_end} import end_cleanly
-from {runtime} import ComponentSlave
+import {equations}
+from {tapes} import TAPES
+from {package}.fmus.runtime import ComponentSlave
 
 # pythonfmu 0.7 runs this text at every instantiation, and each time releases a reference to this
 # namespace that it does not own; without one given back, the second instance crashes the process.
@@ -39,8 +47,8 @@ ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 
 class Slave(ComponentSlave):
     layout = {layout!r}
-    equations = {cache}.load_file(Path(__file__).with_name("{equations}.py"))
-    end_cleanly = staticmethod(end_cleanly)
+    equations = {equations}
+    tapes = b64decode(TAPES)
 '''
 
 
@@ -77,33 +85,31 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
     """Export a compiled component, law ports and all, as `export` does."""
     path = Path(path)
     interface = interface_of(kernel, kernel.name)
-    parts = {
-        part.__name__.rpartition(".")[2]: Path(str(part.__file__)).read_text(encoding="utf-8")
-        for part in (runtime, kernel_cache, process_end)
+    package, carried = _carried()
+    texts = {
+        kernel.module: kernel.source,
+        (tapes := hashed_name(f"tapes_{kernel.name}", kernel.tapes)): f"TAPES = {kernel.tapes!r}\n",
     }
-    names = {part: hashed_name(part, text) for part, text in parts.items()}
     slave = _SLAVE.format(
         description=kernel.description,
         equations=kernel.module,
         layout=interface.layout.to_dict(),
-        cache=names["kernel_cache"],
-        process_end=names["process_end"],
-        runtime=names["runtime"],
+        package=package,
+        tapes=tapes,
     )
     script = hashed_name(f"slave_{kernel.name}", slave)
     with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
         sources = Path(folder) / "sources"
         sources.mkdir()
-        files = {
-            script: slave,
-            kernel.module: kernel.source,
-            **{names[part]: text for part, text in parts.items()},
-        }
-        for name, text in files.items():
+        for name, text in {script: slave, **texts}.items():
             (sources / f"{name}.py").write_text(text, encoding="utf-8", newline="\n")
+        for name, data in carried.items():
+            file = sources / package / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(data)
         built = _build(
             sources / f"{script}.py",
-            [sources / f"{name}.py" for name in files if name != script],
+            [sources / package, *(sources / f"{name}.py" for name in texts)],
             Path(folder) / f"{kernel.name}.fmu",
         )
         ours = accompanying(kernel, interface, 2) | {
@@ -113,6 +119,18 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
         kernel_cache.write_atomically(path, _normalized(built, ours))
     remember(path)
     return path
+
+
+@cache
+def _carried() -> tuple[str, dict[str, bytes]]:
+    """Name and files of the package that an FMU carries."""
+    top = Path(__file__).resolve().parents[1]
+    files = {name: (top / name).read_bytes() for name in RUNTIME}
+    digest = hashlib.sha256(
+        b"\0".join(part for f in files.items() for part in (f[0].encode(), f[1]))
+    )
+    empty = {f"{folder}__init__.py": b"" for folder in ("", "solver/", "fmus/")}
+    return f"ballscrew_{digest.hexdigest()[:12]}", files | empty
 
 
 def _build(script: Path, others: list[Path], target: Path) -> Path:
@@ -136,7 +154,7 @@ def _build(script: Path, others: list[Path], target: Path) -> Path:
         logging.getLogger("pythonfmu").setLevel(level)
         sys.path[:] = paths
         for name in set(sys.modules) - modules:
-            if Path(str(getattr(sys.modules[name], "__file__", ""))).parent == script.parent:
+            if script.parent in Path(str(getattr(sys.modules[name], "__file__", ""))).parents:
                 del sys.modules[name]
     return Path(built)
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from ..solver import stepper
+from ..solver.core import INFO_SIZE
 from ..solver.kernel import DEFAULT_TOLERANCE, Kernel
 from .tangent_ports import FRAME_ROLE, SET, SET_ROLE
 
@@ -112,7 +112,7 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
     starts = outputs + len(kernel.outputs)
     tolerance = starts + n + len(kernel.discrete)
     info = tolerance + 1
-    time = info + stepper.INFO_SIZE
+    time = info + INFO_SIZE
     samples = time + 1
     frame = _frame(kernel, states, samples + 1)
     size = samples + 1 + bool(frame)

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import builtins
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
-
-import numpy as np
 
 from ..solver import kernel_cache
 from ..solver.kernel import Kernel, Model
@@ -67,11 +61,7 @@ def _computed(kernel: Kernel) -> dict[str, str]:
     driven = {i.name: v for i in kernel.inputs if (v := _drive(i.name, i.role)) is not None}
     driven = {n: v for n, v in driven.items() if v != _starts(kernel)[n]}
     names = [o.name for o in kernel.outputs][:MOST_COLUMNS]
-    many = kernel.sample_time and kernel.states  # thousands of starts of the solver
-    try:
-        course = _course(kernel if many else _plain(kernel), driven)
-    except ArithmeticError:  # what overflows in a step that is too long is an error in Python only
-        course = _course(kernel, driven)
+    course = _course(kernel, driven)
     rows = [[t, *(values[n] for n in names)] for t, values in course]
     options = {
         "StartTime": 0.0,
@@ -99,7 +89,6 @@ def _drive(name: str, role: str) -> float | None:
     return _SETPOINT if role == "reference" else _VOLTAGE if name == "u" else None
 
 
-@np.errstate(all="ignore")  # as when compiled
 def _course(kernel: Kernel, driven: dict[str, float]) -> list[tuple[float, dict[str, float]]]:
     """Time and outputs at each interval; at a sample instant, as they were held up to there."""
     model = Model(kernel, tolerance=TOLERANCE)
@@ -118,24 +107,6 @@ def _course(kernel: Kernel, driven: dict[str, float]) -> list[tuple[float, dict[
                 model.advance(begin, end)
         rows.append((end, model.outputs(end, model.x)))
     return rows
-
-
-def _plain(kernel: Kernel) -> Kernel:
-    """The kernel with its functions as plain Python: a short run takes less than compiling them."""
-
-    def imported(name: str, *arguments: Any, **options: Any) -> Any:
-        if name == "numba":  # the text does without it where it is not installed
-            raise ImportError(name)
-        return builtins.__import__(name, *arguments, **options)
-
-    space: dict[str, Any] = {
-        "__name__": kernel.module,
-        "__builtins__": {**vars(builtins), "__import__": imported},
-    }
-    exec(compile(kernel.source, kernel.module, "exec"), space)
-    copy = replace(kernel)
-    vars(copy)["functions"] = SimpleNamespace(**space)  # in place of the compiled ones
-    return copy
 
 
 def _table(names: list[str], rows: list[list[float]]) -> str:

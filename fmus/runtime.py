@@ -1,6 +1,6 @@
 """What runs inside an exported FMU: a pythonfmu slave around generated equations.
 
-This file stands alone. Its text goes into every FMU under a name that ends in a hash of it, beside
+This file goes into every FMU with the few that it imports, see `RUNTIME` in ``export.py``, beside
 the generated equations; on the host it needs pythonfmu (which the FMU carries) and numpy.
 
 Errors never leave as Python exceptions, because those reach the master without a text and may take
@@ -18,8 +18,21 @@ import numpy as np
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
+from ..solver.core import CHATTER, DONE, REACHED, TOO_MANY_STEPS, System
+from ..solver.core import at as address
+from ..solver.stepper import PlainSystem
+from .process_end import end_cleanly
+
 MAX_STEPS = 200_000
 ROUND_OFF = 1e-9  # share of a sampling period within which two times are the same
+
+
+def system_of(equations: Any, tapes: bytes, states: int) -> System | PlainSystem:
+    """The equations in the compiled core, or in plain Python where it is for another platform."""
+    try:
+        return System(tapes)
+    except OSError:
+        return PlainSystem(equations, states, equations.MOST_EVENTS)
 
 
 class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
@@ -30,14 +43,14 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     layout : dict
         Places of everything in ``memory``; see the project's ``fmus/interface.py``.
     equations : module
-        The generated functions.
-    end_cleanly : function
-        From the module of that name, which also goes into the FMU.
+        The generated functions, for hosts that cannot load the compiled core.
+    tapes : bytes
+        The same for the core, see `System`.
     """
 
     layout: ClassVar[dict[str, Any]]
     equations: ClassVar[Any]
-    end_cleanly: ClassVar[Any]
+    tapes: ClassVar[bytes]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -45,7 +58,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         resources = str(kwargs.get("resources") or "")
         folder = unquote(urlparse(resources).path) if "://" in resources else resources
         library = Path(folder).parent / "binaries" / "linux64" / f"{at['model']}.so"
-        self.end_cleanly(library)
+        end_cleanly(library)
         self.modelName = at["model"]
         self.memory = np.array(at["initial"])
         self._places = np.array(at["places"])  # by value reference
@@ -61,7 +74,11 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._update = np.zeros(len(self._discrete))
         self._nominal = np.array(at["nominal"])
         self._atol = np.zeros(n)
-        self._work = np.zeros(self.equations.WORK)
+        self._system = system_of(self.equations, self.tapes, n)
+        # all of it stays where it is: to the core by address
+        kept = (self._x, self._held, self._p, self._y, self._atol, self._info)
+        in_core = isinstance(self._system, System)
+        self._given = tuple(map(address, kept)) if in_core else kept
         self._stale = True
 
     # -- variables ---------------------------------------------------------------------------
@@ -91,9 +108,8 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             self._initialize_states()
         self._take_frame()
         try:
-            self.equations.out(
-                self.memory[self.layout["time"]], self._x, self._held, self._p, self._y
-            )
+            x, held, p, y, _, _ = self._given
+            self._system.out(self.memory[self.layout["time"]], x, held, p, y)
         except (ArithmeticError, ValueError) as error:
             self._y[:] = math.nan
             self._fail(f"outputs cannot be computed: {error}")
@@ -151,13 +167,12 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         """Enter the mode that the start values and parameters lead to."""
         time = self.memory[self.layout["time"]]
         try:
-            status = self.equations.settle(
-                time, self._x, self._held, self._p, self._work, self._info
-            )
+            x, held, p, _, _, info = self._given
+            status = self._system.settle(time, x, held, p, info)
         except (ArithmeticError, ValueError) as error:
             self._fail(f"the first mode cannot be found: {error}")
             return
-        if status != self.equations.DONE:
+        if status != DONE:
             self._fail(f"events follow each other without end at t = {time:.9g} s")
 
     def _scale_tolerances(self) -> None:
@@ -190,27 +205,18 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         return done
 
     def _advance(self, t0: float, t1: float) -> bool:
-        status = self.equations.advance(
-            t0,
-            t1,
-            self._x,
-            self._held,
-            self._p,
-            self._atol,
-            self.memory[self.layout["tolerance"]],
-            self._work,
-            self._info,
-            MAX_STEPS,
-        )
-        if status != self.equations.DONE:
-            reached = self._info[self.equations.REACHED]
+        x, held, p, _, atol, info = self._given
+        tolerance = self.memory[self.layout["tolerance"]]
+        status = self._system.advance(t0, t1, x, held, p, atol, tolerance, info, MAX_STEPS)
+        if status != DONE:
+            reached = self._info[REACHED]
             what = {
-                self.equations.TOO_MANY_STEPS: f"{MAX_STEPS} internal steps were not enough",
-                self.equations.CHATTER: "events follow each other without end",
+                TOO_MANY_STEPS: f"{MAX_STEPS} internal steps were not enough",
+                CHATTER: "events follow each other without end",
             }.get(status, "the internal step became too small")
-            rest = "" if status == self.equations.CHATTER else "; the solution leaves every bound"
+            rest = "" if status == CHATTER else "; the solution leaves every bound"
             self._fail(f"{what} at t = {reached:.9g} s{rest}")
-        return bool(status == self.equations.DONE)
+        return bool(status == DONE)
 
     def _advance_sampled(self, t0: float, step_size: float) -> bool:
         """Update the discrete states at every sample instant in [t0, t0 + step_size)."""
@@ -224,7 +230,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
                 if not self._advance(now, instant):
                     return False
                 now = instant
-            self.equations.sample(now, self._x, self._held, self._p, self._update)
+            self._system.sample(now, self._x, self._held, self._p, self._update)
             self._discrete[:] = self._update
             index += 1
         self.memory[at["samples"]] = index

@@ -20,9 +20,9 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..solver.codegen import UnsupportedComponent
 from ..solver.component import Component, Input, Output, State, symbol
 from ..solver.functions import slopes
+from ..solver.tape import UnsupportedComponent
 from .tangent_ports import FRAME, FRAME_ROLE, SET_ROLE, TRACE, set_port, tangent_port
 
 

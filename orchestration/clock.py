@@ -3,92 +3,62 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-import numpy as np
-
-from .structs import compiled, struct
+from .compiled import CLOCK, library
+from .structs import struct
 
 FINEST = 12  # adaptive steps go down to 2^-12 of the given one
 
 
-CLOCK = np.dtype(
-    [
-        ("tick", float),  # unit of time [s]
-        ("stop", float),  # end [s]
-        ("last", np.int64),  # ticks of the run
-        ("longest", np.int64),  # ticks of the longest step
-        ("adaptive", np.int64),
-        ("count", np.int64),  # ticks gone
-        ("stride", np.int64),  # ticks of the step to come
-        ("shortest_used", float),  # [s]
-        ("longest_used", float),  # [s]
-    ]
-)
-"""Where a run stands."""
+class Clock:
+    """Where a run stands: at time zero, for steps of a length, or for steps up to it.
 
-
-def clock(stop: float, step: float, adaptive: bool) -> Any:
-    """A clock at time zero, for steps of this length [s] or for steps up to it."""
-    size = 2**FINEST if adaptive else 1
-    tick = step / size
-    last = max(1, math.ceil(stop / tick - 1e-9))
-    made = struct(CLOCK)
-    made.set(tick=tick, stop=stop, last=last, longest=size, stride=size, adaptive=adaptive)
-    made.set(shortest_used=math.inf)
-    return made.record
-
-
-@compiled
-def now(clock: Any) -> float:
-    """Present time [s]."""
-    return float(min(clock.count * clock.tick, clock.stop))
-
-
-@compiled
-def done(clock: Any) -> bool:
-    """Whether the end is reached."""
-    return bool(clock.count >= clock.last)
-
-
-@compiled
-def next_place(clock: Any) -> int:
-    """Ticks gone after the step to come."""
-    return int(min(clock.count + clock.stride, clock.last))
-
-
-@compiled
-def next_time(clock: Any) -> float:
-    """Time after the step to come [s]."""
-    return float(min(next_place(clock) * clock.tick, clock.stop))
-
-
-@compiled
-def step_to_come(clock: Any) -> float:
-    """Its length [s]: a multiple of the tick, but for a last, shorter one."""
-    following = next_place(clock)
-    if following * clock.tick > clock.stop:
-        return float(clock.stop - now(clock))
-    return float((following - clock.count) * clock.tick)
-
-
-@compiled
-def accept(clock: Any) -> None:
-    """Go on by the step."""
-    step = step_to_come(clock)
-    clock.shortest_used = min(clock.shortest_used, step)
-    clock.longest_used = max(clock.longest_used, step)
-    clock.count = next_place(clock)
-
-
-@compiled
-def adapt(clock: Any, share: float) -> None:
-    """Halve or double the step, so that steps stay aligned with multiples of themselves.
-
-    `share` is what the last one cost of what it may.
+    Parameters
+    ----------
+    stop, step : float
+        [s]
+    adaptive : bool
     """
-    count, stride = clock.count, clock.stride
-    if share > 1.0 and stride > 1:
-        clock.stride = stride // 2
-    elif share < 0.1 and stride < clock.longest and count % (2 * stride) == 0:
-        clock.stride = 2 * stride
+
+    def __init__(self, stop: float, step: float, adaptive: bool) -> None:
+        size = 2**FINEST if adaptive else 1
+        tick = step / size
+        last = max(1, math.ceil(stop / tick - 1e-9))
+        self._whole = struct(CLOCK)
+        self._whole.set(tick=tick, stop=stop, last=last, longest=size, stride=size)
+        self._whole.set(adaptive=adaptive, shortest_used=math.inf)
+        self.address = self._whole.address
+
+    @property
+    def now(self) -> float:
+        """Present time [s]."""
+        return float(library().clock_now(self.address))
+
+    @property
+    def done(self) -> bool:
+        """Whether the end is reached."""
+        return bool(self._whole.record.count >= self._whole.record.last)
+
+    @property
+    def step_to_come(self) -> float:
+        """Its length [s]: a multiple of the tick, but for a last, shorter one."""
+        return float(library().clock_step_to_come(self.address))
+
+    @property
+    def can_be_finer(self) -> bool:
+        """Whether the step to come can be halved."""
+        return bool(self._whole.record.stride > 1)
+
+    @property
+    def used(self) -> tuple[float, float]:
+        """Shortest and longest step so far [s]."""
+        record = self._whole.record
+        return float(record.shortest_used), float(record.longest_used)
+
+    def accept(self) -> None:
+        """Go on by the step."""
+        library().clock_accept(self.address)
+
+    def adapt(self, share: float) -> None:
+        """Halve or double the step; `share` is what the last one cost of what it may."""
+        library().clock_adapt(self.address, share)

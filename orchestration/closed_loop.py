@@ -18,7 +18,7 @@ from ..controllers import CONTROLLERS
 from ..fmus.catalogue import fmu, fmu_kernel
 from ..fmus.interface import TOLERANCE, interface_of
 from ..plant import PLANTS
-from ..plant.amplifier import NOMINAL_VOLTAGE, UNLIMITED
+from ..plant.supply import NOMINAL_VOLTAGE, UNLIMITED
 from ..solver.kernel_cache import write_atomically
 from .coupling import Coupling
 from .isolated import TIME_LIMIT, IsolatedParticipant, open_fmu

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from . import coupling_step as kernel
+from . import compiled
+from .compiled import ask
 from .fmi_calls import Bound, failure_of, raising
 from .participant import Participant
 from .structs import Struct, struct
@@ -50,14 +50,14 @@ class Answer(Enum):
 
 
 _ANSWERS = {
-    Answer.DIRECT: kernel.DIRECT,
-    Answer.STEPPED: kernel.STEPPED,
-    Answer.SAMPLED: kernel.SAMPLED,
+    Answer.DIRECT: compiled.DIRECT,
+    Answer.STEPPED: compiled.STEPPED,
+    Answer.SAMPLED: compiled.SAMPLED,
 }
 _COUPLINGS = {
-    Coupling.JACOBI: kernel.JACOBI,
-    Coupling.GAUSS_SEIDEL: kernel.GAUSS_SEIDEL,
-    Coupling.TANGENT: kernel.TANGENT,
+    Coupling.JACOBI: compiled.JACOBI,
+    Coupling.GAUSS_SEIDEL: compiled.GAUSS_SEIDEL,
+    Coupling.TANGENT: compiled.TANGENT,
 }
 
 
@@ -81,7 +81,7 @@ class ControllerSide:
     signals, reference : ndarray
         At the start; how it answers is found out there.
     side : Struct, optional
-        Where to put it, of the kind `coupling_step.CONTROLLER`.
+        Where to put it, of the kind `compiled.CONTROLLER`.
 
     Attributes
     ----------
@@ -98,13 +98,13 @@ class ControllerSide:
         reference: Vector,
         side: Struct | None = None,
     ) -> None:
-        self._side = side or struct(kernel.CONTROLLER)
+        self._side = side or struct(compiled.CONTROLLER)
         self.m, self.n = len(wiring.commands), len(wiring.signals)
         inputs = [*(s for _, s in wiring.signals), *wiring.references]
         law = wiring.controller_law() if wiring.reports_law else []
         outputs = [*(c for c, _ in wiring.commands), *law]
         calls = self._side.part("calls")
-        self.bound = Bound(participant, inputs, outputs, kernel.USES, calls)
+        self.bound = Bound(participant, inputs, outputs, compiled.USES, calls)
         self.answer = Answer.SAMPLED if participant.sample_time > 0 else Answer.DIRECT
         self._side.set(
             m=self.m,
@@ -119,19 +119,15 @@ class ControllerSide:
         )
         if self.answer is Answer.DIRECT and not self._follows(signals, reference):
             self.answer = Answer.STEPPED
-            self._side.set(answer=kernel.STEPPED)
-
-    @property
-    def _record(self) -> Any:
-        return self._side.record
+            self._side.set(answer=compiled.STEPPED)
 
     def _follows(self, signals: Vector, reference: Vector) -> bool:
         """Whether the output follows the inputs at once."""
         law = self._empty_law()
         with raising(self.bound):
-            kernel.command_at(self._record, signals, reference, law[: self.m])
-            kernel.probe_gains(self._record, 0.0, 0.0, signals, reference, law)
-            kernel.set_inputs(self._record, signals, reference)
+            ask("command_at", self._side, signals, reference, law[: self.m])
+            ask("probe_gains", self._side, 0.0, 0.0, signals, reference, law)
+            ask("set_inputs", self._side, signals, reference)
         return bool(law[self.m :].any())
 
     def _empty_law(self) -> Vector:
@@ -141,28 +137,28 @@ class ControllerSide:
         """The commands as they stand, nothing newly set."""
         commands = np.empty(self.m)
         with raising(self.bound):
-            kernel.read_commands(self._record, commands)
+            ask("read_commands", self._side, commands)
         return commands
 
     def command_at(self, signals: Vector, reference: Vector) -> Vector:
         """Set the inputs and read the commands."""
         commands = np.empty(self.m)
         with raising(self.bound):
-            kernel.command_at(self._record, signals, reference, commands)
+            ask("command_at", self._side, signals, reference, commands)
         return commands
 
     def law_at(self, t: float, h: float, signals: Vector, reference: Vector, probe: bool) -> Law:
         """The commands, and with `probe` their derivatives, at the given signals."""
         law = self._empty_law()
         with raising(self.bound):
-            kernel.law_at(self._record, t, h, signals, reference, probe, law)
+            ask("law_at", self._side, t, h, signals, reference, probe, law)
         m, n = self.m, self.n
         return Law(law[:m], law[m : m * (1 + n)].reshape(m, n), law[m * (1 + n) :])
 
     def advance(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Move the controller from t to t + h with these signals held."""
         with raising(self.bound):
-            kernel.advance(self._record, t, h, signals, reference)
+            ask("advance", self._side, t, h, signals, reference)
 
 
 class Loop:
@@ -182,7 +178,7 @@ class Loop:
     reference : ndarray
         Set-points at the start.
     whole : Struct
-        Where to put it, of the kind `coupling_step.LOOP`.
+        Where to put it, of the kind `compiled.LOOP`.
 
     Attributes
     ----------
@@ -207,10 +203,10 @@ class Loop:
         law = wiring.plant_law() if wiring.accepts_law else []
         names = [*(theirs for _, theirs in wiring.commands), *law]
         calls = self._whole.part("plant")
-        self._bound = Bound(plant, names, plant.outputs, kernel.USES, calls)
+        self._bound = Bound(plant, names, plant.outputs, compiled.USES, calls)
         outputs = np.empty(len(plant.outputs))
         with raising(self._bound):
-            kernel.read_outputs(calls.record, outputs)
+            ask("read_outputs", calls, outputs)
         at = [list(plant.outputs).index(s) for s, _ in wiring.signals]
         self._side = ControllerSide(
             controller, wiring, outputs[at], reference, self._whole.part("controller")
@@ -238,16 +234,11 @@ class Loop:
         self._whole.set(**{name: np.zeros(len(outputs)) for name in rooms})
         self._whole.set(goal=np.zeros(len(reference)))
 
-    @property
-    def record(self) -> Any:
-        """The loop as compiled code sees it."""
-        return self._whole.record
-
     def command(self, t: float, h: float, reference: Vector) -> Vector:
         """The controller's true command at the present signals."""
         commands = np.zeros(self._side.m)
         with raising(self._bound, self._side.bound):
-            kernel.command(self.record, t, h, reference, False, commands)
+            ask("command", self._whole, t, h, reference, False, commands)
         return commands
 
     def failure(self) -> BaseException | None:

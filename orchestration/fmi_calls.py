@@ -14,12 +14,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 
 from .participant import ENTRY_POINTS, OK, STATE, STEP, FmuParticipant, Participant
-from .structs import VECTOR, Struct, Vector, compiled, places
+from .structs import VECTOR, Struct, Vector
 
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # what failed
 _FAILED_IN_PYTHON = 3  # fmi2Error
@@ -48,94 +45,7 @@ CALLS = np.dtype(
         ("failed", np.int64),
     ]
 )
-"""A participant: its functions, what they are called with, and what they gave."""
-
-
-def _call(builder: Any, kinds: Sequence[Any], values: Sequence[Any]) -> Any:
-    """The instruction that calls the function at the address `values[0]` with the others."""
-    kind = ir.FunctionType(ir.IntType(32), kinds)
-    return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
-
-
-_WORD, _DOUBLE, _INT = ir.IntType(64), ir.DoubleType(), ir.IntType(32)
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _signals(_: Any, address: Any, component: Any, names: Any, count: Any, values: Any) -> Any:
-    def generated(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
-        return _call(builder, [_WORD] * 4, arguments)
-
-    return types.int32(*[types.intp] * 5), generated
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _step(_: Any, address: Any, component: Any, t: Any, h: Any) -> Any:
-    def generated(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
-        goes_on = ir.Constant(_INT, 1)  # no state before this step will be wanted again
-        return _call(builder, [_WORD, _DOUBLE, _DOUBLE, _INT], [*arguments, goes_on])
-
-    return types.int32(types.intp, types.intp, types.float64, types.float64), generated
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _state(_: Any, address: Any, component: Any, state: Any) -> Any:
-    def generated(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
-        return _call(builder, [_WORD] * 2, arguments)
-
-    return types.int32(types.intp, types.intp, types.intp), generated
-
-
-@compiled
-def _check(calls: Any, status: int, what: int) -> None:
-    if status > OK:
-        calls.status = status
-        calls.failed = what
-        raise CallFailed
-
-
-@compiled
-def put(calls: Any, count: int) -> None:
-    """Set the first `count` inputs to what is in `given`."""
-    if count > 0:
-        names, values = calls.inputs.address, calls.given.address
-        _check(calls, _signals(calls.set_real, calls.component, names, count, values), PUT)
-
-
-@compiled
-def take(calls: Any, count: int) -> None:
-    """Read the first `count` outputs into `taken`."""
-    if count > 0:
-        names, values = calls.outputs.address, calls.taken.address
-        _check(calls, _signals(calls.get_real, calls.component, names, count, values), TAKE)
-
-
-@compiled
-def move(calls: Any, t: float, h: float) -> None:
-    """Do a communication step from t to t + h."""
-    _check(calls, _step(calls.do_step, calls.component, t, h), MOVE)
-
-
-@compiled
-def save(calls: Any, use: int) -> None:
-    """Keep the present state for this use."""
-    slot = calls.states.address + 8 * use
-    _check(calls, _state(calls.get_state, calls.component, slot), SAVE)
-
-
-@compiled
-def restore(calls: Any, use: int) -> None:
-    """Go back to the state kept for this use."""
-    state = places(calls.states)[use]
-    _check(calls, _state(calls.set_state, calls.component, state), RESTORE)
-
-
-@compiled
-def release(calls: Any, use: int) -> None:
-    """Forget the state kept for this use, if there is one."""
-    states = places(calls.states)
-    if states[use] != 0:
-        _state(calls.free_state, calls.component, calls.states.address + 8 * use)
-        states[use] = 0
+"""A participant, see ``c/calls.h``: its functions, what they are called with and what they gave."""
 
 
 class Bound:

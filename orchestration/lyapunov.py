@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..solver.connect import CONTROLLER, PLANT
-from ..solver.kernel import Kernel, Model
+from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.kernel_cache import write_atomically
 from ..solver.spectrum import Spectrum, follow
 from .closed_loop import write_json
@@ -359,7 +358,7 @@ def loop_lyapunov_over_fmus(
         If the loop cannot be followed so.
     """
     from ..fmus.catalogue import variational_fmu
-    from ..solver.codegen import UnsupportedComponent
+    from ..solver.tape import UnsupportedComponent
     from .participant import FmuParticipant
     from .tangents_over_fmus import TangentsImpossible, follow_over_fmus
 

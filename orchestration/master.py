@@ -11,25 +11,25 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .clock import clock, done, now, step_to_come
-from .coupling import Answer, Coupling, Loop
-from .fmi_calls import CallFailed
-from .march import (
+from .clock import Clock
+from .compiled import (
+    CALL_FAILED,
     COMMAND_FAILED,
     COURSE,
     GOES_ON,
+    NO_MEMORY,
     NOT_FINITE,
     PAIR,
     RUNS_AWAY,
     STEP_FAILED,
-    march,
-    set_point,
+    library,
 )
+from .coupling import Answer, Coupling, Loop
 from .memory import check_memory
 from .participant import Participant, StepFailed
 from .reference_signal import Reference
 from .structs import Struct, struct
-from .verdict import Verdict, judge
+from .verdict import ACCURACY, Verdict, judge
 from .wiring import PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
@@ -104,6 +104,10 @@ class RecordedLoop:
     def record(self) -> Any:
         """The pair as compiled code sees it."""
         return self._whole.record
+
+    @property
+    def address(self) -> int:
+        return self._whole.address
 
     def collect(self) -> None:
         """Keep what the last chunk recorded."""
@@ -213,7 +217,7 @@ def run_loop(
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
     course = Course(reference, len(start), main.loop.outputs, nominal, len(commands))
     try:
-        time = clock(stop, step, adaptive)
+        time = Clock(stop, step, adaptive)
         why = march_on(main, companions, time, course, start, progress)
     finally:
         for companion in companions:
@@ -313,17 +317,17 @@ class Course:
             apart=np.zeros(len(outputs)),
             goal_times=np.ascontiguousarray(reference.times, dtype=float),
             goal_values=np.ascontiguousarray(reference.values, dtype=float),
+            accuracy=ACCURACY,
             before=np.zeros(width),
             after=np.zeros(width),
         )
-        self.start = set_point(self.record, 0.0)
+        self.start = reference.at(0.0)
         self.times, self.references = [np.zeros(1)], [np.array([self.start])]
         self.commands: list[Vector] = []
 
     @property
-    def record(self) -> Any:
-        """The course as compiled code sees it."""
-        return self._whole.record
+    def address(self) -> int:
+        return self._whole.address
 
     def collect(self, rows: int) -> None:
         """Keep what the last chunk recorded."""
@@ -334,8 +338,9 @@ class Course:
 
     @property
     def contraction(self) -> float:
-        weight = self.record.contraction_weight
-        return float(self.record.contraction / weight) if weight >= NEGLIGIBLE else 0.0
+        record = self._whole.record
+        weight = record.contraction_weight
+        return float(record.contraction / weight) if weight >= NEGLIGIBLE else 0.0
 
 
 @dataclass(frozen=True)
@@ -349,7 +354,7 @@ class Stop:
 def march_on(
     main: RecordedLoop,
     companions: list[RecordedLoop],
-    clock: Any,
+    clock: Clock,
     course: Course,
     start: Vector,
     progress: Progress | None = None,
@@ -358,8 +363,7 @@ def march_on(
 
     Parameters
     ----------
-    clock : np.record
-        As `clock.clock` makes it.
+    clock : Clock
     start : ndarray
         Set-points at its time.
 
@@ -368,17 +372,20 @@ def march_on(
     StepFailed
         If a loop cannot go back to a state it had saved; other failures end the run.
     """
-    course.commands.append(main.loop.command(0.0, step_to_come(clock), start)[None])
+    course.commands.append(main.loop.command(0.0, clock.step_to_come, start)[None])
     pairs = main, *companions
-    none = struct(PAIR)
-    first, second = [*(pair.record for pair in companions), none.record, none.record][:2]
+    nobody = struct(PAIR)
+    first, second = [*(p.address for p in companions), nobody.address, nobody.address][:2]
     why, most = GOES_ON, 1
-    while why == GOES_ON and not done(clock):
+    while why == GOES_ON and not clock.done:
         began = perf_counter()
-        try:
-            why = march(main.record, first, second, clock, course.record, most)
-        except CallFailed:  # even going back to a saved state failed
-            raise next(p.error() for p in pairs if p.loop.failure()) from None
+        why = library().master_march(
+            main.address, first, second, clock.address, course.address, most
+        )
+        if why == CALL_FAILED:  # even going back to a saved state failed
+            raise next(p.error() for p in pairs if p.loop.failure())
+        if why == NO_MEMORY:
+            raise MemoryError("no room for the set-points of one step")
         course.collect(main.record.rows)
         for pair in pairs:
             pair.collect()
@@ -386,8 +393,8 @@ def march_on(
         slow = perf_counter() - began > LONGEST_WAIT
         most = max(1, most // 2) if slow else min(2 * most, CHUNK)
         if progress:
-            progress(now(clock))
-    return _stop(why, now(clock), main, course.nominal)
+            progress(clock.now)
+    return _stop(why, clock.now, main, course.nominal)
 
 
 def _stop(why: int, t: float, main: RecordedLoop, nominal: Vector) -> Stop:
@@ -414,7 +421,7 @@ def _concluded(
     ours: list[str],
     coupling: Coupling,
     reason: str,
-    clock: Any,
+    clock: Clock,
 ) -> LoopRun:
     outputs = np.concatenate(main.outputs)
     others = [np.concatenate(pair.outputs) for pair in companions]
@@ -425,7 +432,7 @@ def _concluded(
     smaller = "use a smaller --step"
     if coupling is not Coupling.TANGENT:
         smaller += ", or --coupling tangent where both sides support it"
-    smaller += f"; this run had steps of {clock.longest_used:g} s"
+    smaller += f"; this run had steps of {clock.used[1]:g} s"
     verdict = judge(
         names,
         outputs,
@@ -450,7 +457,7 @@ def _concluded(
             dict(zip(names, course.effect_rate.tolist(), strict=True)) if reversible else {}
         ),
         macro_steps=len(commands) - 1,
-        step_range=(clock.shortest_used, clock.longest_used),
+        step_range=clock.used,
         verdict=verdict,
         stopped=why.reason,
     )

@@ -11,14 +11,16 @@ import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.interface import START, TOLERANCE
 from ..fmus.units import base_exponents
 from ..plant import LAWS
-from ..solver.component import Parameter
-from ..solver.kernel import ParameterInfo
 from ..solver.kernel_cache import write_atomically
+
+if TYPE_CHECKING:
+    from ..solver.component import Parameter
+    from ..solver.kernel import ParameterInfo
 
 FORMAT = "ballscrew-parameters 1"
 FILE_NAME = "parameters.toml"
@@ -110,7 +112,7 @@ class Diagnosed:
 
 
 Values = Mapping[str, Value]
-Known = Mapping[str, ParameterInfo] | Mapping[str, Parameter]
+Known: TypeAlias = "Mapping[str, ParameterInfo] | Mapping[str, Parameter]"
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ Colours are Okabe and Ito's, which the colour-blind can tell apart; lines differ
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,10 +59,10 @@ def _label(name: str) -> str:
 
 
 def write_figure(figure: Any, folder: Path, stem: str) -> None:
-    for kind in ("png", "svg"):
+    """Write a figure as PNG and, where ``BALLSCREW_SVG`` is set, as SVG."""
+    for kind in ("png", "svg") if os.environ.get("BALLSCREW_SVG") else ("png",):
         stream = io.BytesIO()
-        metadata = {"Date": None} if kind == "svg" else {}
-        figure.savefig(stream, format=kind, metadata=metadata, bbox_inches="tight")
+        figure.savefig(stream, format=kind, metadata={"Date": None} if kind == "svg" else {})
         write_atomically(folder / f"{stem}.{kind}", stream.getvalue())
 
 
@@ -75,7 +76,7 @@ def new_figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any,
 
 
 def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
-    """Write position, voltage, states and phase as PNG and SVG into `folder`."""
+    """Write position, voltage, states and phase into `folder`."""
     import matplotlib as mpl
 
     run = result.run

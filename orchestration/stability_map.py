@@ -20,8 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..controllers.nctf import design
-from ..solver.connect import CONTROLLER, PLANT
-from ..solver.kernel import Kernel, Model
+from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.kernel_cache import write_atomically
 from ..solver.spectrum import follow, follow_returns
 from .closed_loop import write_json
@@ -388,7 +387,7 @@ def make_map(
 ) -> MapSummary:
     """Compute a map, or finish one, and write it.
 
-    Writes ``map.parquet``, ``map.json``, ``map.png`` and ``map.svg``, with `refine` also
+    Writes ``map.parquet``, ``map.json`` and ``map.png``, with `refine` also
     ``borders.csv``, into `folder`, all at once. `beside` may add files to the folder it is given.
 
     Raises
@@ -400,6 +399,7 @@ def make_map(
     """
     parts = folder / PARTS
     finished = _claim(study, folder, resume)
+    _kernel(study).compile()  # thousands of runs are worth half a second
     new = finished is None
     if finished is None:
         finished = _complete(study, parts, workers, progress)

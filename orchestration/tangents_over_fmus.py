@@ -17,8 +17,9 @@ signals moved along each tangent. That reaches no state of its own but through i
 
 from __future__ import annotations
 
+import ctypes as ct
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -33,11 +34,21 @@ from ..fmus.tangent_ports import (
     tangent_port,
     tangent_states,
 )
-from .clock import accept, adapt, clock, done, now, step_to_come
+from .clock import Clock
+from .compiled import (
+    ASKED_ADVANCE,
+    ASKED_LAW,
+    ASKED_RESTORED,
+    ASKED_TANGENTS,
+    JOINT,
+    LEAST_SHARE,
+    USES,
+    library,
+)
 from .coupling import Answer, ControllerSide
-from .coupling_step import RAMP_SHARE
-from .march import LEAST_SHARE
+from .fmi_calls import Bound, failure_of
 from .participant import Participant, StepFailed
+from .structs import Struct, struct
 from .wiring import Wiring, wire
 
 Vector = npt.NDArray[np.float64]
@@ -95,18 +106,6 @@ class TangentRun:
 
 
 @dataclass(frozen=True)
-class _Law:
-    """A command's law and its tangents: row 0 the law, row k its k-th tangent.
-
-    Shapes (1 + count, m), (1 + count, m, n) and (1 + count, m).
-    """
-
-    command: Matrix
-    gain: npt.NDArray[np.float64]
-    rate: Matrix
-
-
-@dataclass(frozen=True)
 class _Ports:
     """A participant's ordinary ports, for wiring."""
 
@@ -126,103 +125,62 @@ def _ordinary(participant: Participant) -> Participant:
 
 
 class _Side:
-    """States with tangents of one FMU, and how to set and read them."""
+    """One FMU with tangents: its states, and what is set and read.
+
+    Parameters
+    ----------
+    participant : Participant
+    """
 
     def __init__(self, participant: Participant) -> None:
         self.participant = participant
         parameters: list[str] = list(getattr(participant, "parameters", []))
         self.states, self.tangents = tangent_states(parameters)
-        self.frames = 0.0
+        self._frames = 0.0
 
-    def bind(self, count: int) -> None:
-        """Readers and writers, once it is initialized."""
-        tangents = [tangent_port(s, k + 1) for k in range(count) for s in self.states]
-        self.set_names = [*map(set_port, tangents), FRAME] if self.states else []
-        self.count = count
-        self._read_tangents = self.participant.reader(tangents)
-        self._write_tangents = self.participant.writer(self.set_names)
-        self._read_trace = self.participant.reader([TRACE] if self.states else [])
+    def bind(
+        self,
+        side: Struct,
+        inputs: Sequence[str],
+        moved: Sequence[str],
+        outputs: Sequence[str],
+        count: int,
+    ) -> tuple[Bound, Bound]:
+        """Put it into a record; `moved` are those of its inputs that tangents follow behind."""
+        own = [tangent_port(s, k + 1) for k in range(count) for s in self.states]
+        given, taken = (
+            [tangent_port(n, k + 1) for k in range(count) for n in names]
+            for names in (moved, outputs)
+        )
+        side.set(states=len(self.states))
+        bound = (
+            Bound(
+                self.participant,
+                [*inputs, *given],
+                [*outputs, *taken],
+                USES,
+                side.part("calls"),
+            ),
+            Bound(self.participant, [], own, USES, side.part("frames")),
+        )
+        self._write = self.participant.writer([*map(set_port, own), FRAME] if own else [])
+        self._read_trace = self.participant.reader([TRACE] if own else [])
+        return bound
 
     def set_tangents(self, rows: Matrix) -> None:
         """Set the tangents, shape (count, states)."""
         if self.states:
-            self.frames += 1.0
-            self._write_tangents(np.append(rows.ravel(), self.frames))
-
-    def save(self) -> Any:
-        return self.participant.save()
-
-    def restore(self, state: Any) -> None:
-        self.participant.restore(state)
-
-    def release(self, state: Any) -> None:
-        self.participant.release(state)
-
-    def tangents_now(self) -> Matrix:
-        return self._read_tangents().reshape(self.count, len(self.states))
+            self._frames += 1.0
+            self._write(np.append(rows.ravel(), self._frames))
 
     def trace_now(self) -> float:
         return float(self._read_trace().sum())
 
 
-class _Plant(_Side):
-    def wire(self, wiring: Wiring, count: int) -> None:
-        self.bind(count)
-        commands = [theirs for _, theirs in wiring.commands]
-        law = [*commands, *wiring.plant_law()]
-        tangents = [tangent_port(n, k + 1) for k in range(count) for n in law]
-        self._write = self.participant.writer([*law, *tangents])
-        signals = [s for s, _ in wiring.signals]
-        tangents = [tangent_port(n, k + 1) for k in range(count) for n in signals]
-        self._read_signals = self.participant.reader([*signals, *tangents])
-        self.m, self.n = len(commands), len(signals)
-
-    def signals(self) -> Matrix:
-        """The signals (row 0) and their tangents (rows 1 to count)."""
-        return self._read_signals().reshape(1 + self.count, self.n)
-
-    def step(self, t: float, h: float, law: _Law, signals: Matrix) -> None:
-        rows = 1 + self.count
-        self._write(
-            np.hstack(
-                [
-                    law.command,
-                    law.gain.reshape(rows, -1),
-                    np.tile(signals, (1, self.m)),
-                    law.rate,
-                ]
-            ).ravel()
-        )
-        self.participant.step(t, h)
-
-
-class _Controller(_Side):
-    """A controller with tangent ports."""
-
-    def wire(self, wiring: Wiring, count: int) -> None:
-        self.bind(count)
-        self.m, self.n = len(wiring.commands), len(wiring.signals)
-        signals = [s for _, s in wiring.signals]
-        tangents = [tangent_port(n, k + 1) for k in range(count) for n in signals]
-        self._write = self.participant.writer([*signals, *wiring.references, *tangents])
-        law = [*(c for c, _ in wiring.commands), *wiring.controller_law()]
-        tangents = [tangent_port(n, k + 1) for k in range(count) for n in law]
-        self._read_law = self.participant.reader([*law, *tangents])
-
-    def set_inputs(self, signals: Matrix, reference: Vector) -> None:
-        self._write(np.concatenate([signals[0], reference, signals[1:].ravel()]))
-
-    def law(self, t: float, h: float, signals: Matrix, reference: Vector) -> _Law:
-        """The law at these signals and its tangents along theirs."""
-        self.set_inputs(signals, reference)
-        rows, m, n = 1 + self.count, self.m, self.n
-        values = self._read_law().reshape(rows, m * (2 + n))
-        gain = values[:, m : m * (1 + n)].reshape(rows, m, n)
-        return _Law(values[:, :m], gain, values[:, m * (1 + n) :])
-
-    def advance(self, t: float, h: float, signals: Matrix, reference: Vector) -> None:
-        self.set_inputs(signals, reference)
-        self.participant.step(t, h)
+def _rows_at(address: int, rows: int, columns: int) -> Matrix:
+    """The numbers at an address."""
+    numbers = (ct.c_double * (rows * columns)).from_address(address)
+    return np.ctypeslib.as_array(numbers).reshape(rows, columns)
 
 
 class _ProbedController:
@@ -240,7 +198,9 @@ class _ProbedController:
         self.wiring = wiring
         self.states: list[str] = []
         self.remarks: list[str] = []
+        self.error: BaseException | None = None
         self._added = np.zeros(0)  # to the command, along each tangent
+        self._kept = self._added
 
     def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Find out how it answers and whether it has a state; once it is initialized."""
@@ -263,47 +223,68 @@ class _ProbedController:
                     "state: only one can be reached and the others are left out"
                 )
 
-    def bind(self, count: int) -> None:
-        self.count = count
-        self._added = np.zeros(count)
+    def bind(self, side: Struct, whole: Struct, count: int, reference: Vector) -> tuple[Bound, ...]:
+        """Put it into a record, with functions that answer for it."""
+        self.count, self._added = count, np.zeros(count)
+        self._reference = reference
+        side.set(states=len(self.states))
+        bound = Bound(self.participant, [], [], USES, side.part("calls"))
+        side.part("frames").set(taken=np.zeros(count * len(self.states)))
+        self._functions = (
+            ASKED_LAW(self._guarded(self._law)),
+            ASKED_ADVANCE(self._guarded(self._advance)),
+            ASKED_TANGENTS(self._guarded(self._tangents)),
+            ASKED_RESTORED(self._guarded(self._restored)),
+        )
+        names = ("law_asked", "advance_asked", "tangents_asked", "restored_asked")
+        addresses = (ct.cast(f, ct.c_void_p).value or 0 for f in self._functions)
+        whole.set(**dict(zip(names, addresses, strict=True)))
+        return (bound,)
+
+    def _guarded(self, method: Callable[..., None]) -> Callable[..., int]:
+        def call(*arguments: Any) -> int:
+            try:
+                method(*arguments)
+            except BaseException as error:  # an interruption too: raised where we are back
+                self.error = error
+                return 0
+            return 1
+
+        return call
 
     def set_tangents(self, rows: Matrix) -> None:
-        self._added = rows[:, 0] if self.states else np.zeros(self.count)
-
-    def save(self) -> Any:
-        return self.participant.save(), self._added
-
-    def restore(self, state: Any) -> None:
-        self.participant.restore(state[0])
-        self._added = state[1]
-
-    def release(self, state: Any) -> None:
-        self.participant.release(state[0])
-
-    def tangents_now(self) -> Matrix:
-        return self._added[:, None] if self.states else np.zeros((self.count, 0))
+        self._added = self._kept = rows[:, 0] if self.states else np.zeros(self.count)
 
     def trace_now(self) -> float:
         return math.nan if self.states else 0.0
 
-    def law(self, t: float, h: float, signals: Matrix, reference: Vector) -> _Law:
-        law = self.side.law_at(t, h, signals[0], reference, probe=True)
-        along = signals[1:] @ law.gain.T + self._added[:, None]
-        zeros = np.zeros((self.count, *law.gain.shape))
-        return _Law(
-            np.vstack([law.command, along]),
-            np.concatenate([law.gain[None], zeros]),
-            np.vstack([law.rate, np.zeros_like(along)]),
-        )
+    def _restored(self) -> None:
+        self._added = self._kept
 
-    def advance(self, t: float, h: float, signals: Matrix, reference: Vector) -> None:
+    def _tangents(self, rows: int) -> None:
         if self.states:
-            responses, fading = self._response(t, h, signals[0], reference)
+            _rows_at(rows, self.count, 1)[:, 0] = self._added
+
+    def _signals_at(self, address: int) -> Matrix:
+        return _rows_at(address, 1 + self.count, self.side.n).copy()
+
+    def _law(self, t: float, h: float, at: int, rows: int) -> None:
+        signals, n = self._signals_at(at), self.side.n
+        law = self.side.law_at(t, h, signals[0], self._reference, probe=True)
+        out = _rows_at(rows, 1 + self.count, 2 + n)
+        out[:] = 0.0
+        out[0] = [*law.command, *law.gain.ravel(), *law.rate]
+        out[1:, 0] = signals[1:] @ law.gain[0] + self._added
+
+    def _advance(self, t: float, h: float, at: int) -> None:
+        signals = self._signals_at(at)
+        if self.states:
+            responses, fading = self._response(t, h, signals[0], self._reference)
             if not len(fading):
                 raise StepFailed(f"{self.participant.name}: its state cannot be seen any more")
             strongest = float(fading[np.argmax(np.abs(responses[responses != 0.0]))])
             self._added = strongest * self._added + signals[1:] @ responses
-        self.side.advance(t, h, signals[0], reference)
+        self.side.advance(t, h, signals[0], self._reference)
 
     def _response(
         self, t: float, h: float, signals: Vector, reference: Vector
@@ -391,16 +372,16 @@ def follow_over_fmus(
             )
     wiring = wire(_ordinary(plant), _ordinary(controller), mapping)
     refs = np.full(len(wiring.references), reference)
-    p = _Plant(plant)
+    p = _Side(plant)
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}
     ports = reports <= set(controller.outputs)
-    c = _Controller(controller) if ports else _ProbedController(controller, wiring)
+    c = _Side(controller) if ports else _ProbedController(controller, wiring)
     if not p.states or not wiring.accepts_law:
         raise TangentsImpossible(
             f"{plant.name} has no tangent ports; export it with tangents (export --variational)"
         )
     plant.initialize({"solver_tolerance": TOLERANCE, **(plant_values or {})}, stop)
-    given = {"solver_tolerance": TOLERANCE} if isinstance(c, _Controller) and c.states else {}
+    given = {"solver_tolerance": TOLERANCE} if isinstance(c, _Side) and c.states else {}
     controller.initialize({**given, **(controller_values or {})}, stop)
     if isinstance(c, _ProbedController):
         at = plant.reader([ours for ours, _ in wiring.signals])()
@@ -412,53 +393,46 @@ def follow_over_fmus(
                 f"{side.participant.name} carries {side.tangents} tangents and the loop has "
                 f"{count} states; export it with {count}"
             )
-    p.wire(wiring, count)
-    if isinstance(c, _Controller):
-        c.wire(wiring, count)
-    else:
-        c.bind(count)
+    joint = _Joint(p, c, wiring, count, refs)
     names = list(_ordinary(plant).outputs)
     read_outputs = plant.reader(names)
     bound = RUNAWAY * np.array([plant.nominal(n) for n in names])
-    time = clock(stop, step, adaptive=True)
+    time = Clock(stop, step, adaptive=True)
     times, growth, trace = [0.0], [np.zeros(count)], [0.0]
     rows = [read_outputs()]
     frame = np.eye(count)  # a joint tangent per row
     split = len(p.states)
     stopped = ""
-    while not done(time) and not stopped:
+    while not time.done and not stopped:
         p.set_tangents(frame[:, :split])
         c.set_tangents(frame[:, split:])
-        start = p.signals()
-        saved = p.save(), c.save()
+        t = time.now
         try:
+            joint.start()
             while True:
-                t, h = now(time), step_to_come(time)
-                plain, mended = _joint_step(p, c, t, h, refs, start, saved)
+                h = time.step_to_come
+                joint.step(t, h)
                 usual = np.abs(growth[-1]) * (h / t if t > 0 else 0.0)
-                allowed = accuracy * max(h / stop, LEAST_SHARE)
-                share = _share(plain, mended, allowed, usual)
-                if not share > 1.0 or time.stride == 1:
+                share = joint.share(accuracy * max(h / stop, LEAST_SHARE), usual)
+                if not share > 1.0 or not time.can_be_finer:
                     break
-                for side, state in zip((p, c), saved, strict=True):
-                    side.restore(state)
-                adapt(time, share)
-            accept(time)
-            adapt(time, share)
+                joint.restore()
+                time.adapt(share)
+            time.accept()
+            time.adapt(share)
             rows.append(read_outputs())
             trace.append(p.trace_now() + c.trace_now())
         except StepFailed as error:
             stopped = f"{error} (in the step from t = {t:.6g} s)"
             break
         finally:
-            for side, state in zip((p, c), saved, strict=True):
-                side.release(state)
-        times.append(now(time))
-        growth.append(growth[-1] + mended.logs)
-        frame = mended.frame
+            joint.release()
+        times.append(time.now)
+        growth.append(growth[-1] + joint.logs)
+        frame = joint.frame.copy()
         if not np.all(np.abs(rows[-1]) <= bound):
             name = names[int(np.argmax(np.nan_to_num(np.abs(rows[-1]) / bound, nan=np.inf)))]
-            stopped = f"the loop runs away: {name} leaves every bound at t = {now(time):.6g} s"
+            stopped = f"the loop runs away: {name} leaves every bound at t = {time.now:.6g} s"
     table = np.array(rows)[: len(times)]
     return TangentRun(
         np.array(times),
@@ -472,9 +446,9 @@ def follow_over_fmus(
     )
 
 
-def _stated(c: _Controller | _ProbedController, accuracy: float) -> str:
+def _stated(c: _Side | _ProbedController, accuracy: float) -> str:
     """What to say of the error."""
-    if isinstance(c, _Controller):
+    if isinstance(c, _Side):
         how = (
             f"chosen so that correcting them changes no tangent's growth by much more than "
             f"{accuracy:g} nats and {RELATIVE:g} of it"
@@ -495,62 +469,81 @@ def _stated(c: _Controller | _ProbedController, accuracy: float) -> str:
     return "; ".join([*lost, *c.remarks])
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """Orthonormal joint tangents, a row each, and the logarithms of the lengths they had."""
+class _Joint:
+    """Both sides, as the compiled step takes them, see ``c/joint_step.c``.
 
-    frame: Matrix
-    logs: Vector
-
-
-def _orthonormalized(p: _Plant, c: _Controller | _ProbedController) -> _Frame:
-    q, r = np.linalg.qr(np.hstack([p.tangents_now(), c.tangents_now()]).T)
-    lengths = np.diag(r)
-    return _Frame((q * np.sign(lengths)).T, np.log(np.abs(lengths)))
-
-
-def _share(plain: _Frame, mended: _Frame, allowed: float, usual: Vector) -> float:
-    """How far a correction moved the tangents, as a share of what is allowed.
-
-    Allowed are `allowed` nats, or radians of a tangent's direction, and a share of the growth of
-    that tangent in this step, or of its `usual` growth, which are large for the fast ones only.
+    Attributes
+    ----------
+    frame : ndarray, shape (count, states)
+        Orthonormal joint tangents after the last step, a row each.
+    logs : ndarray, shape (count,)
+        Logarithms of the lengths that they had.
     """
-    moved = np.maximum(
-        np.abs(mended.logs - plain.logs), np.max(np.abs(mended.frame - plain.frame), axis=1)
-    )
-    return float(np.max(moved / (allowed + RELATIVE * np.maximum(np.abs(mended.logs), usual))))
 
+    def __init__(
+        self,
+        p: _Side,
+        c: _Side | _ProbedController,
+        wiring: Wiring,
+        count: int,
+        reference: Vector,
+    ) -> None:
+        self._whole = struct(JOINT)
+        self._controller = c
+        signals = [s for s, _ in wiring.signals]
+        law = [*(theirs for _, theirs in wiring.commands), *wiring.plant_law()]
+        bound = p.bind(self._whole.part("plant"), law, law, signals, count)
+        side = self._whole.part("controller")
+        self._bound: tuple[Bound, ...]
+        if isinstance(c, _Side):
+            measured = [s for _, s in wiring.signals]
+            answer = [*(ours for ours, _ in wiring.commands), *wiring.controller_law()]
+            given = [*measured, *wiring.references]
+            self._bound = (*bound, *c.bind(side, given, measured, answer, count))
+        else:
+            self._bound = (*bound, *c.bind(side, self._whole, count, reference))
+        m, n, rows = len(wiring.commands), len(signals), 1 + count
+        self.plain, self.frame = np.zeros((count, count)), np.zeros((count, count))
+        self.plain_logs, self.logs = np.zeros(count), np.zeros(count)
+        self._whole.set(m=m, n=n, count=count, reference=reference, applied=np.zeros(rows * m))
+        self._whole.set(**{name: np.zeros(rows * n) for name in ("start", "end", "middle")})
+        laws = ("law", "mended", "ramped")
+        self._whole.set(**{name: np.zeros(rows * m * (2 + n)) for name in laws})
+        self._whole.set(plain=self.plain, frame=self.frame)
+        self._whole.set(plain_logs=self.plain_logs, logs=self.logs)
 
-def _joint_step(
-    p: _Plant,
-    c: _Controller | _ProbedController,
-    t: float,
-    h: float,
-    reference: Vector,
-    start: Matrix,
-    saved: tuple[Any, Any],
-) -> tuple[_Frame, _Frame]:
-    """One corrected step, much as `coupling.Loop` does it, of signals and tangents alike.
+    def _call(self, name: str, *arguments: float) -> None:
+        if getattr(library(), f"joint_{name}")(self._whole.address, *arguments):
+            return
+        asked = getattr(self._controller, "error", None)
+        error = asked or failure_of(*self._bound)
+        assert error is not None
+        raise error
 
-    Returns the tangents without and with the correction.
-    """
-    law = c.law(t, h, start, reference)
-    p.step(t, h, law, start)
-    end = p.signals()
-    c.advance(t, h, 0.5 * (start + end), reference)
-    plain = _orthonormalized(p, c)
-    true = c.law(t + h, h, end, reference).command
-    change = end - start
-    applied = law.command + law.rate * h + np.einsum("mn,kn->km", law.gain[0], change)
-    applied[1:] += np.einsum("kmn,n->km", law.gain[1:], change[0])
-    mended = _Law(law.command, law.gain, law.rate + RAMP_SHARE * (true - applied) / h)
-    for side, state in zip((p, c), saved, strict=True):
-        side.restore(state)
-    p.step(t, 0.5 * h, mended, start)
-    middle = p.signals()
-    ramped = mended.command + mended.rate * 0.5 * h
-    p.step(t + 0.5 * h, 0.5 * h, _Law(ramped, mended.gain, mended.rate), start)
-    # Simpson's mean for the controller's states, where the first pass took the trapezoid's: the
-    # difference shows what neither can see of signals that move fast within the step.
-    c.advance(t, h, (start + 4.0 * middle + p.signals()) / 6.0, reference)
-    return plain, _orthonormalized(p, c)
+    def start(self) -> None:
+        """Keep the states at which the sides are, to come back to."""
+        self._call("start")
+
+    def step(self, t: float, h: float) -> None:
+        """One corrected step."""
+        self._call("step", t, h)
+
+    def restore(self) -> None:
+        """Go back to where the step started."""
+        self._call("restore")
+
+    def release(self) -> None:
+        """Let go of the kept states."""
+        library().joint_release(self._whole.address)
+
+    def share(self, allowed: float, usual: Vector) -> float:
+        """How far the correction moved the tangents, as a share of what is allowed.
+
+        Allowed are `allowed` nats, or radians of a tangent's direction, and a share of the growth
+        of that tangent in this step, or of its `usual` growth, which are large for the fast ones
+        only.
+        """
+        moved = np.maximum(
+            np.abs(self.logs - self.plain_logs), np.max(np.abs(self.frame - self.plain), axis=1)
+        )
+        return float(np.max(moved / (allowed + RELATIVE * np.maximum(np.abs(self.logs), usual))))

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ..solver.connect import CONTROLLER, PLANT
-from ..solver.kernel import IntegrationError, Kernel, Model
+from ..solver.kernel import CONTROLLER, PLANT, IntegrationError, Kernel, Model
 from ..solver.stored import stored_kernel
+from .compiled import RUNAWAY
 from .coupling import Coupling
-from .march import RUNAWAY
 from .master import LoopRun, Progress, step_that_meets
 from .memory import check_memory
 from .reference_signal import Reference

@@ -10,9 +10,7 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import Component, Parameter, symbol
-
-UNLIMITED = 1e6
-NOMINAL_VOLTAGE = 36.0  # Table 2.1 [V]
+from .supply import NOMINAL_VOLTAGE, UNLIMITED
 
 PARAMETERS = (
     Parameter(
@@ -23,7 +21,7 @@ PARAMETERS = (
         "36 V nominal in Table 2.1, none in the thesis' simulations",
         minimum=0.0,
         maximum=UNLIMITED,
-        nominal=36.0,
+        nominal=NOMINAL_VOLTAGE,
     ),
     Parameter(
         "current_limit",

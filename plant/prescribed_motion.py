@@ -14,44 +14,10 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ..solver import kernel_cache, stepper
-from ..solver.codegen import hashed_name
 from ..solver.component import TIME, Component, ForceTerm, Input, Output, State, symbol
-from ..solver.kernel import (
-    DEFAULT_TOLERANCE,
-    MAX_STEPS,
-    IntegrationError,
-    Kernel,
-    Model,
-    Trajectory,
-    describe_failure,
-)
+from ..solver.kernel import DEFAULT_TOLERANCE, Kernel, Model, Trajectory
 from ..solver.stored import stored_kernel
 from .law import Law, law
-
-# The loop over the steps is compiled into the module of the equations: numba caches no function
-# that is handed another one.
-_LOOP = """
-
-@njit(cache=True, error_model="numpy")
-def follow(times, velocity, X, Y, u, p, atol, rtol, work, info, max_steps):
-    u[0], u[1], u[2] = velocity[0], 0.0, times[0]
-    out(times[0], X[0], u, p, Y[0])
-    for k in range(1, times.shape[0]):
-        span = times[k] - times[k - 1]
-        u[0], u[1], u[2] = velocity[k], 0.0, times[k]
-        X[k] = X[k - 1]
-        if span > 0.0:
-            u[0], u[2] = velocity[k - 1], times[k - 1]
-            u[1] = (velocity[k] - velocity[k - 1]) / span
-            status = integrate(
-                times[k - 1], times[k], X[k], u, p, atol, rtol, work, info, max_steps
-            )
-            if status != 0:
-                return k, status
-        out(times[k], X[k], u, p, Y[k])
-    return times.shape[0], 0
-"""
 
 
 class BadMotion(ValueError):
@@ -169,35 +135,13 @@ def follow(
     """
     model = Model(motion_kernel(name), values, tolerance)
     grid, speeds = _checked(times, velocity)
-    kernel = model.kernel
-    text = kernel.source + _LOOP
-    module = kernel_cache.load(hashed_name(kernel.name, text), text)
-    states = np.empty((len(grid), len(model.x)))
-    states[0] = model.x
-    outputs = np.empty((len(grid), len(kernel.outputs)))
-    done, status = module.follow(
-        grid,
-        speeds,
-        states,
-        outputs,
-        model.u,
-        model.p,
-        model.atol,
-        tolerance,
-        np.zeros(module.WORK),
-        model.info,
-        MAX_STEPS,
-    )
-    if done < len(grid):
-        raise IntegrationError(describe_failure(kernel.name, status, model.info, grid[done]))
-    return Trajectory(
-        grid,
-        {s.name: states[:, k] for k, s in enumerate(kernel.states)},
-        {o.name: outputs[:, k] for k, o in enumerate(kernel.outputs)},
-        int(model.info[stepper.ACCEPTED]),
-        int(model.info[stepper.REJECTED]),
-        int(model.info[stepper.EVENTS]),
-    )
+    # velocity at each step's start, its slope, and when that was; then at the time itself
+    spans = np.diff(grid)
+    slopes = np.divide(np.diff(speeds), spans, out=np.zeros(len(spans)), where=spans > 0.0)
+    still = np.zeros(len(grid))
+    within = np.column_stack([speeds, still, grid])
+    within[1:] = np.column_stack([speeds[:-1], slopes, grid[:-1]])
+    return model.simulate(grid, (within, np.column_stack([speeds, still, grid])))
 
 
 def _checked(

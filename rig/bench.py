@@ -383,8 +383,8 @@ def _run(
     taps = np.empty((len(time), len(program.kernel.outputs)))
     true = np.empty((len(time), len(outputs)))
     y, held = np.empty(len(outputs)), np.empty(len(program.kernel.discrete))
-    plant_out = plant.kernel.functions.out
-    sample, out = program.kernel.functions.sample, program.kernel.functions.out
+    plant_out = plant.system.out
+    sample, out = program.system.sample, program.system.out
     names = [o.name for o in program.kernel.outputs]
     command = names.index(COMMAND) if COMMAND in names else -1
     reference = setup.external[REFERENCE[trial.control]]

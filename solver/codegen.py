@@ -1,15 +1,14 @@
 """From a component to the source text of fast functions: value and Jacobian.
 
-The text is plain Python over ``math``; numba compiles it where numba is present. The same text
-goes into FMUs and is the reason why a number computed in one process is bit for bit the number of
-another.
+The text is plain Python over ``math``. From it come tapes for the compiled core, operation by
+operation, and it goes into FMUs beside them.
 """
 
 from __future__ import annotations
 
 import hashlib
+from base64 import b64encode
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
@@ -19,68 +18,14 @@ from .component import TIME, Component, Event, Mode, Output, symbol
 from .formulas import Writer, formula, label
 from .functions import slopes
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
+from .tape import UnsupportedComponent, recorded
 
-# The stepper's text comes first and the equations after it, in one module whose name is a hash of
-# both. One module is needed: numba's compiled functions are linked by their module's and function's
-# names, and code cached by two processes for two systems may not meet under one name.
-_FOOTER = """
+_HEAD = '''"""The equations of {name}, generated."""
 
-rhs = njit(error_model="numpy")(rhs)
-jac = njit(error_model="numpy")(jac)
-indicate = njit(error_model="numpy")(indicate)
-kind = njit(error_model="numpy")(kind)
-react = njit(error_model="numpy")(react)
-slopes = njit(error_model="numpy")(slopes)
-out = njit(cache=True, error_model="numpy")(out)
-sample = njit(cache=True, error_model="numpy")(sample)
-integrate, settle_events = build(rhs, jac, indicate, kind, react, MOST_EVENTS)
+import math
 
-
-@njit(cache=True, error_model="numpy")
-def derivatives(t, x, u, p, dx):
-    rhs(t, x, u, p, dx)
-
-
-@njit(cache=True, error_model="numpy")
-def jacobian(t, x, u, p, J, ft):
-    jac(t, x, u, p, J, ft)
-
-
-@njit(cache=True, error_model="numpy")
-def advance(t0, t1, x, u, p, atol, rtol, work, info, max_steps):
-    return integrate(t0, t1, x, u, p, atol, rtol, work, info, max_steps)
-
-
-@njit(cache=True, error_model="numpy")
-def settle(t, x, u, p, work, info):
-    return settle_events(t, x, u, p, work, info)
-
-
-@njit(cache=True, error_model="numpy")
-def indicators(t, x, u, p, g):
-    indicate(t, x, u, p, g)
-
-
-@njit(cache=True, error_model="numpy")
-def trajectory(times, X, Y, u, p, atol, rtol, work, info, max_steps):
-    out(times[0], X[0], u, p, Y[0])
-    for k in range(1, times.shape[0]):
-        X[k] = X[k - 1]
-        info[STATUS] = integrate(
-            times[k - 1], times[k], X[k], u, p, atol, rtol, work, info, max_steps
-        )
-        if info[STATUS] != 0:
-            return k
-        out(times[k], X[k], u, p, Y[k])
-    return times.shape[0]
-"""
-
-
+'''
 _INDENT = "    "
-
-
-class UnsupportedComponent(NotImplementedError):
-    """The component uses a part of the contract that this version does not solve."""
 
 
 class _Printer(PythonCodePrinter):  # type: ignore[misc]
@@ -296,11 +241,11 @@ def generate(component: Component) -> Kernel:
                 [numbered("y", _outputs(component, m)) for m in modes],
             ),
             _function("def sample(t, x, u, p, d):", unpack, [updates]),
-            f"WORK = {stepper.work_size(len(component.all_states), most)}\n",
             _events(component, most),
         ]
     )
-    source = Path(stepper.__file__).read_text(encoding="utf-8") + "\n\n" + body + _FOOTER
+    source = f"{_HEAD.format(name=component.name)}\n{body}"
+    held = len(unpack["u"]) + bool(component.modes)
     return Kernel(
         name=component.name,
         description=component.description,
@@ -341,9 +286,11 @@ def generate(component: Component) -> Kernel:
         ],
         sample_time=component.sample_time.name if component.sample_time else "",
         modes=[m.name for m in component.modes],
+        events=most,
         equations=_readable(component),
         module=hashed_name(f"equations_{component.name}", source),
         source=source,
+        tapes=b64encode(recorded(source, len(component.all_states), held, most)).decode(),
     )
 
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 import sympy as sp
 
 from .component import Component, ContractError, Event, Mode, Output, symbol
-
-PLANT, CONTROLLER = "plant_", "controller_"
+from .kernel import CONTROLLER, PLANT
 
 
 def connect(plant: Component, controller: Component) -> Component:

@@ -5,6 +5,7 @@ Nothing here needs SymPy, so that a process that finds its kernels on disk start
 
 from __future__ import annotations
 
+import base64
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -14,12 +15,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import kernel_cache, stepper
+from . import core
+from .kernel_cache import compiled_path
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 DEFAULT_TOLERANCE = 1e-8
+PLANT, CONTROLLER = "plant_", "controller_"
+"""What names of a whole loop's parts begin with, see `connect`."""
 MAX_STEPS = 200_000
 
 
@@ -78,7 +82,9 @@ class OutputInfo:
 class Kernel:
     """A component as tables and source text; plain data, so it can be stored and compared.
 
-    ``module`` is the name of the equations' module, ending in a hash of its text, ``source``.
+    ``events`` are those of the mode that has most. ``module`` is the name of the equations' module,
+    ending in a hash of its text, ``source``; ``tapes`` are the same equations for the compiled
+    core, see `tape.recorded`, in base 64.
     """
 
     name: str
@@ -90,9 +96,11 @@ class Kernel:
     outputs: list[OutputInfo]
     sample_time: str
     modes: list[str]
+    events: int
     equations: list[list[str]]
     module: str
     source: str = field(repr=False)
+    tapes: str = field(repr=False)
 
     def to_json(self) -> str:
         return json.dumps(asdict(self))
@@ -111,10 +119,26 @@ class Kernel:
             data[key] = [record(**row) for row in data[key]]
         return cls(**data)
 
+    def system(self) -> core.System:
+        """The equations as the compiled core calls them, with scratch memory of their own."""
+        return core.System(self._tapes, equations=self._compiled)
+
+    def compile(self) -> None:
+        """Make the equations faster with a C compiler, where there is one; the numbers stay."""
+        from .compiled_equations import compile_equations
+
+        if compile_equations(self.module, self.source, len(self.states)):
+            vars(self).pop("_compiled", None)
+
     @cached_property
-    def functions(self) -> Any:
-        """The imported equations module."""
-        return kernel_cache.load(self.module, self.source)
+    def _tapes(self) -> bytes:
+        return base64.b64decode(self.tapes)
+
+    @cached_property
+    def _compiled(self) -> str:
+        """File of the compiled equations; empty where there is none."""
+        path = compiled_path(self.module)
+        return str(path) if path.is_file() else ""
 
 
 @dataclass(frozen=True)
@@ -163,7 +187,7 @@ class Model:
         tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
         self.kernel = kernel
-        self._f = kernel.functions
+        self.system = kernel.system()
         self.p = np.array([p.default for p in kernel.parameters])
         self.x = np.array([s.start for s in kernel.states])
         held = [i.start for i in kernel.inputs] + [d.start for d in kernel.discrete]
@@ -185,8 +209,7 @@ class Model:
                 raise KeyError(f"{kernel.name} has no parameter {name!r}; it has {known}")
         self.tolerance = tolerance
         self.atol = tolerance * np.array([s.nominal for s in kernel.states])
-        self._work = np.zeros(self._f.WORK)
-        self.info = np.zeros(stepper.INFO_SIZE)
+        self.info = np.zeros(core.INFO_SIZE)
 
     def set_input(self, name: str, value: float) -> None:
         self.u[[i.name for i in self.kernel.inputs].index(name)] = value
@@ -201,7 +224,7 @@ class Model:
     def sample(self, t: float) -> None:
         """Update the discrete states at a sample instant."""
         update = np.zeros(len(self.kernel.discrete))
-        self._f.sample(t, self.x, self.u, self.p, update)
+        self.system.sample(t, self.x, self.u, self.p, update)
         first = len(self.kernel.inputs)
         self.u[first : first + len(update)] = update
 
@@ -218,26 +241,26 @@ class Model:
         IntegrationError
             If events follow each other without end.
         """
-        status = self._f.settle(t, self.x, self.u, self.p, self._work, self.info)
-        if status != stepper.DONE:
+        status = self.system.settle(t, self.x, self.u, self.p, self.info)
+        if status != core.DONE:
             raise IntegrationError(describe_failure(self.kernel.name, status, self.info, t))
 
     def derivatives(self, t: float, x: Vector) -> Vector:
         """dx/dt, shape (n,)."""
-        dx = np.empty_like(x)
-        self._f.derivatives(t, x, self.u, self.p, dx)
+        dx = np.empty(len(x))
+        self.system.rhs(t, np.ascontiguousarray(x), self.u, self.p, dx)
         return dx
 
     def jacobian(self, t: float, x: Vector) -> Matrix:
         """Partial derivatives of dx/dt by x, shape (n, n)."""
         n = len(x)
         matrix, by_time = np.empty((n, n)), np.empty(n)
-        self._f.jacobian(t, x, self.u, self.p, matrix, by_time)
+        self.system.jac(t, np.ascontiguousarray(x), self.u, self.p, matrix, by_time)
         return matrix
 
     def outputs(self, t: float, x: Vector) -> dict[str, float]:
         y = np.empty(len(self.kernel.outputs))
-        self._f.out(t, x, self.u, self.p, y)
+        self.system.out(t, np.ascontiguousarray(x), self.u, self.p, y)
         return {o.name: float(v) for o, v in zip(self.kernel.outputs, y, strict=True)}
 
     def advance(self, t0: float, t1: float, max_steps: int = MAX_STEPS) -> None:
@@ -248,80 +271,80 @@ class Model:
         IntegrationError
             If the tolerance cannot be met, or not in `max_steps` steps.
         """
-        status = self._f.advance(
-            t0,
-            t1,
-            self.x,
-            self.u,
-            self.p,
-            self.atol,
-            self.tolerance,
-            self._work,
-            self.info,
-            max_steps,
+        status = self.system.advance(
+            t0, t1, self.x, self.u, self.p, self.atol, self.tolerance, self.info, max_steps
         )
-        if status != stepper.DONE:
+        if status != core.DONE:
             raise IntegrationError(
                 describe_failure(self.kernel.name, status, self.info, t1, max_steps)
             )
 
-    def simulate(self, times: npt.ArrayLike) -> Trajectory:
+    def simulate(
+        self, times: npt.ArrayLike, given: tuple[Matrix, Matrix] | None = None
+    ) -> Trajectory:
         """Run from the present state over a time grid and record states and outputs.
+
+        Parameters
+        ----------
+        times : array_like, shape (m,)
+            Not decreasing [s].
+        given : tuple of two ndarrays, shape (m, k), optional
+            What the first `k` inputs are before each of these times, and at it; they stay as they
+            are if left out.
 
         Raises
         ------
         IntegrationError
             If the tolerance cannot be met somewhere.
         """
-        grid = np.asarray(times, dtype=float)
+        grid = np.ascontiguousarray(times, dtype=float)
         states = np.empty((len(grid), len(self.x)))
         states[0] = self.x
         outputs = np.empty((len(grid), len(self.kernel.outputs)))
-        done = self._f.trajectory(
+        done = self.system.trajectory(
             grid,
             states,
             outputs,
+            given,
             self.u,
             self.p,
             self.atol,
             self.tolerance,
-            self._work,
             self.info,
             MAX_STEPS,
         )
         if done < len(grid):
+            status = int(self.info[core.STATUS])
             raise IntegrationError(
-                describe_failure(
-                    self.kernel.name, int(self.info[stepper.STATUS]), self.info, grid[done]
-                )
+                describe_failure(self.kernel.name, status, self.info, grid[done])
             )
         self.x[:] = states[-1]
         return Trajectory(
             grid,
             {s.name: states[:, k] for k, s in enumerate(self.kernel.states)},
             {o.name: outputs[:, k] for k, o in enumerate(self.kernel.outputs)},
-            int(self.info[stepper.ACCEPTED]),
-            int(self.info[stepper.REJECTED]),
-            int(self.info[stepper.EVENTS]),
+            int(self.info[core.ACCEPTED]),
+            int(self.info[core.REJECTED]),
+            int(self.info[core.EVENTS]),
         )
 
 
 def describe_failure(
     name: str, status: int, info: Vector, target: float, max_steps: int = MAX_STEPS
 ) -> str:
-    """One line for a status that `stepper.integrate` returned."""
-    reached = info[stepper.REACHED]
-    if status == stepper.TOO_MANY_STEPS:
+    """One line for a status that an integration ended with."""
+    reached = info[core.REACHED]
+    if status == core.TOO_MANY_STEPS:
         return (
             f"{name}: {max_steps} internal steps were not enough to get from t = {reached:.9g} s "
             f"to {target:.9g} s"
         )
-    if status == stepper.CHATTER:
+    if status == core.CHATTER:
         return (
             f"{name}: events follow each other without end at t = {reached:.9g} s; two modes lead "
             "to each other there, or a reset leaves its own condition true"
         )
     return (
-        f"{name}: the internal step fell to {info[stepper.NEXT_STEP]:.3g} s at "
+        f"{name}: the internal step fell to {info[core.NEXT_STEP]:.3g} s at "
         f"t = {reached:.9g} s; the solution leaves every bound, or the parameters make no sense"
     )

@@ -1,14 +1,8 @@
-"""Import a generated module from a per-user folder, so that numba compiles each only once.
-
-numba keys its on-disk cache by the path of the file. Modules whose names end in a hash of their
-content are therefore written to one fixed folder and imported from there. This file stands alone:
-it also goes into every FMU, which then shares the compiled code of the project and of its twins.
-"""
+"""A per-user folder for what need not be made twice, and files that are written whole or not."""
 
 from __future__ import annotations
 
 import atexit
-import importlib.util
 import os
 import shutil
 import sys
@@ -16,7 +10,6 @@ import tempfile
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 
 _UMASK = os.umask(0o022)
 os.umask(_UMASK)
@@ -45,6 +38,11 @@ def usual_folder() -> Path | None:
     except RuntimeError:  # a user without a home
         return None
     return place if can_be_written(place) else None
+
+
+def compiled_path(module: str) -> Path:
+    """Where the compiled equations of a module are, if they are anywhere."""
+    return folder() / "equations" / f"{module}.so"
 
 
 def can_be_written(place: Path) -> bool:
@@ -84,39 +82,3 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
-
-
-def load_file(path: Path) -> ModuleType:
-    """Import a module from a file whose name is unique to its content.
-
-    The file is read only the first time: an FMU's folder may be gone when the next instance comes.
-    """
-    return sys.modules.get(path.stem) or load(path.stem, path.read_text(encoding="utf-8"))
-
-
-def load(name: str, text: str) -> ModuleType:
-    """Import the module `name` whose source is `text`; `name` must be unique to that text.
-
-    A file that is there already is used only if its content is exactly the given text.
-    """
-    if name in sys.modules:
-        return sys.modules[name]
-    data = text.encode("utf-8")
-    path = folder() / "kernels" / f"{name}.py"
-    try:
-        if not path.is_file() or path.read_bytes() != data:
-            write_atomically(path, data)
-    except OSError:  # a full disk: compile anew in every process, from a private folder
-        path = _private_folder() / f"{name}.py"
-        path.write_bytes(data)
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"cannot import {path}")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        sys.modules.pop(name, None)
-        raise
-    return module

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from . import explicit, kernel_cache, propagation, stepper, tangents
-from .kernel import MAX_STEPS, Kernel, Model, describe_failure
+from . import core
+from .core import at
+from .kernel import MAX_STEPS, Model, describe_failure
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -21,76 +17,7 @@ Matrix = npt.NDArray[np.float64]
 RUNAWAY = 1e6  # times a state's nominal value
 APART = 1000.0  # ratio of rates up to which the explicit pair is tried
 ZERO = 1e-9  # share of the fastest rate below which one is none
-
-_FOOTER = """
-
-if MOST_EVENTS:
-    noting = build_noting(rhs, react, slopes, {states}, {parameters})
-    integrate, settle_events = build(rhs, jac, indicate, kind, noting, MOST_EVENTS)
-_spectrum = build_spectrum(rhs, jac, integrate, settle_events)
-_returns = build_returns(integrate)
-walk, integrate_explicitly = build_explicit(rhs, jac, {states})
-_explicit_returns = build_returns(integrate_explicitly)
-
-
-@njit(cache=True, error_model="numpy")
-def spectrum(
-    times, X, L, trace, u, p, atol, rtol, work, info, max_steps, bound, scale, frame, jumps,
-    collocating, scratch
-):
-    return _spectrum(
-        times, X, L, trace, u, p, atol, rtol, work, info, max_steps, bound, scale, frame, jumps,
-        collocating, scratch
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def returns(
-    t0, t1, x, u, p, atol, rtol, work, info, max_steps, bound, coordinate, level, times, states,
-    low, high
-):
-    return _returns(
-        t0, t1, x, u, p, atol, rtol, work, info, max_steps, bound, coordinate, level, times,
-        states, low, high
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def explicit_spectrum(
-    times, X, L, trace, u, p, atol, rtol, work, info, max_steps, bound, scale, frame
-):
-    count, n = frame.shape
-    w = np.empty(n + count * n)
-    for i in range(n):
-        w[i] = X[0, i]
-        for j in range(count):
-            w[(j + 1) * n + i] = frame[j, i]
-    for row in range(1, times.shape[0]):
-        for j in range(count):
-            L[row, j] = L[row - 1, j]
-        trace[row] = trace[row - 1] + walk(
-            times[row - 1], times[row], w, L[row], u, p, atol, rtol, work, info, max_steps, bound,
-            scale
-        )
-        for i in range(n):
-            X[row, i] = w[i]
-            for j in range(count):
-                frame[j, i] = w[(j + 1) * n + i]
-        if info[STATUS] != DONE:
-            return row
-    return times.shape[0]
-
-
-@njit(cache=True, error_model="numpy")
-def explicit_returns(
-    t0, t1, x, u, p, atol, rtol, work, info, max_steps, bound, coordinate, level, times, states,
-    low, high
-):
-    return _explicit_returns(
-        t0, t1, x, u, p, atol, rtol, work, info, max_steps, bound, coordinate, level, times,
-        states, low, high
-    )
-"""
+SLOW = 0.3  # change in a step, over its length, of a tangent that is collocated
 
 
 @dataclass
@@ -131,26 +58,6 @@ class Spectrum:
         """Finite-time exponents at the end [nats/s], in the order of the tangents."""
         span = self.time[-1] - self.time[0]
         return self.growth[-1] / span if span > 0 else np.zeros(self.growth.shape[1])
-
-
-@cache
-def _functions(module: str, source: str, states: int, parameters: int) -> Any:
-    files = (tangents.__file__, explicit.__file__)
-    added = "\n\n".join(Path(f).read_text(encoding="utf-8") for f in files)
-    # these names stand in the module already
-    own = r"^from \.(stepper|tangents) import (\([^)]*\)|.*)$"
-    added = re.sub(own, "", added, flags=re.MULTILINE)
-    added = added.replace("from .propagation", f"from {propagation.__name__}")
-    shared = hashlib.sha256(Path(propagation.__file__).read_bytes()).hexdigest()
-    text = "\n\n".join([source, added, f"# with {shared}"])
-    text += _FOOTER.format(states=states, parameters=parameters)
-    name = f"tangents_{module}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
-    return kernel_cache.load(name, text)
-
-
-def functions(kernel: Kernel) -> Any:
-    """The module with the compiled tangents of a kernel."""
-    return _functions(kernel.module, kernel.source, len(kernel.states), len(kernel.parameters))
 
 
 def follow(
@@ -205,11 +112,9 @@ def follow(
     start, held, info = model.x.copy(), model.u.copy(), model.info.copy()
     run = _walk(model, grid, rows.copy(), runaway, collocating=False)
     # The slow ones again, by themselves, where they are slow beside others.
-    mean_step = (run.time[-1] - grid[0]) / max(
-        1.0, model.info[stepper.ACCEPTED] - info[stepper.ACCEPTED]
-    )
+    mean_step = (run.time[-1] - grid[0]) / max(1.0, model.info[core.ACCEPTED] - info[core.ACCEPTED])
     with np.errstate(invalid="ignore"):
-        slow = np.abs(run.exponents) * mean_step <= propagation.SLOW
+        slow = np.abs(run.exponents) * mean_step <= SLOW
     leading = int(np.argmin(slow)) if not slow.all() else 0
     if not leading or run.failure:
         return run
@@ -232,20 +137,15 @@ def _may_be_explicit(model: Model, t: float) -> bool:
     kernel = model.kernel
     if kernel.modes:
         return False
-    jac = kernel.functions.jac
-    jac = getattr(jac, "py_func", jac)  # three calls are not worth compiling it
-    n, u, p = len(model.x), model.u.tolist(), model.p.tolist()
     nominal = np.array([s.nominal for s in kernel.states])
     seen = []
     for shift in (1.0, 0.0, -1.0):
-        matrix = np.zeros((n, n))
-        try:
-            jac(t, (model.x + shift * nominal).tolist(), u, p, matrix, [0.0] * n)
-            rates = np.abs(np.linalg.eigvals(matrix))
-        except (ArithmeticError, TypeError, ValueError):  # outside of what the equations are for
+        matrix = model.jacobian(t, model.x + shift * nominal)
+        if not np.all(np.isfinite(matrix)):  # outside of what the equations are for
             if shift == 0.0:
                 return False
             continue
+        rates = np.abs(np.linalg.eigvals(matrix))
         moving = rates[rates > ZERO * rates.max()]
         if len(moving) and moving.max() > APART * moving.min():
             return False
@@ -255,69 +155,52 @@ def _may_be_explicit(model: Model, t: float) -> bool:
 
 def _stride(model: Model, grid: Vector, frame: Matrix, runaway: float) -> Spectrum | None:
     """As `_walk`, by the explicit pair; None, and the model as it was, where that is too stiff."""
-    n = len(model.x)
-    f = functions(model.kernel)
-    states = np.empty((len(grid), n))
-    states[0] = model.x
-    growth = np.zeros((len(grid), len(frame)))
-    trace = np.zeros(len(grid))
-    nominal = np.array([s.nominal for s in model.kernel.states])
     before = model.info.copy()
-    done = f.explicit_spectrum(
-        grid,
-        states,
-        growth,
-        trace,
-        model.u,
-        model.p,
-        model.atol,
-        model.tolerance,
-        np.zeros(explicit.explicit_work_size(n)),
-        model.info,
-        MAX_STEPS,
-        runaway * nominal,
-        nominal,
-        frame,
-    )
-    if int(model.info[stepper.STATUS]) not in (stepper.DONE, tangents.RAN_AWAY):
+    nominal = np.array([s.nominal for s in model.kernel.states])
+    run = _followed(model, grid, frame, runaway, nominal, explicitly=True)
+    if run is None:
         model.info[:] = before
-        return None
-    failure, ran_away = _failure(model, states[min(done, len(grid) - 1)], grid[-1])
-    model.x[:] = states[done - 1]
-    return Spectrum(
-        grid[:done], states[:done], growth[:done], trace[:done], frame, 0, failure, ran_away
-    )
+    return run
 
 
 def _walk(model: Model, grid: Vector, frame: Matrix, runaway: float, collocating: bool) -> Spectrum:
-    kernel = model.kernel
-    n = len(model.x)
-    f = functions(kernel)
+    nominal = np.array([s.nominal for s in model.kernel.states])
+    scale = 2.0 ** np.round(np.log2(nominal))
+    run = _followed(model, grid, frame, runaway, scale, collocating=collocating)
+    assert run is not None  # nothing is too stiff for the stiff stepper
+    return run
+
+
+def _followed(
+    model: Model,
+    grid: Vector,
+    frame: Matrix,
+    runaway: float,
+    scale: Vector,
+    collocating: bool = False,
+    explicitly: bool = False,
+) -> Spectrum | None:
+    n, count = len(model.x), len(frame)
     states = np.empty((len(grid), n))
     states[0] = model.x
-    growth = np.zeros((len(grid), len(frame)))
-    trace = np.zeros(len(grid))
-    nominal = np.array([s.nominal for s in kernel.states])
-    parameters, jumps = _with_note(model, f)
-    done = f.spectrum(
-        grid,
-        states,
-        growth,
-        trace,
-        model.u,
-        parameters,
-        model.atol,
+    growth, trace = np.zeros((len(grid), count)), np.zeros(len(grid))
+    bound = runaway * np.array([s.nominal for s in model.kernel.states])
+    told = core.Walk(
+        len(grid),
+        count,
+        *map(at, (grid, states, growth, trace, frame, model.u, model.p, model.atol)),
         model.tolerance,
-        model._work,
-        model.info,
+        at(bound),
+        at(scale),
         MAX_STEPS,
-        runaway * nominal,
-        2.0 ** np.round(np.log2(nominal)),
-        frame,
-        jumps,
         collocating,
-        np.zeros(tangents.tangent_work_size(n)),
     )
+    done = model.system.spectrum(told, explicitly, model.info)
+    status = int(model.info[core.STATUS])
+    if status == core.NO_MEMORY:
+        raise MemoryError(f"{n} states and {count} tangents")
+    if explicitly and status not in (core.DONE, core.RAN_AWAY):
+        return None
     failure, ran_away = _failure(model, states[min(done, len(grid) - 1)], grid[-1])
     model.x[:] = states[done - 1]
     return Spectrum(
@@ -326,29 +209,22 @@ def _walk(model: Model, grid: Vector, frame: Matrix, runaway: float, collocating
         growth[:done],
         trace[:done],
         frame,
-        int(model.info[stepper.EVENTS]),
+        int(model.info[core.EVENTS]),
         failure,
         ran_away,
     )
 
 
-def _with_note(model: Model, f: Any) -> tuple[Vector, int]:
-    """The parameters with room for a note on events behind them, and where it begins."""
-    if not f.MOST_EVENTS:
-        return model.p, -1
-    return np.concatenate([model.p, np.zeros(tangents.note_size(len(model.x)))]), len(model.p)
-
-
 def _failure(model: Model, state: Vector, end: float) -> tuple[str, bool]:
     """Why the last call did not reach its end, if so, and whether the state ran away."""
-    kernel, status = model.kernel, int(model.info[stepper.STATUS])
-    if status == stepper.DONE:
+    kernel, status = model.kernel, int(model.info[core.STATUS])
+    if status == core.DONE:
         return "", False
-    if status != tangents.RAN_AWAY:
+    if status != core.RAN_AWAY:
         return describe_failure(kernel.name, status, model.info, end), False
     size = np.abs(state) / np.array([s.nominal for s in kernel.states])
     worst = kernel.states[int(np.argmax(np.nan_to_num(size, nan=np.inf)))].name
-    reached = model.info[stepper.REACHED]
+    reached = model.info[core.REACHED]
     return f"{kernel.name} runs away: {worst} leaves every bound at t = {reached:.6g} s", True
 
 
@@ -391,44 +267,35 @@ def follow_returns(
     coordinate, level : int, float
         The plane: where this state has this value.
     """
-    f = functions(model.kernel)
     n = len(model.x)
-    nominal = np.array([s.nominal for s in model.kernel.states])
+    bound = RUNAWAY * np.array([s.nominal for s in model.kernel.states])
     times, states = np.empty(most), np.empty((most, n))
     low, high = np.empty(n), np.empty(n)
-    parameters, _ = _with_note(model, f)
+    told = core.Crossings(
+        start,
+        stop,
+        *map(at, (model.x, model.u, model.p, model.atol)),
+        model.tolerance,
+        at(bound),
+        MAX_STEPS,
+        coordinate,
+        level,
+        most,
+        *map(at, (times, states, low, high)),
+    )
 
-    def walk(returns: Any, work: Vector) -> int:
-        found = returns(
-            start,
-            stop,
-            model.x,
-            model.u,
-            parameters,
-            model.atol,
-            model.tolerance,
-            work,
-            model.info,
-            MAX_STEPS,
-            RUNAWAY * nominal,
-            coordinate,
-            level,
-            times,
-            states,
-            low,
-            high,
-        )
-        return int(found)
+    def walk(explicitly: bool) -> int:
+        return model.system.returns(told, explicitly, model.info)
 
     found = -1
     if _may_be_explicit(model, start):
         state, before = model.x.copy(), model.info.copy()
-        found = walk(f.explicit_returns, np.zeros(explicit.explicit_work_size(n)))
-        if int(model.info[stepper.STATUS]) not in (stepper.DONE, tangents.RAN_AWAY):
+        found = walk(explicitly=True)
+        if int(model.info[core.STATUS]) not in (core.DONE, core.RAN_AWAY):
             model.x[:], model.info[:] = state, before
             found = -1
     if found < 0:
-        found = walk(f.returns, model._work)
+        found = walk(explicitly=False)
     failure, ran_away = _failure(model, model.x, stop)
-    reached = float(model.info[stepper.REACHED])
+    reached = float(model.info[core.REACHED])
     return Returns(times[:found], states[:found], low, high, reached, failure, ran_away)

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-# Tests compile into a folder of their own that outlives a run: warm runs are fast, and nothing of
-# the user's is touched. Set before anything of the package is imported.
-# A run compiles a hundred kernels and runs each for a moment: the compiler's last third of effort
-# is not worth it here, and what it makes gives the same bits.
+# What tests derive goes to a folder of their own that outlives a run: warm runs are fast, and
+# nothing of the user's is touched. Set before anything of the package is imported.
+# The worlds that proofs are made in are compiled by numba, and run for a moment each.
 os.environ.setdefault("NUMBA_OPT", "1")
 # Matrices are small here, and each worker is a thread already: more cost three times as much.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -13,7 +13,7 @@ import sympy as sp
 
 from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.plant.modified_lugre import modified_lugre
-from ballscrew.solver.codegen import UnsupportedComponent, generate
+from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,
     ContractError,
@@ -24,6 +24,7 @@ from ballscrew.solver.component import (
     symbol,
 )
 from ballscrew.solver.kernel import Model
+from ballscrew.solver.tape import UnsupportedComponent
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "contract.md"
 EXAMPLES = (

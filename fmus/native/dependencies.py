@@ -7,10 +7,10 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 from ...solver.kernel import Kernel
+from ...solver.tape import functions
 from ..interface import Variable
 from .partials import Entry
 from .sources import NativeModel
-from .translation import functions
 
 TIME = "t"
 
@@ -112,5 +112,5 @@ def _uses(kernel: Kernel, name: str) -> defaultdict[int, set[str]]:
                 elif isinstance(target, ast.Subscript):
                     found[int(ast.literal_eval(target.slice))] |= symbols(s.value, known)
 
-    read(functions(kernel)[name].body, {})
+    read(functions(kernel.source)[name].body, {})
     return found

@@ -9,13 +9,13 @@ from pathlib import Path
 
 from ... import __version__
 from ...solver import kernel_cache
+from ...solver.compilers import PLATFORMS, compiled, compiler_for, own_platform
 from ...solver.component import Component
 from ..accompanying import accompanying
 from ..archive import packed
 from ..export import with_law_ports
 from ..made_here import remember
 from . import description, description3
-from .compilers import PLATFORMS, compiled, compiler_for, own_platform
 from .sources import MAIN, NativeModel, native_model, sources
 
 

@@ -8,19 +8,22 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 
+from ... import solver
 from ...solver.codegen import generate, hashed_name
 from ...solver.component import Component
 from ...solver.kernel import Kernel
 from ...solver.stored import stored_kernel
+from ...solver.tape import functions
+from ...solver.translation import in_c
 from ..catalogue import component, fmu_kernel
 from ..export import with_law_ports
 from ..interface import MESSAGE, Interface, Variable, interface_of, numbered
 from ..variational import variational
 from .partials import Entry, entry_of, partials
-from .translation import functions, in_c, most_events
 
 MAIN = {2: "fmi2.c", 3: "fmi3.c"}
-_PARTS = ("arithmetic.h", "stepper.h", "component.h", "exported.h")
+_CORE = ("system.h", "factorize.h", "stepper.h", "stepper.c")
+_PARTS = ("component.h", "exported.h")
 _EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react")
 
 
@@ -54,7 +57,7 @@ class NativeModel:
     @property
     def events(self) -> int:
         """Event indicators."""
-        return most_events(self.kernel)
+        return self.kernel.events
 
     @property
     def first_indicator(self) -> int:
@@ -195,7 +198,7 @@ def _states_of_outputs(kernel: Kernel) -> list[int]:
                     output = int(ast.literal_eval(target.slice))
                     found[output].add(places.get(ast.unparse(s.value), -1))
 
-    read(functions(kernel)["out"].body)
+    read(functions(kernel.source)["out"].body)
     return [next(iter(states)) if len(states) == 1 else -1 for states in found]
 
 
@@ -218,21 +221,29 @@ def sources(model: NativeModel, fmi: int, token: str) -> dict[str, str]:
     folder = resources.files(__package__) / "c"
     names = (*_PARTS, MAIN[fmi], f"fmi{fmi}_declarations.h")
     fixed = {name: (folder / name).read_text(encoding="utf-8") for name in names}
+    core = resources.files(solver) / "c"
+    fixed |= {name: (core / name).read_text(encoding="utf-8") for name in _CORE}
     return {**fixed, "model.h": _tables(model, token), "equations.h": _equations(model)}
 
 
 def _equations(model: NativeModel) -> str:
     states = len(model.kernel.states)
-    written = functions(model.kernel)
+    written = functions(model.kernel.source)
     parts = [in_c(written[name], states) for name in _EQUATIONS]
-    parts.append(in_c(functions(model.partials)["out"], states, "partial"))
+    parts.append(in_c(functions(model.partials.source)["out"], states, "partial"))
     head = (
         f"/* The equations of {model.kernel.name}, generated: derivatives dx, their partial\n"
         " * derivatives J by the states and ft by time, outputs y, next discrete states d, event\n"
         " * indicators g, and all partial derivatives of derivatives and outputs. */\n"
         "#include <math.h>\n"
     )
-    return "\n".join([head, *parts])
+    system = (
+        "static const System SYSTEM = {\n"
+        "    N, HELD_SIZE, EVENTS, NULL,\n"
+        "    rhs, jac, out, sample, indicate, spread, kind, react, NULL,\n"
+        "};\n"
+    )
+    return "\n".join([head, *parts, system])
 
 
 def _tables(model: NativeModel, token: str) -> str:

@@ -104,7 +104,6 @@ def test_map_writes_what_it_promises_and_refuses_to_overwrite(tmp_path, capsys):
         "map.json",
         "parameters.toml",
         "map.png",
-        "map.svg",
     }
     assert main(arguments) == 2
     assert "--resume" in capsys.readouterr().err

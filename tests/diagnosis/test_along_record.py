@@ -25,7 +25,7 @@ from ballscrew.diagnosis.along_record import (
     fit_along,
     lay_out,
 )
-from ballscrew.diagnosis.law_along_record import KINDS, STATES, friction_along, score
+from ballscrew.diagnosis.law_along_record import KINDS, LawValues, friction_along, score
 from ballscrew.plant.bliman_sorine import bliman_sorine
 from ballscrew.plant.classical import classical
 from ballscrew.plant.dahl import dahl
@@ -99,16 +99,14 @@ def plant_friction(name, velocity, times):
 
 
 def along(name, x, v, h):
-    friction = np.empty(len(x))
     names = LAWS[name].parameters
     truth = TRUTHS[name]
     one, other = (
         np.array([truth.get(f"{n}_{side}", truth.get(n, 0.0)) for n in names])
         for side in ("pos", "neg")
     )
-    head = (x, v, np.array([h]), np.array([0, len(x)]), np.zeros(1), np.zeros(1), one, other)
-    friction_along(KINDS[name], *head, 0.0 if name == "lugre" else 1e8, friction, np.zeros(STATES))
-    return friction
+    law = LawValues(KINDS[name], one, other, 0.0 if name == "lugre" else 1e8)
+    return friction_along(law, x, v, np.array([h]), np.array([0, len(x)]), np.zeros(1), np.zeros(1))
 
 
 @pytest.mark.parametrize("name", list(LAWS))

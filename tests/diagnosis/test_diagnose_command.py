@@ -21,7 +21,6 @@ FILES = {
     "diagnosis.json",
     "report.html",
     "diagnosis.png",
-    "diagnosis.svg",
     "curves.parquet",
     "extended_plant.fmu",
     "parameters.toml",

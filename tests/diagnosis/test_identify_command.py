@@ -67,7 +67,6 @@ def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, 
         assert data[0] in written.source
     for stem in ("friction_map", "residuals"):
         assert (tmp_path / f"{stem}.png").stat().st_size > 5000
-        assert "<svg" in (tmp_path / f"{stem}.svg").read_text()[:2000]
 
 
 def test_a_rotary_record_gives_the_same_parameters_by_the_lead(data, tmp_path):

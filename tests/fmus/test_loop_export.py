@@ -16,9 +16,9 @@ from wired_loop import WiredLoop, missing_for_ecos, run_in
 from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus import catalogue
-from ballscrew.fmus.native.compilers import compiler_for, own_platform
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.solver.compilers import compiler_for, own_platform
 from ballscrew.solver.component import Component, Input, Output, symbol
 
 GOAL, STOP, STEP = 0.08, 2.0, 1e-2

@@ -17,11 +17,11 @@ from lxml import etree
 
 from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
-from ballscrew.fmus.native.compilers import compiler_for, own_platform
 from ballscrew.fmus.reading import FmuError
 from ballscrew.fmus.system_export import CannotConnect, export_system
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.solver.compilers import compiler_for, own_platform
 
 SCHEMAS = Path(fmpy.ssp.__file__).with_name("schema")
 SPACES = {

@@ -11,8 +11,8 @@ from ballscrew.fmus.catalogue import component
 from ballscrew.fmus.export import export
 from ballscrew.fmus.variational import variational
 from ballscrew.orchestration.participant import FmuParticipant
-from ballscrew.solver.codegen import UnsupportedComponent
 from ballscrew.solver.component import Component, Input, Output, Parameter, State, symbol
+from ballscrew.solver.tape import UnsupportedComponent
 
 A, B, X, V, U = map(symbol, ("a", "b", "x", "v", "u"))
 

@@ -77,7 +77,8 @@ def test_thinned_curves_keep_their_extremes_and_leave_out_nothing_that_could_be_
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_pictures_of_long_runs_are_small_and_soon_done(tmp_path, noise):
+def test_pictures_of_long_runs_are_small_and_soon_done(tmp_path, noise, monkeypatch):
+    monkeypatch.setenv("BALLSCREW_SVG", "1")
     begin = time.process_time()
     save_run_pictures(result(steps=LONG, noise=noise), tmp_path)
     assert time.process_time() - begin < 60  # one path for each step took minutes

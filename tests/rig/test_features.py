@@ -181,10 +181,9 @@ def test_what_is_written_says_for_every_cell_why(table, tmp_path):
             assert all({"measure", "threshold", "margin"} <= set(c) for c in cell["checks"])
             assert bool(cell["difference"]) == (cell["agrees"] is False)
     for number in range(14, 20):
-        for kind in ("png", "svg"):
-            (picture,) = tmp_path.glob(f"figure_2_{number}_*.{kind}")
-            assert picture.stat().st_size > 10_000
-    assert len(list(tmp_path.iterdir())) == 13
+        (picture,) = tmp_path.glob(f"figure_2_{number}_*.png")
+        assert picture.stat().st_size > 10_000
+    assert len(list(tmp_path.iterdir())) == 7
 
 
 def test_the_printed_table_has_both_decisions(table):

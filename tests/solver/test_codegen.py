@@ -58,39 +58,7 @@ def test_a_connected_loop_has_the_derivatives_of_its_parts(controller):
     np.testing.assert_allclose(computed, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
 
 
-def test_two_kernels_cached_by_different_processes_do_not_run_each_other(tmp_path):
-    """numba links cached code by name; two systems once met under one name and mixed."""
-    run = textwrap.dedent(
-        """
-        import sys
-        import numpy as np
-        from ballscrew.fmus.catalogue import fmu_kernel
-        from ballscrew.solver.kernel import Model
-        for name in sys.argv[1:]:
-            model = Model(fmu_kernel(name))
-            model.u[:] = 0.01
-            course = model.simulate(np.linspace(0.0, 0.05, 6))
-            print(name, [float(v[-1]) for v in course.states.values()])
-        """
-    )
-    environment = os.environ | {"BALLSCREW_CACHE": str(tmp_path)}
-
-    def lines(*names):
-        done = subprocess.run(
-            [sys.executable, "-c", run, *names],
-            capture_output=True,
-            text=True,
-            check=True,
-            env=environment,
-            cwd=tmp_path,
-        )
-        return done.stdout.splitlines()
-
-    apart = [*lines("plant"), *lines("nctf"), *lines("pid")]  # each compiles and caches its own
-    assert lines("plant", "nctf", "pid") == apart  # one process loads all of them
-
-
-def test_a_second_process_neither_derives_nor_compiles_again(tmp_path):
+def test_a_second_process_does_not_derive_again(tmp_path):
     run = textwrap.dedent(
         """
         import sys
@@ -99,8 +67,7 @@ def test_a_second_process_neither_derives_nor_compiles_again(tmp_path):
         model = Model(fmu_kernel("plant"))
         model.set_input("u", 30.0)
         model.advance(0.0, 1e-3)
-        stats = model.kernel.functions.advance.stats
-        print("sympy" in sys.modules, sum(stats.cache_misses.values()))
+        print("sympy" in sys.modules)
         """
     )
     environment = os.environ | {"BALLSCREW_CACHE": str(tmp_path)}
@@ -112,7 +79,7 @@ def test_a_second_process_neither_derives_nor_compiles_again(tmp_path):
             cwd=tmp_path,
             capture_output=True,
             text=True,
-        ).stdout.split()
+        ).stdout.strip()
         for _ in range(2)
     ]
-    assert answers == [["True", "1"], ["False", "0"]]
+    assert answers == ["True", "False"]

@@ -144,6 +144,18 @@ def test_a_crossing_that_comes_and_goes_within_a_step_is_seen():
     assert model.mode == "seen"
 
 
+def test_a_crossing_is_seen_though_another_one_was_looked_for_in_vain():
+    """x = t^4 goes in one step; its cubic dips below zero at a quarter, the motion does not."""
+    dips = Event("dips", -x - sp.Rational(1, 100), direction=1, next_mode="dipped")
+    near = sp.Rational(1, 100) - (x - sp.Rational(3, 100)) ** 2 - (TIME - sp.Rational(1, 2)) ** 2
+    passes = Event("passes", near, direction=1, next_mode="passed")
+    modes = (Mode("before", events=(dips, passes)), Mode("dipped"), Mode("passed"))
+    states = (State("x", "1", "fourth power of time", 4 * TIME**3),)
+    model = Model(generate(component("fourth_power", states, modes)), tolerance=1e-3)
+    model.advance(0.0, 1.0)
+    assert model.mode == "passed"
+
+
 def test_an_event_that_is_due_after_an_input_jumps_happens_at_once():
     on = Event("on", u - 1, direction=1, next_mode="on")
     off = Event("off", u + 1, direction=-1, next_mode="off")

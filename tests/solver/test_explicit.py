@@ -9,9 +9,9 @@ from known_systems import belt, entries, linear, lorenz, stretched, torus, van_d
 from scipy.integrate import solve_ivp
 
 from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.solver import core
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, State, symbol
-from ballscrew.solver.explicit import FIFTH, LAST, PLACES, WEIGHTS
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import (
     RUNAWAY,
@@ -36,15 +36,48 @@ def stiffly(model, stop):
     return _walk(model, np.array([0.0, stop]), np.eye(len(model.x)), RUNAWAY, collocating=False)
 
 
-def test_the_weights_integrate_polynomials_up_to_their_orders():
-    places = np.array(PLACES)
-    np.testing.assert_allclose(WEIGHTS[:LAST].sum(axis=1), places[:LAST], atol=1e-13)
-    for power in range(8):
-        moments = WEIGHTS[LAST:] @ places[:LAST] ** power
-        assert moments[0] == pytest.approx(1.0 / (power + 1), abs=1e-13)
-        # the estimates are differences to rules of orders five and three
-        assert abs(moments[FIFTH - LAST]) < 1e-13 or power >= 5
-        assert abs(moments[FIFTH + 1 - LAST]) < 1e-13 or power >= 3
+def test_the_order_is_eight_on_a_nonlinear_problem():
+    """With steps of a length that is given, by a tolerance that accepts them all."""
+    kernel = generate(
+        Component(
+            "pendulum",
+            "a swinging one",
+            states=(
+                State("x", "1", "angle", symbol("v")),
+                State("v", "1", "speed", -sp.sin(symbol("x"))),
+            ),
+        )
+    )
+    errors = []
+    exact = swung(kernel, 1024)
+    counts = np.array([8, 12, 16, 24])
+    for count in counts:
+        errors.append(np.abs(swung(kernel, int(count)) - exact).max())
+    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert 7.5 < order < 9.0
+
+
+def swung(kernel, count):
+    """The state after 8 s in so many steps."""
+    model = Model(kernel, {"x_start": 1.0}, 1e30)
+    grid = np.linspace(0.0, 8.0, count + 1)
+    states = np.empty((len(grid), 2))
+    states[0] = model.x
+    bound, scale, frame = np.full(2, np.inf), np.ones(2), np.eye(2)[:1].copy()
+    growth, trace = np.zeros((len(grid), 1)), np.zeros(len(grid))
+    walk = core.Walk(
+        len(grid),
+        1,
+        *(core.at(a) for a in (grid, states, growth, trace, frame, model.u, model.p, model.atol)),
+        1e30,
+        core.at(bound),
+        core.at(scale),
+        10,
+        False,
+    )
+    model.info[core.NEXT_STEP] = 8.0
+    assert model.system.spectrum(walk, True, model.info) == len(grid)
+    return states[-1].copy()
 
 
 @pytest.mark.parametrize(

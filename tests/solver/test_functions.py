@@ -10,8 +10,8 @@ import sympy as sp
 from fmu_host import opened
 
 from ballscrew.fmus.export import export
-from ballscrew.fmus.native.compilers import compiler_for, own_platform
 from ballscrew.fmus.native.export import export_native
+from ballscrew.solver.compilers import compiler_for, own_platform
 from ballscrew.solver.component import (
     Component,
     ContractError,

@@ -20,7 +20,7 @@ from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import native_model
 from ballscrew.plant.classical import classical
 from ballscrew.plant.direct_drive import direct_drive
-from ballscrew.solver import stepper
+from ballscrew.solver import core
 from ballscrew.solver.component import Component
 from ballscrew.solver.kernel import Kernel, Model
 
@@ -97,7 +97,7 @@ def co_simulated(kernel: Kernel, one: Case, tolerance: float, noise: Any = None)
     for t0, t1, u in zip(one.times, one.times[1:], one.commands, strict=False):
         model.set_input("u", u)
         if noise is not None:
-            model.info[stepper.NEXT_STEP] = FIRST_STEP * 10 ** noise.uniform(0, 2)
+            model.info[core.NEXT_STEP] = FIRST_STEP * 10 ** noise.uniform(0, 2)
         model.advance(t0, t1)
         if noise is not None:
             size = ROUND_OFF * (nominal + abs(model.x))

@@ -15,12 +15,15 @@ from fmpy.fmi2 import FMU2Model
 from fmpy.fmi3 import FMU3Model
 from scipy.optimize import brentq
 
-from ballscrew.solver import stepper
+from ballscrew.solver import core, stepper
 
 ROUND_OFF = 2.0**-52
 MOST_EVENTS = 20_000  # in one course
 FIRST_STEP = 1e-5  # s, after an event; solvers begin anew there, and friction is steep near rest
-A, C = np.array(stepper.A), np.array(stepper.C)
+A, C = (
+    np.array([[*row, *[0.0] * (core.STAGES - len(row))] for row in rows])
+    for rows in (stepper.A, stepper.C)
+)
 NODES = np.array(stepper.NODES)
 CALLS = {
     fmi: ("SetTime", "SetContinuousStates", derivatives, "GetEventIndicators")
@@ -152,9 +155,9 @@ class ExchangeHost:
         """The states after a step of `h`, and its error in units of the tolerance."""
         n = len(self.x)
         inverse = np.linalg.inv(np.eye(n) / (stepper.GAMMA * h) - jacobian)
-        k = np.zeros((stepper.STAGES, n))
+        k = np.zeros((core.STAGES, n))
         stage = self.x
-        for s in range(stepper.STAGES):
+        for s in range(core.STAGES):
             stage = self.x + A[s, :s] @ k[:s]
             slope = self.slope(self.time + NODES[s] * h, stage)
             k[s] = inverse @ (slope + C[s, :s] @ k[:s] / h)

@@ -11,9 +11,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "stepper.h"
+#include "stepper.c"
 
+#define AT_LEAST_1(n) ((n) > 0 ? (n) : 1) /* C has no arrays of length zero */
 #define ROUND_OFF 1e-9    /* share of a sampling period within which two times are the same */
+#define MAX_STEPS 200000
 #define MOST_SAMPLES 1e6  /* sample instants in one step */
 #define LONGEST_TEXT 512
 /* of how far an indicator moves where states and inputs move by their nominals */
@@ -69,6 +71,7 @@ typedef struct Instance {
     double derivatives[AT_LEAST_1(N)];
     double atol[AT_LEAST_1(N)];
     Work work;
+    double work_memory[WORK_DOUBLES(N, EVENTS)];
     Kept *kept; /* saved states that are not freed yet */
     char *name;
     void *environment;
@@ -148,7 +151,7 @@ static int allowed(Instance *c, int phases, const char *call)
 #define PARAMETERS(c) ((c)->now.memory + AT_PARAMETERS)
 #define STATES(c) ((c)->now.memory + AT_STATES)
 #define OUTPUTS(c) ((c)->now.memory + AT_OUTPUTS)
-#define INFO(c) ((c)->now.memory + AT_INFO)
+#define INFO(c) ((Info *)((c)->now.memory + AT_INFO))
 #define TIME(c) ((c)->now.memory[AT_TIME])
 
 static void set_time(Instance *c, double t)
@@ -190,7 +193,7 @@ static double past(const Watch *w, double g) { return w->level < 0.0 ? w->level 
 /* Watch the events of a mode that has just begun: those beyond zero are due at once. */
 static void watch_mode(Instance *c)
 {
-    spread(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    spread(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
     for (int k = 0; k < EVENTS; k++) {
         const double margin = margin_of(c->work.g[k]);
         c->now.watch[k] = (Watch){margin, margin, 1, 0};
@@ -200,7 +203,7 @@ static void watch_mode(Instance *c)
 /* The event that is due; -1 if there is none. `fired` are resets that have happened already. */
 static int due_now(Instance *c, const int *fired)
 {
-    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    indicate(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
     for (int k = 0; k < EVENTS; k++) {
         const Watch *w = &c->now.watch[k];
         if (!fired[k] && past(w, c->work.g[k]) > -0.5 * w->margin)
@@ -213,13 +216,13 @@ static int due_now(Instance *c, const int *fired)
  * rise further, or to fall and rise again. */
 static void watch_on(Instance *c, const int *fired)
 {
-    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
-    spread(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.before);
+    indicate(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    spread(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.before);
     for (int k = 0; k < EVENTS; k++) {
         Watch *w = &c->now.watch[k];
         const double g = c->work.g[k], margin = margin_of(c->work.before[k]);
         const double most = fired[k] ? HUGE_VAL : w->level;
-        if (kind(HELD(c), k) != EITHER) {
+        if (kind(&SYSTEM, HELD(c), k) != EITHER) {
             w->level = larger(margin, smaller(most, g + margin));
         } else if (fabs(g) > 0.5 * margin) {
             w->level = g > 0.0 ? -margin : margin;
@@ -242,7 +245,7 @@ static int let_happen(Instance *c)
             watch_on(c, fired);
             return DONE;
         }
-        const int what = kind(HELD(c), k);
+        const int what = kind(&SYSTEM, HELD(c), k);
         Watch *w = &c->now.watch[k];
         if (what == EITHER) {
             const int decided = !w->undecided;
@@ -251,8 +254,8 @@ static int let_happen(Instance *c)
             if (!decided)
                 continue;
         }
-        react(TIME(c), STATES(c), HELD(c), PARAMETERS(c), k);
-        INFO(c)[EVENT_COUNT] += 1;
+        react(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), k);
+        INFO(c)->events += 1;
         fired[k] = what == RESETS;
         if (what == CHANGES_MODE || (MODES > 0 && HELD(c)[HELD_SIZE - 1] != mode)) {
             memset(fired, 0, sizeof fired);
@@ -265,7 +268,7 @@ static int let_happen(Instance *c)
 /* The indicators as the host sees them go to work.g. */
 static void show_indicators(Instance *c)
 {
-    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    indicate(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
     for (int k = 0; k < EVENTS; k++)
         c->work.g[k] -= c->now.watch[k].level;
 }
@@ -276,12 +279,12 @@ static int complete_step(Instance *c)
     int missed = 0;
     if (EVENTS == 0)
         return 0;
-    indicate(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
+    indicate(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
     for (int k = 0; k < EVENTS; k++) {
         Watch *w = &c->now.watch[k];
         const double g = c->work.g[k];
         missed |= past(w, g) >= 0.0;
-        if (kind(HELD(c), k) != EITHER)
+        if (kind(&SYSTEM, HELD(c), k) != EITHER)
             w->level = larger(w->margin, smaller(w->level, g + w->margin));
         else if (g < -0.5 * w->margin && w->level > 0.0)
             w->undecided = 0;
@@ -297,10 +300,10 @@ static void initialize_states(Instance *c)
     memcpy(STATES(c), memory + AT_STARTS, N * sizeof *memory);
     memcpy(HELD(c) + INPUTS, memory + AT_STARTS + N, DISCRETE * sizeof *memory);
     scale_tolerances(c);
-    memset(INFO(c), 0, INFO_SIZE * sizeof *memory);
+    memset(INFO(c), 0, sizeof(Info));
     if (MODES > 0) {
         memory[HELD_SIZE - 1] = 0.0;
-        if (settle(TIME(c), STATES(c), HELD(c), PARAMETERS(c), &c->work, INFO(c)) != DONE)
+        if (settle(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), &c->work, INFO(c)) != DONE)
             fail(c, "events follow each other without end at t = %.9g s", TIME(c));
     }
     if (AT_SAMPLE_TIME >= 0) /* samples count from t = 0, wherever the run begins */
@@ -315,7 +318,7 @@ static void refresh(Instance *c)
     if (!c->now.started)
         initialize_states(c);
     take_frame(c);
-    out(TIME(c), STATES(c), HELD(c), PARAMETERS(c), OUTPUTS(c));
+    out(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), OUTPUTS(c));
     c->stale = 0;
     c->derived = 0;
 }
@@ -324,7 +327,7 @@ static const double *derivatives(Instance *c)
 {
     refresh(c);
     if (!c->derived)
-        rhs(TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->derivatives);
+        rhs(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->derivatives);
     c->derived = 1;
     return c->derivatives;
 }
@@ -342,6 +345,7 @@ static Instance *make_instance(const char *name, int exchange)
     Instance *c = calloc(1, sizeof *c);
     if (!c)
         return NULL;
+    lay_work(&c->work, N, EVENTS, c->work_memory);
     c->name = malloc(strlen(name) + 1);
     if (!c->name) {
         free(c);
@@ -485,10 +489,10 @@ static double watch(void *instance, double t, double t1)
 static Status advance(Instance *c, double t0, double t1)
 {
     const Watcher watcher = {watch, c};
-    const int status = integrate(t0, t1, STATES(c), HELD(c), PARAMETERS(c), c->atol,
-                                 c->now.memory[AT_TOLERANCE], &c->work, INFO(c),
+    const int status = integrate(&SYSTEM, t0, t1, STATES(c), HELD(c), PARAMETERS(c), c->atol,
+                                 c->now.memory[AT_TOLERANCE], &c->work, INFO(c), MAX_STEPS,
                                  c->update ? &watcher : NULL);
-    const double reached = INFO(c)[REACHED];
+    const double reached = INFO(c)->reached;
     const char *rest = "the solution leaves every bound";
     switch (status) {
     case DONE:
@@ -507,7 +511,7 @@ static Status advance(Instance *c, double t0, double t1)
 static void take_sample(Instance *c, double t)
 {
     double update[AT_LEAST_1(DISCRETE)] = {0.0};
-    sample(t, STATES(c), HELD(c), PARAMETERS(c), update);
+    sample(&SYSTEM, t, STATES(c), HELD(c), PARAMETERS(c), update);
     memcpy(HELD(c) + INPUTS, update, DISCRETE * sizeof *update);
     c->now.memory[AT_SAMPLES] += 1.0;
 }
@@ -597,10 +601,10 @@ static Status update_discrete_states(Instance *c, Events *events)
         events->next_time = memory[AT_SAMPLES] * period;
     }
     if (EVENTS > 0) {
-        const double count = INFO(c)[EVENT_COUNT];
+        const double count = INFO(c)->events;
         if (let_happen(c) != DONE)
             return fail(c, "events follow each other without end at t = %.9g s", TIME(c));
-        events->states_changed = INFO(c)[EVENT_COUNT] != count;
+        events->states_changed = INFO(c)->events != count;
     }
     c->stale = 1;
     return OK;
@@ -701,7 +705,7 @@ static Status derivative_product(Instance *c, int adjoint, const uint32_t *unkno
             by_column[column] += seed[k];
     }
     refresh(c);
-    partial(TIME(c), STATES(c), HELD(c), PARAMETERS(c), values);
+    partial(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), values);
     for (int k = 0; k < PARTIALS; k++) {
         const int row = PARTIAL_AT[k][0], column = PARTIAL_AT[k][1];
         /* what is not asked about may be infinite: it counts only where its seed is not zero */

@@ -2,7 +2,7 @@
  * component. This is the one file to compile; it includes all others. */
 #include "model.h"
 
-#include "arithmetic.h"
+#include "system.h"
 #include "equations.h"
 #include "component.h"
 #include "fmi3_declarations.h"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ballscrew.fmus.native.compilers import compiler_for, own_platform
+from ballscrew.solver.compilers import compiler_for, own_platform
 
 
 @pytest.fixture(scope="session")

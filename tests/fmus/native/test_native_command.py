@@ -15,12 +15,13 @@ from fmpy.validation import validate_fmu
 from fmu_host import opened
 
 from ballscrew.cli import main
-from ballscrew.fmus.native import compilers
 from ballscrew.fmus.native.export import export_native
-from ballscrew.fmus.native.translation import in_c
-from ballscrew.solver.codegen import UnsupportedComponent, generate
+from ballscrew.solver import compilers
+from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, ContractError, Input, Output, symbol
 from ballscrew.solver.kernel import Model
+from ballscrew.solver.tape import UnsupportedComponent
+from ballscrew.solver.translation import in_c
 
 
 def export(*arguments):

@@ -1,8 +1,7 @@
 """The generated equations, which are plain Python over ``math``, as C.
 
-The equations are printed once, by the code generator, and go into pythonfmu's twins as they are.
-Writing them in C term by term keeps the order of every operation, so that the twins' numbers agree
-to the last digits, and needs no derivation anew.
+Writing them in C term by term keeps the order of every operation, so that they give the numbers of
+the tapes, and needs no derivation anew.
 """
 
 from __future__ import annotations
@@ -10,20 +9,20 @@ from __future__ import annotations
 import ast
 import math
 
-from ...solver.codegen import UnsupportedComponent
-from ...solver.kernel import Kernel
+from .tape import UnsupportedComponent
 
+_GIVEN = "const System *self, double t, const double *x, const double *u, const double *p"
 _HEADS = {
-    "rhs": "void rhs(double t, const double *x, const double *u, const double *p, double *dx)",
-    "jac": "void jac(double t, const double *x, const double *u, const double *p, double *J, "
-    "double *ft)",
-    "out": "void out(double t, const double *x, const double *u, const double *p, double *y)",
-    "sample": "void sample(double t, const double *x, const double *u, const double *p, double *d)",
-    "indicate": "void indicate(double t, const double *x, const double *u, const double *p, "
-    "double *g)",
-    "spread": "void spread(double t, const double *x, const double *u, const double *p, double *s)",
-    "kind": "int kind(const double *u, int k)",
-    "react": "void react(double t, double *x, double *u, const double *p, int k)",
+    "rhs": f"void rhs({_GIVEN}, double *dx)",
+    "jac": f"void jac({_GIVEN}, double *J, double *ft)",
+    "out": f"void out({_GIVEN}, double *y)",
+    "sample": f"void sample({_GIVEN}, double *d)",
+    "indicate": f"void indicate({_GIVEN}, double *g)",
+    "spread": f"void spread({_GIVEN}, double *s)",
+    "kind": "int kind(const System *self, const double *u, int k)",
+    "react": "void react(const System *self, double t, double *x, double *u, const double *p, "
+    "int k)",
+    "slopes": f"double slopes({_GIVEN}, int k, double *g, double *R, double *rt)",
 }
 _SAME_NAMES = (
     "acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh erf erfc exp expm1 fabs floor "
@@ -50,20 +49,6 @@ _OPERATORS: dict[type[ast.AST], str] = {
 }
 
 
-def functions(kernel: Kernel) -> dict[str, ast.FunctionDef]:
-    """The generated functions by name."""
-    tree = ast.parse(kernel.source)
-    return {n.name: n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name in _HEADS}
-
-
-def most_events(kernel: Kernel) -> int:
-    """Events of the mode that has most."""
-    for node in ast.parse(kernel.source).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "MOST_EVENTS":
-            return int(ast.literal_eval(node.value))
-    return 0
-
-
 def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
     """One generated function in C.
 
@@ -84,7 +69,7 @@ def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
     if name:
         head = head.replace(f" {function.name}(", f" {name}(")
     lines = [f"static {head}", "{"]
-    lines += [f"    (void)({a.arg});" for a in function.args.args]
+    lines += [f"    (void)({a});" for a in ("self", *(a.arg for a in function.args.args))]
     lines += _block(function.body, width, "    ")
     return "\n".join([*lines, "}"]) + "\n"
 

@@ -1,0 +1,116 @@
+/* How a participant is called: through the addresses of the FMI 2.0 functions of an FMU in this
+ * process, or of functions of the same shapes. */
+#ifndef CALLS_H
+#define CALLS_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+/* Arrays that somebody else keeps. */
+typedef struct {
+    double *at;
+    int64_t size;
+} Vector;
+
+typedef struct {
+    int64_t *at;
+    int64_t size;
+} Places;
+
+typedef struct {
+    uint32_t *at;
+    int64_t size;
+} References;
+
+typedef struct {
+    void **at;
+    int64_t size;
+} Slots;
+
+typedef int (*SetReal)(void *, const uint32_t *, size_t, const double *);
+typedef int (*GetReal)(void *, const uint32_t *, size_t, double *);
+typedef int (*DoStep)(void *, double, double, int);
+typedef int (*GetState)(void *, void **);
+typedef int (*SetState)(void *, void *);
+
+/* A participant: its functions, what they are called with, and what they gave. */
+typedef struct {
+    void *component;
+    SetReal set_real;
+    GetReal get_real;
+    DoStep do_step;
+    GetState get_state;
+    SetState set_state;
+    GetState free_state;
+    References inputs;
+    Vector given;
+    References outputs;
+    Vector taken;
+    Slots states; /* saved ones, one for each use; null where nothing is saved */
+    int64_t status, failed; /* FMI status and kind of the call that failed */
+} Calls;
+
+enum { PUT, TAKE, MOVE, SAVE, RESTORE }; /* what failed */
+
+#define WARNING 1 /* FMI status that counts as well as OK */
+#define TRY(call)    \
+    do {             \
+        if (!(call)) \
+            return 0; \
+    } while (0)
+
+/* Every function here answers 1 where all is well, and 0 where a call failed. */
+static inline int checked(Calls *c, int status, int what)
+{
+    if (status <= WARNING)
+        return 1;
+    c->status = status;
+    c->failed = what;
+    return 0;
+}
+
+static inline int put(Calls *c, int64_t count)
+{
+    return count <= 0 ||
+           checked(c, c->set_real(c->component, c->inputs.at, (size_t)count, c->given.at), PUT);
+}
+
+static inline int take(Calls *c, int64_t count)
+{
+    return count <= 0 ||
+           checked(c, c->get_real(c->component, c->outputs.at, (size_t)count, c->taken.at), TAKE);
+}
+
+static inline int move(Calls *c, double t, double h)
+{
+    /* no state before this step will be wanted again */
+    return checked(c, c->do_step(c->component, t, h, 1), MOVE);
+}
+
+static inline int save(Calls *c, int use)
+{
+    return checked(c, c->get_state(c->component, c->states.at + use), SAVE);
+}
+
+static inline int restore(Calls *c, int use)
+{
+    return checked(c, c->set_state(c->component, c->states.at[use]), RESTORE);
+}
+
+/* Forget the state kept for a use, if there is one. */
+static inline void release(Calls *c, int use)
+{
+    if (c->states.size > use && c->states.at[use]) {
+        c->free_state(c->component, c->states.at + use);
+        c->states.at[use] = NULL;
+    }
+}
+
+static inline void copy(const double *source, double *target, int64_t count)
+{
+    memcpy(target, source, (size_t)count * sizeof *target);
+}
+
+#endif

@@ -1,0 +1,420 @@
+/* One communication step of a plant and a controller.
+ *
+ * What the couplings are is told in coupling.py. A *law* is one array here, in the order of the ports
+ * that it is read from: m commands, their derivatives by n signals each, their own rates. */
+#include "calls.h"
+
+#ifdef _WIN32
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+enum { JACOBI, GAUSS_SEIDEL, TANGENT };
+enum { DIRECT, STEPPED, SAMPLED };
+enum { CHECKPOINT, CORRECTION, PROBE }; /* what states are saved for */
+
+#define RAMP_SHARE (2.0 / 3.0)
+#define HOLD_SHARE 0.5
+#define PROBE_PARTS 64
+
+/* A controller behind one question: what would you command at these signals?
+ *
+ * Inputs: n signals, references; outputs: m commands, then gains and rates if it reports. */
+typedef struct {
+    Calls calls;
+    int64_t m, n, answer, reports, saves;
+    Vector nominal;    /* of the signals */
+    Vector ahead;      /* commands after a step that cannot be taken back, */
+    int64_t is_ahead;  /* if it has done one */
+    Vector moved;      /* room for n signals, */
+    Vector answered;   /* and for m commands */
+} Controller;
+
+/* A plant and a controller that move together; made by `coupling.Loop`.
+ *
+ * The plant's inputs: m commands, then gains, references, rates if it takes a law; outputs: all. */
+typedef struct {
+    Calls plant;
+    int64_t takes_law;
+    Places signals; /* which outputs the controller measures */
+    Controller controller;
+    int64_t coupling, corrected, averaged;
+    /* what goes from step to step: outputs, last commands, and the law at the end of the last step,
+     * which is where the next begins */
+    Vector outputs, late, following;
+    int64_t has_following;
+    /* the same, kept to come back to */
+    Vector kept_outputs, kept_late, kept_following;
+    int64_t kept_has_following;
+    /* what the last step did: interface defect as accepted; how far the correction moved each output;
+     * share of the defect that was left, small if correcting converges fast, one or more if the step
+     * is too long for it, NaN if nothing was corrected */
+    Vector defect, effect;
+    double contraction;
+    /* room for one step */
+    Vector start, end, mean, goal, law, applied, stepped, reached, command, first;
+} Loop;
+
+static int set_inputs(Controller *c, const double *signals, const double *reference)
+{
+    copy(signals, c->calls.given.at, c->n);
+    copy(reference, c->calls.given.at + c->n, c->calls.given.size - c->n);
+    return put(&c->calls, c->calls.given.size);
+}
+
+/* The commands as they stand. */
+static int read_commands(Controller *c, double *commands)
+{
+    TRY(take(&c->calls, c->m));
+    copy(c->calls.taken.at, commands, c->m);
+    return 1;
+}
+
+static int command_at(Controller *c, const double *signals, const double *reference,
+                      double *commands)
+{
+    return set_inputs(c, signals, reference) && read_commands(c, commands);
+}
+
+/* The commands at these signals, at once or after a step from the state saved for probing. */
+static int answer_at(Controller *c, double t, double h, const double *signals,
+                     const double *reference, double *commands)
+{
+    TRY(set_inputs(c, signals, reference));
+    if (c->answer != DIRECT)
+        TRY(move(&c->calls, t, h));
+    TRY(read_commands(c, commands));
+    return c->answer == DIRECT || restore(&c->calls, PROBE);
+}
+
+/* Derivatives of the commands by the signals, by differences from the law's commands. */
+static int probe_gains(Controller *c, double t, double h, const double *signals,
+                       const double *reference, double *law)
+{
+    const int64_t m = c->m, n = c->n;
+    double *const moved = c->moved.at, *const commands = c->answered.at;
+    copy(signals, moved, n);
+    for (int64_t j = 0; j < n; j++) {
+        moved[j] += 1e-7 * fmax(fabs(signals[j]), 1e-3 * c->nominal.at[j]);
+        TRY(answer_at(c, t, h, moved, reference, commands));
+        for (int64_t k = 0; k < m; k++)
+            law[m + k * n + j] = (commands[k] - law[k]) / (moved[j] - signals[j]);
+        moved[j] = signals[j];
+    }
+    return 1;
+}
+
+static int stepped_law(Controller *c, double t, double h, const double *signals,
+                       const double *reference, int probe, double *law)
+{
+    if (!c->saves) {
+        if (!c->is_ahead) {
+            TRY(set_inputs(c, signals, reference));
+            TRY(move(&c->calls, t, h));
+            TRY(read_commands(c, c->ahead.at));
+            c->is_ahead = 1;
+        }
+        copy(c->ahead.at, law, c->m);
+        return 1;
+    }
+    TRY(save(&c->calls, PROBE));
+    TRY(answer_at(c, t, h, signals, reference, law));
+    if (probe && c->answer == STEPPED)
+        TRY(probe_gains(c, t, h, signals, reference, law));
+    release(&c->calls, PROBE);
+    return 1;
+}
+
+/* The rates of the commands while the signals are held: the slope at the start, not the secant, which
+ * meets the end of the step, and what the command does in between would show nowhere. */
+static int probe_rates(Controller *c, double t, double h, const double *signals,
+                       const double *reference, double *law)
+{
+    double *const rate = law + c->m * (1 + c->n);
+    TRY(save(&c->calls, PROBE));
+    TRY(set_inputs(c, signals, reference));
+    TRY(move(&c->calls, t, h / PROBE_PARTS));
+    TRY(command_at(c, signals, reference, rate));
+    for (int64_t k = 0; k < c->m; k++)
+        rate[k] = (rate[k] - law[k]) * PROBE_PARTS / h;
+    TRY(restore(&c->calls, PROBE));
+    release(&c->calls, PROBE);
+    return 1;
+}
+
+/* The commands, and with `probe` their derivatives, at the given signals, into `law`.
+ *
+ * Leaves the controller's state as it was, except that a controller that answers in its step and
+ * cannot be taken back has moved on to t + h; `advance` knows. */
+static int law_at(Controller *c, double t, double h, const double *signals,
+                  const double *reference, int probe, double *law)
+{
+    const int64_t m = c->m, size = m * (2 + c->n);
+    if (c->answer == DIRECT && c->reports && probe) {
+        TRY(set_inputs(c, signals, reference));
+        TRY(take(&c->calls, size));
+        copy(c->calls.taken.at, law, size);
+        return 1;
+    }
+    memset(law + m, 0, (size_t)(size - m) * sizeof *law);
+    if (c->answer != DIRECT)
+        return stepped_law(c, t, h, signals, reference, probe, law);
+    TRY(command_at(c, signals, reference, law));
+    if (!probe)
+        return 1;
+    TRY(probe_gains(c, t, h, signals, reference, law));
+    if (c->saves)
+        TRY(probe_rates(c, t, h, signals, reference, law));
+    return set_inputs(c, signals, reference);
+}
+
+/* Move the controller from t to t + h with these signals held. */
+static int advance(Controller *c, double t, double h, const double *signals,
+                   const double *reference)
+{
+    if (c->is_ahead) {
+        c->is_ahead = 0;
+        return 1;
+    }
+    return set_inputs(c, signals, reference) && move(&c->calls, t, h);
+}
+
+static int read_outputs(Calls *plant, double *outputs)
+{
+    TRY(take(plant, plant->taken.size));
+    copy(plant->taken.at, outputs, plant->taken.size);
+    return 1;
+}
+
+static void signals_of(const Loop *l, const double *outputs, double *signals)
+{
+    for (int64_t k = 0; k < l->signals.size; k++)
+        signals[k] = outputs[l->signals.at[k]];
+}
+
+/* Apply the law over a step, or hold the command where the plant takes no law. */
+static int step_plant(Loop *l, double t, double h, const double *law, const double *signals,
+                      double *outputs)
+{
+    const int64_t m = l->controller.m, n = l->controller.n;
+    double *const given = l->plant.given.at;
+    copy(law, given, m);
+    if (l->takes_law) {
+        copy(law + m, given + m, m * n);
+        for (int64_t k = 0; k < m; k++)
+            copy(signals, given + m + (m + k) * n, n);
+        copy(law + m + m * n, given + m + 2 * m * n, m);
+    }
+    TRY(put(&l->plant, l->plant.given.size));
+    TRY(move(&l->plant, t, h));
+    return read_outputs(&l->plant, outputs);
+}
+
+/* The controller's true commands at the present signals. With `last`, no step beyond t is tried: a
+ * controller that answers in its step then gives the command that it ended with. */
+static int command_now(Loop *l, double t, double h, const double *reference, int last,
+                       double *commands)
+{
+    Controller *const c = &l->controller;
+    if (last && c->answer != DIRECT)
+        return read_commands(c, commands);
+    if (l->has_following) {
+        copy(l->following.at, commands, c->m);
+        return 1;
+    }
+    signals_of(l, l->outputs.at, l->start.at);
+    TRY(law_at(c, t, h, l->start.at, reference, 0, l->law.at));
+    copy(l->law.at, commands, c->m);
+    return 1;
+}
+
+/* The law at the start of a step, with the set-points' part in its rates. */
+static int law_of_step(Loop *l, double t, double h, const double *before, const double *after)
+{
+    Controller *const c = &l->controller;
+    double *const law = l->law.at;
+    const int tangent = l->coupling == TANGENT;
+    if (l->has_following)
+        copy(l->following.at, law, l->law.size);
+    else
+        TRY(law_at(c, t, h, l->start.at, before, tangent, law));
+    if (!tangent || c->answer != DIRECT)
+        return 1;
+    int moves = 0;
+    for (int64_t k = 0; k < l->goal.size; k++)
+        moves = moves || after[k] != before[k];
+    if (moves) {
+        double *const moved = l->command.at, *const rate = law + c->m * (1 + c->n);
+        TRY(command_at(c, l->start.at, after, moved));
+        for (int64_t k = 0; k < c->m; k++)
+            rate[k] += (moved[k] - law[k]) / h;
+    }
+    return 1;
+}
+
+/* Make up for part of the defect in the law. The defect grows like the square of the time within the
+ * step, the ramp that mends it only like the time: two thirds of it give the plant the right impulse
+ * over the step. A plant that takes no ramp gets its mean. */
+static void mend(Loop *l, double h)
+{
+    const int64_t m = l->controller.m;
+    double *const law = l->applied.at, *const rate = law + m * (1 + l->controller.n);
+    for (int64_t k = 0; k < m; k++) {
+        if (l->takes_law)
+            rate[k] += RAMP_SHARE * l->first.at[k] / h;
+        else
+            law[k] += HOLD_SHARE * l->first.at[k];
+    }
+}
+
+/* Plant, then controller: the outputs that are reached, and the true command at the end. */
+static int move_both(Loop *l, double t, double h, const double *before, const double *after)
+{
+    Controller *const c = &l->controller;
+    double *const end = l->end.at;
+    TRY(step_plant(l, t, h, l->applied.at, l->start.at, l->reached.at));
+    signals_of(l, l->reached.at, end);
+    if (c->answer != DIRECT) {
+        TRY(advance(c, t, h, l->start.at, before));
+        TRY(read_commands(c, l->late.at));
+        copy(l->late.at, l->command.at, c->m);
+        if (c->answer == STEPPED && c->saves) {
+            TRY(law_at(c, t + h, h, end, after, 0, l->stepped.at));
+            copy(l->stepped.at, l->command.at, c->m);
+        }
+        return 1;
+    }
+    if (l->averaged) {
+        for (int64_t k = 0; k < l->end.size; k++)
+            l->mean.at[k] = 0.5 * (l->start.at[k] + end[k]);
+        for (int64_t k = 0; k < l->goal.size; k++)
+            l->goal.at[k] = 0.5 * (before[k] + after[k]);
+        TRY(advance(c, t, h, l->mean.at, l->goal.at));
+    } else if (l->coupling == JACOBI && !l->corrected) {
+        TRY(advance(c, t, h, l->start.at, before));
+        TRY(read_commands(c, l->late.at));
+    } else {
+        TRY(advance(c, t, h, end, after));
+    }
+    TRY(law_at(c, t + h, h, end, after, l->coupling == TANGENT, l->following.at));
+    l->has_following = 1;
+    copy(l->following.at, l->command.at, c->m);
+    return 1;
+}
+
+/* True command less applied command, at the end of the step or where it is larger. */
+static void find_defect(const Loop *l, double h, double *defect)
+{
+    const int64_t m = l->controller.m, n = l->controller.n;
+    const double *const applied = l->applied.at;
+    for (int64_t k = 0; k < m; k++) {
+        double given = applied[k];
+        if (l->takes_law) {
+            double change = 0.0;
+            for (int64_t j = 0; j < n; j++)
+                change += applied[m + k * n + j] * (l->end.at[j] - l->start.at[j]);
+            given = given + change + applied[m * (1 + n) + k] * h;
+        }
+        defect[k] = l->command.at[k] - given;
+        const double at_start = l->law.at[k] - applied[k];
+        if (!l->corrected && fabs(at_start) > fabs(defect[k]))
+            defect[k] = at_start;
+    }
+}
+
+/* By how much the controller's answer to a correction undoes or repeats the correction. */
+static double contraction_of(const Loop *l)
+{
+    const double share = l->takes_law ? RAMP_SHARE : HOLD_SHARE;
+    double size = 0.0, rest = 0.0;
+    for (int64_t k = 0; k < l->controller.m; k++) {
+        const double first = l->first.at[k], left = l->defect.at[k] - (1 - share) * first;
+        size += first * first;
+        rest += left * left;
+    }
+    return size > 0 ? sqrt(rest) / (share * sqrt(size)) : 0.0;
+}
+
+static int save_both(Loop *l, int use)
+{
+    return save(&l->plant, use) && save(&l->controller.calls, use);
+}
+
+static int restore_both(Loop *l, int use)
+{
+    return restore(&l->plant, use) && restore(&l->controller.calls, use);
+}
+
+static void release_both(Loop *l, int use)
+{
+    release(&l->plant, use);
+    release(&l->controller.calls, use);
+}
+
+/* Move from t to t + h while the set-points go from `before` to `after`. */
+static int step(Loop *l, double t, double h, const double *before, const double *after)
+{
+    const int64_t count = l->outputs.size;
+    signals_of(l, l->outputs.at, l->start.at);
+    TRY(law_of_step(l, t, h, before, after));
+    copy(l->law.at, l->applied.at, l->law.size);
+    if (l->coupling == JACOBI && !l->corrected)
+        copy(l->late.at, l->applied.at, l->controller.m);
+    if (!l->corrected) {
+        TRY(move_both(l, t, h, before, after));
+        find_defect(l, h, l->defect.at);
+        copy(l->reached.at, l->outputs.at, count);
+        return 1;
+    }
+    TRY(save_both(l, CORRECTION));
+    TRY(move_both(l, t, h, before, after));
+    find_defect(l, h, l->first.at);
+    copy(l->reached.at, l->effect.at, count);
+    mend(l, h);
+    TRY(restore_both(l, CORRECTION));
+    TRY(move_both(l, t, h, before, after));
+    release_both(l, CORRECTION);
+    find_defect(l, h, l->defect.at);
+    copy(l->reached.at, l->outputs.at, count);
+    for (int64_t k = 0; k < count; k++)
+        l->effect.at[k] = fabs(l->outputs.at[k] - l->effect.at[k]);
+    l->contraction = contraction_of(l);
+    return 1;
+}
+
+/* As `step`; lets go of states that a failed step had saved. */
+static int stepped(Loop *l, double t, double h, const double *before, const double *after)
+{
+    if (step(l, t, h, before, after))
+        return 1;
+    release_both(l, CORRECTION);
+    release_both(l, PROBE);
+    return 0;
+}
+
+/* Keep everything that is needed to `take_back` later steps; `drop` it in the end. */
+static int keep(Loop *l)
+{
+    TRY(save_both(l, CHECKPOINT));
+    copy(l->outputs.at, l->kept_outputs.at, l->outputs.size);
+    copy(l->late.at, l->kept_late.at, l->late.size);
+    copy(l->following.at, l->kept_following.at, l->following.size);
+    l->kept_has_following = l->has_following;
+    return 1;
+}
+
+static void drop(Loop *l) { release_both(l, CHECKPOINT); }
+
+/* Go back to where `keep` was called, and drop what it kept. */
+static int take_back(Loop *l)
+{
+    l->plant.status = l->controller.calls.status = 0;
+    copy(l->kept_outputs.at, l->outputs.at, l->outputs.size);
+    copy(l->kept_late.at, l->late.at, l->late.size);
+    copy(l->kept_following.at, l->following.at, l->following.size);
+    l->has_following = l->kept_has_following;
+    TRY(restore_both(l, CHECKPOINT));
+    drop(l);
+    return 1;
+}

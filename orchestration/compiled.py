@@ -1,0 +1,220 @@
+"""The master's compiled part: its records and its functions, see ``c/``."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..solver.core import SUFFIX, at
+from .fmi_calls import CALLS, CallFailed
+from .structs import VECTOR, Struct
+
+Vector = npt.NDArray[np.float64]
+
+JACOBI, GAUSS_SEIDEL, TANGENT = range(3)
+DIRECT, STEPPED, SAMPLED = range(3)
+USES = 3  # what states are saved for
+RAMP_SHARE = 2 / 3  # of a defect, that a ramp makes up for
+RUNAWAY = 1e4  # times an output's nominal value
+LEAST_SHARE = 1e-3  # of the error that is allowed in all, to any one step
+GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, RUNS_AWAY, CALL_FAILED, NO_MEMORY = range(7)
+
+CONTROLLER = np.dtype(
+    [
+        # inputs: n signals, references; outputs: m commands, then gains and rates if it reports
+        ("calls", CALLS),
+        ("m", np.int64),
+        ("n", np.int64),
+        ("answer", np.int64),
+        ("reports", np.int64),
+        ("saves", np.int64),
+        ("nominal", VECTOR),  # of the signals
+        ("ahead", VECTOR),  # commands after a step that cannot be taken back,
+        ("is_ahead", np.int64),  # if it has done one
+        ("moved", VECTOR),  # room for n signals,
+        ("answered", VECTOR),  # and for m commands
+    ]
+)
+"""A controller behind one question: what would you command at these signals?"""
+
+LOOP = np.dtype(
+    [
+        # inputs: m commands, then gains, references, rates if it takes a law; outputs: all
+        ("plant", CALLS),
+        ("takes_law", np.int64),
+        ("signals", VECTOR),  # which outputs the controller measures
+        ("controller", CONTROLLER),
+        ("coupling", np.int64),
+        ("corrected", np.int64),
+        ("averaged", np.int64),
+        # what goes from step to step: outputs, last commands, and the law at the end of the last
+        # step, which is where the next begins
+        ("outputs", VECTOR),
+        ("late", VECTOR),
+        ("following", VECTOR),
+        ("has_following", np.int64),
+        # the same, kept to come back to
+        ("kept_outputs", VECTOR),
+        ("kept_late", VECTOR),
+        ("kept_following", VECTOR),
+        ("kept_has_following", np.int64),
+        # what the last step did: interface defect as accepted; how far the correction moved each
+        # output; share of the defect that was left, small if correcting converges fast, one or more
+        # if the step is too long for it, NaN if nothing was corrected
+        ("defect", VECTOR),
+        ("effect", VECTOR),
+        ("contraction", float),
+        # room for one step
+        ("start", VECTOR),
+        ("end", VECTOR),
+        ("mean", VECTOR),
+        ("goal", VECTOR),
+        ("law", VECTOR),
+        ("applied", VECTOR),
+        ("stepped", VECTOR),
+        ("reached", VECTOR),
+        ("command", VECTOR),
+        ("first", VECTOR),
+    ]
+)
+"""A plant and a controller that move together; made by `coupling.Loop`."""
+
+
+PAIR = np.dtype(
+    [
+        ("loop", LOOP),
+        ("parts", np.int64),  # into how many a companion divides each step; 0 if it is not there
+        ("recorded", VECTOR),  # outputs at the end of each step, row by row
+        ("rows", np.int64),
+        ("failed", float),  # time of the step in which a companion failed [s], NaN before
+    ]
+)
+"""A loop with what it records."""
+
+COURSE = np.dtype(
+    [
+        ("times", VECTOR),
+        ("references", VECTOR),
+        ("commands", VECTOR),  # row by row
+        ("nominal", VECTOR),  # of each output, and its range so far
+        ("low", VECTOR),
+        ("high", VECTOR),
+        ("defect", VECTOR),  # largest of each command,
+        ("effect_rate", VECTOR),  # and of its effect on each output, per second
+        ("accuracy", float),  # share of an output's range that may be wrong in the end
+        ("contraction", float),  # sums of contraction by weight and of weight
+        ("contraction_weight", float),
+        ("apart", VECTOR),  # run and companion after the last step
+        # the reference: its points, and how many inputs it goes to; room for two set-points
+        ("goal_times", VECTOR),
+        ("goal_values", VECTOR),
+        ("before", VECTOR),
+        ("after", VECTOR),
+    ]
+)
+"""The run as it is recorded, what is measured along it, and what it is to follow."""
+
+
+CLOCK = np.dtype(
+    [
+        ("tick", float),  # unit of time [s]
+        ("stop", float),  # end [s]
+        ("last", np.int64),  # ticks of the run
+        ("longest", np.int64),  # ticks of the longest step
+        ("adaptive", np.int64),
+        ("count", np.int64),  # ticks gone
+        ("stride", np.int64),  # ticks of the step to come
+        ("shortest_used", float),  # [s]
+        ("longest_used", float),  # [s]
+    ]
+)
+"""Where a run stands."""
+
+
+SIDE = np.dtype([("calls", CALLS), ("frames", CALLS), ("states", np.int64)])
+"""An FMU with tangents, see ``c/joint_step.c``."""
+
+ASKED_LAW = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p, ct.c_void_p)
+ASKED_ADVANCE = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p)
+ASKED_TANGENTS = ct.CFUNCTYPE(ct.c_int, ct.c_void_p)
+ASKED_RESTORED = ct.CFUNCTYPE(ct.c_int)
+
+JOINT = np.dtype(
+    [
+        ("plant", SIDE),
+        ("controller", SIDE),
+        # addresses of functions that answer for a controller without tangents
+        *((name, np.intp) for name in ("law_asked", "advance_asked", "tangents_asked")),
+        ("restored_asked", np.intp),
+        ("m", np.int64),
+        ("n", np.int64),
+        ("count", np.int64),
+        *(
+            (name, VECTOR)
+            for name in (
+                *("reference", "start", "end", "middle", "law", "mended", "ramped", "applied"),
+                *("plain", "plain_logs", "frame", "logs"),
+            )
+        ),
+    ]
+)
+"""A plant and a controller with their tangents, for one corrected step."""
+
+_At, _Number, _Whole = ct.c_void_p, ct.c_double, ct.c_int
+_SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "clock_now": (_At,),
+    "clock_step_to_come": (_At,),
+    "clock_accept": (_At,),
+    "clock_adapt": (_At, _Number),
+    "master_march": (_At, _At, _At, _At, _At, ct.c_int64),
+    "master_read_outputs": (_At, _At),
+    "master_command": (_At, _Number, _Number, _At, _Whole, _At),
+    "master_set_inputs": (_At, _At, _At),
+    "master_read_commands": (_At, _At),
+    "master_command_at": (_At, _At, _At, _At),
+    "master_probe_gains": (_At, _Number, _Number, _At, _At, _At),
+    "master_law_at": (_At, _Number, _Number, _At, _At, _Whole, _At),
+    "master_advance": (_At, _Number, _Number, _At, _At),
+    "joint_start": (_At,),
+    "joint_step": (_At, _Number, _Number),
+    "joint_restore": (_At,),
+    "joint_release": (_At,),
+}
+_NUMBERS = ("clock_now", "clock_step_to_come")
+_NOTHING = ("clock_accept", "clock_adapt", "joint_release")
+
+
+@cache
+def library() -> Any:
+    """The compiled functions, loaded once; other threads run while they do."""
+    loaded = ct.CDLL(str(Path(__file__).parent / "c" / f"libmaster{SUFFIX}"))
+    for name, types in _SIGNATURES.items():
+        function = getattr(loaded, name)
+        function.argtypes = types
+        function.restype = _Number if name in _NUMBERS else None if name in _NOTHING else _Whole
+    return loaded
+
+
+def ask(function: str, whom: Struct, *arguments: Vector | float) -> None:
+    """Call one of the functions that ask a participant something.
+
+    Parameters
+    ----------
+    function : str
+        Name without ``master_``.
+    whom : Struct
+    arguments : ndarray or float
+        Arrays are read or written in place.
+
+    Raises
+    ------
+    CallFailed
+    """
+    given = (at(a) if isinstance(a, np.ndarray) else a for a in arguments)
+    if not getattr(library(), f"master_{function}")(whom.address, *given):
+        raise CallFailed

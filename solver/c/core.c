@@ -1,0 +1,77 @@
+/* The compiled core, one library: what `core.py` calls.
+ *
+ * Everything else stays hidden, so that two versions of it, or a host with functions of the same
+ * names, can be in one process. */
+#ifdef _WIN32
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+#include "explicit.c"
+#include "propagation.c"
+#include "stepper.c"
+#include "tangents.c"
+#include "tape.c"
+
+API void core_play_tapes(System *s, const Equations *equations) { play_tapes(s, equations); }
+
+API void core_lay_work(Work *work, int n, int events, double *memory)
+{
+    lay_work(work, n, events, memory);
+}
+
+API int core_settle(const System *s, double t, double *x, double *u, const double *p, Work *work,
+                    Info *info)
+{
+    return settle(s, t, x, u, p, work, info);
+}
+
+API int core_integrate(const System *s, double t0, double t1, double *x, double *u,
+                       const double *p, const double *atol, double rtol, Work *work, Info *info,
+                       int max_steps)
+{
+    return integrate(s, t0, t1, x, u, p, atol, rtol, work, info, max_steps, NULL);
+}
+
+/* States and outputs, rows of `states` and `outputs`, over a grid of times, of which the first state
+ * is given; returns the rows that were reached.
+ *
+ * `within` and `after`, if they are there, are what the first `given` of u are before each row and
+ * at it, rows of them. Times may occur twice. */
+API int core_trajectory(const System *s, const double *times, int rows, double *states,
+                        double *outputs, int output_count, const double *within,
+                        const double *after, int given, double *u, const double *p,
+                        const double *atol, double rtol, Work *work, Info *info, int max_steps)
+{
+    const int n = s->states;
+    const size_t size = (size_t)n * sizeof *states, taken = (size_t)given * sizeof *u;
+    for (int row = 0; row < rows; row++) {
+        double *const x = states + (size_t)row * n;
+        if (row > 0) {
+            memcpy(x, x - n, size);
+            if (given)
+                memcpy(u, within + (size_t)row * given, taken);
+            if (times[row] > times[row - 1]) {
+                info->status = integrate(s, times[row - 1], times[row], x, u, p, atol, rtol,
+                                         work, info, max_steps, NULL);
+                if (info->status != DONE)
+                    return row;
+            }
+        }
+        if (given)
+            memcpy(u, after + (size_t)row * given, taken);
+        s->out(s, times[row], x, u, p, outputs + (size_t)row * output_count);
+    }
+    return rows;
+}
+
+API int core_spectrum(const System *s, const Walk *walk, int explicitly, Info *info)
+{
+    return explicitly ? explicit_spectrum(s, walk, info) : spectrum(s, walk, info);
+}
+
+API int core_returns(const System *s, const Crossings *crossings, int explicitly, Info *info)
+{
+    return returns(s, crossings, explicitly, info);
+}

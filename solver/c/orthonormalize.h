@@ -1,0 +1,65 @@
+/* Tangent vectors, a row each, made orthonormal in their order. */
+#ifndef ORTHONORMALIZE_H
+#define ORTHONORMALIZE_H
+
+#include "system.h"
+
+#define COLLAPSED 1e-13 /* share of a tangent's length below which its own direction is gone */
+
+/* Take the directions of the rows before it from row j; the square of what is left of it. */
+static double free_of_others(double *frame, int j, int n)
+{
+    double *const own = frame + j * n;
+    for (int k = 0; k < j; k++) {
+        const double *const other = frame + k * n;
+        double dot = 0.0;
+        for (int i = 0; i < n; i++)
+            dot += other[i] * own[i];
+        for (int i = 0; i < n; i++)
+            own[i] -= dot * other[i];
+    }
+    double square = 0.0;
+    for (int i = 0; i < n; i++)
+        square += own[i] * own[i];
+    return square;
+}
+
+/* Orthonormalize the rows of `frame` in order and add the logarithms of what is left of them. A row
+ * that had no direction of its own left gets some other one, and minus infinity. Returns the
+ * difference between the largest and the smallest of the logarithms [nats]; collapsed rows do not
+ * count. */
+static double orthonormalize(double *frame, int count, int n, double *logs)
+{
+    double low = HUGE_VAL, high = -HUGE_VAL;
+    for (int j = 0; j < count; j++) {
+        double *const own = frame + j * n;
+        double before = 0.0, length = 0.0;
+        for (int i = 0; i < n; i++)
+            before += own[i] * own[i];
+        double square = free_of_others(frame, j, n);
+        if (square > COLLAPSED * COLLAPSED * before) {
+            length = sqrt(square);
+            const double growth = log(length);
+            logs[j] += growth;
+            low = smaller(low, growth);
+            high = larger(high, growth);
+        } else {
+            logs[j] = -HUGE_VAL;
+            for (int axis = 0; axis < n; axis++) { /* some direction that the rows before leave */
+                for (int i = 0; i < n; i++)
+                    own[i] = i == axis ? 1.0 : 0.0;
+                free_of_others(frame, j, n);
+                square = free_of_others(frame, j, n); /* the second time for round-off */
+                if (square > 0.5 / n) {
+                    length = sqrt(square);
+                    break;
+                }
+            }
+        }
+        for (int i = 0; i < n; i++)
+            own[i] /= length;
+    }
+    return high >= low ? high - low : 0.0;
+}
+
+#endif

@@ -1,0 +1,420 @@
+#include "stepper.h"
+
+#include <string.h>
+
+#include "factorize.h"
+
+#define GAMMA 0.21193756319429014
+#define FEW 6    /* states, whose matrices hardly have zeros to look for */
+#define INSIDE 4 /* parts of a step at whose ends a crossing is looked for */
+#define A6 -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, \
+           0.030198172008377946
+
+static const double A[STAGES][STAGES] = {
+    {0.0},
+    {3.0},
+    {2.849394379747939, 0.45842242204463923},
+    {-6.954028509809101, 2.489845061869568, -10.358996098473584},
+    {2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641},
+    {A6},
+    {A6, 1.0},
+    {A6, 1.0, 1.0},
+};
+static const double C[STAGES][STAGES] = {
+    {0.0},
+    {-14.155112264123755},
+    {-17.97296035885952, -2.859693295451294},
+    {147.12150275711716, -1.41221402718213, 71.68940251302358},
+    {165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306},
+    {24.854864614690072, -3.0009227002832186, 47.4931110020768, 5.5814197821558125,
+     -0.6610691825249471},
+    {30.91273214028599, -3.1208243349937974, 77.79954646070892, 34.28646028294783,
+     -19.097331116725623, -28.087943162872662},
+    {37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047,
+     -40.06618937091002, -54.66780262877968, -9.48861652309627},
+};
+static const double NODES[STAGES] = {
+    0.0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664,
+    1.0, 1.0, 1.0,
+};
+/* weights of the partial derivative by time */
+static const double BY_TIME[STAGES] = {
+    GAMMA, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734, 2.325825639765069,
+    0.0, 0.0, 0.0,
+};
+
+static void lay_work(Work *work, int n, int events, double *memory)
+{
+    double *next = memory;
+    work->jacobian = next;
+    work->w = next += n * n;
+    work->k = next += n * n;
+    work->stage = next += STAGES * n;
+    work->slope = next += n;
+    work->by_time = next += n;
+    work->alone = next += n;
+    work->end = next += n;
+    work->first = next += n;
+    work->middle = next += n;
+    work->g = next += n;
+    work->before = next += events;
+    work->pivots = (int32_t *)(next += events);
+    work->ends = work->pivots + n;
+    work->fired = work->ends + 2 * n;
+    work->found = -1;
+    work->note = NULL;
+}
+
+/* As `attempt`, for n states. */
+INLINED double attempt_of(const System *s, double t, double h, const double *x, const double *u,
+                          const double *p, const double *atol, double rtol, Work *work, const int n)
+{
+    int32_t *const ends = n > FEW ? work->ends : NULL;
+    const double diagonal = 1.0 / (GAMMA * h);
+    double *const stage = work->stage;
+    for (int i = 0; i < n * n; i++)
+        work->w[i] = -work->jacobian[i];
+    for (int i = 0; i < n; i++)
+        work->w[i * n + i] += diagonal;
+    if (!factorize(work->w, work->pivots, ends, n))
+        return HUGE_VAL;
+    for (int r = 0; r < STAGES; r++) {
+        double *const now = work->k + r * n;
+        memcpy(stage, x, (size_t)n * sizeof *x);
+        for (int j = 0; j < r; j++) {
+            const double weight = A[r][j];
+            const double *const k = work->k + j * n;
+            for (int i = 0; i < n; i++)
+                stage[i] += weight * k[i];
+        }
+        s->rhs(s, t + NODES[r] * h, stage, u, p, work->slope);
+        for (int i = 0; i < n; i++)
+            now[i] = work->slope[i] + h * BY_TIME[r] * work->by_time[i];
+        for (int j = 0; j < r; j++) {
+            const double weight = C[r][j] / h;
+            const double *const k = work->k + j * n;
+            for (int i = 0; i < n; i++)
+                now[i] += weight * k[i];
+        }
+        memcpy(work->slope, now, (size_t)n * sizeof *now);
+        solve_factorized(work->w, work->pivots, ends, n, now);
+        for (int i = 0; i < n; i++) {
+            if (work->alone[i] > 0.0)
+                now[i] = work->slope[i] * GAMMA * h;
+        }
+    }
+    const double *const last = work->k + (STAGES - 1) * n;
+    double total = 0.0;
+    for (int i = 0; i < n; i++) {
+        stage[i] += last[i];
+        const double scale = atol[i] + rtol * larger(fabs(x[i]), fabs(stage[i]));
+        const double share = last[i] / scale;
+        total += share * share;
+    }
+    return sqrt(total / (n > 0 ? n : 1));
+}
+
+/* One step from x, with the Jacobian in `work`; the new state goes to work->stage. Returns the error
+ * estimate in units of the tolerance, infinity where there is no step. */
+static double attempt(const System *s, double t, double h, const double *x, const double *u,
+                      const double *p, const double *atol, double rtol, Work *work)
+{
+    switch (s->states) {
+    case 1: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 1);
+    case 2: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 2);
+    case 3: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 3);
+    case 4: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 4);
+    case 5: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 5);
+    case 6: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 6);
+    default: return attempt_of(s, t, h, x, u, p, atol, rtol, work, s->states);
+    }
+}
+
+/* Note what an event does to tangents, and let it happen.
+ *
+ * The first event since the note was cleared decides when all that follow at once happen. A tangent
+ * d becomes (a + (f - b) w) d, with f the state's rate after the last: the saltation matrix (e.g.
+ * R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer
+ * 2004, Section 7). */
+static void note_event(const System *s, double t, const double *x, const double *u, const double *p,
+                       int k, Note *note)
+{
+    const int n = s->states;
+    memset(note->gradient, 0, (size_t)n * sizeof(double));
+    memset(note->by_time, 0, (size_t)n * sizeof(double));
+    memset(note->reset, 0, (size_t)(n * n) * sizeof(double));
+    double rate = s->slopes(s, t, x, u, p, k, note->gradient, note->reset, note->by_time);
+    if (!note->any) {
+        note->any = 1;
+        s->rhs(s, t, x, u, p, note->b);
+        for (int i = 0; i < n; i++)
+            rate += note->gradient[i] * note->b[i];
+        for (int i = 0; i < n; i++) {
+            note->w[i] = note->gradient[i] / rate;
+            for (int j = 0; j < n; j++)
+                note->a[i * n + j] = i == j ? 1.0 : 0.0;
+        }
+    }
+    for (int i = 0; i < n; i++) {
+        double moved = note->by_time[i];
+        for (int j = 0; j < n; j++)
+            moved += note->reset[i * n + j] * note->b[j];
+        note->gradient[i] = moved;
+        for (int j = 0; j < n; j++) {
+            double total = 0.0;
+            for (int l = 0; l < n; l++)
+                total += note->reset[i * n + l] * note->a[l * n + j];
+            note->product[i * n + j] = total;
+        }
+    }
+    memcpy(note->b, note->gradient, (size_t)n * sizeof(double));
+    memcpy(note->a, note->product, (size_t)(n * n) * sizeof(double));
+}
+
+static void react_to(const System *s, double t, double *x, double *u, const double *p, int k,
+                     Work *work, Info *info)
+{
+    if (work->note)
+        note_event(s, t, x, u, p, k, work->note);
+    s->react(s, t, x, u, p, k);
+    info->events += 1.0;
+}
+
+/* Let every event happen that is due at this instant; DONE or CHATTER. */
+static int settle(const System *s, double t, double *x, double *u, const double *p, Work *work,
+           Info *info)
+{
+    const int events = s->events;
+    if (events == 0)
+        return DONE;
+    memset(work->fired, 0, (size_t)events * sizeof *work->fired);
+    for (int round = 0; round < MOST_AT_ONCE; round++) {
+        int due = -1;
+        s->indicate(s, t, x, u, p, work->g);
+        for (int k = 0; k < events && due < 0; k++) {
+            const int what = s->kind(s, u, k);
+            if (work->g[k] > 0.0 && what != EITHER && !(what == RESETS && work->fired[k]))
+                due = k;
+        }
+        if (due < 0)
+            return DONE;
+        if (s->kind(s, u, due) == RESETS)
+            work->fired[due] = 1;
+        else
+            memset(work->fired, 0, (size_t)events * sizeof *work->fired);
+        react_to(s, t, x, u, p, due, work, info);
+    }
+    info->reached = t;
+    return CHATTER;
+}
+
+/* The event whose indicator is furthest past zero and was not before; -1 if there is none. */
+static int due_at(const System *s, double t, const double *x, const double *u, const double *p,
+                  Work *work)
+{
+    double best = 0.0;
+    int found = -1;
+    s->indicate(s, t, x, u, p, work->g);
+    for (int k = 0; k < s->events; k++) {
+        const int what = s->kind(s, u, k);
+        double past = what == EITHER ? -work->g[k] * work->before[k] : work->g[k];
+        if (what != EITHER && work->before[k] > 0.0)
+            past = 0.0;
+        if (past > best) {
+            best = past;
+            found = k;
+        }
+    }
+    return found;
+}
+
+static void look_before(const System *s, double t, const double *x, const double *u, const double *p,
+                 double *before)
+{
+    s->indicate(s, t, x, u, p, before);
+    for (int k = 0; k < s->events; k++) {
+        if (s->kind(s, u, k) == EITHER)
+            before[k] = before[k] > 0.0 ? 1.0 : (before[k] < 0.0 ? -1.0 : 0.0);
+    }
+}
+
+/* Length of the part of a step that ends at its first event, h if there is none; the state at its
+ * end goes to work->stage. An event that changes the mode, or that watches either way, happens just
+ * after the crossing; one that only resets the state just before it, so that the reset finds its
+ * indicator on the side it came from. */
+static double locate(const System *s, double t, double h, const double *x, const double *u,
+                     const double *p, const double *atol, double rtol, Work *work)
+{
+    const int n = s->states;
+    const size_t size = (size_t)n * sizeof(double);
+    look_before(s, t, x, u, p, work->before);
+    /* Hermite's cubic through both ends shows crossings that come and go within the step. */
+    memcpy(work->end, work->stage, size);
+    s->rhs(s, t, x, u, p, work->first);
+    s->rhs(s, t + h, work->end, u, p, work->slope);
+    double high = -1.0;
+    for (int part = 1; part < INSIDE; part++) {
+        const double q = (double)part / INSIDE;
+        for (int i = 0; i < n; i++) {
+            work->middle[i] = (1.0 + 2.0 * q) * ((1.0 - q) * (1.0 - q)) * x[i] +
+                              q * ((1.0 - q) * (1.0 - q)) * h * work->first[i] +
+                              q * q * (3.0 - 2.0 * q) * work->end[i] +
+                              q * q * (q - 1.0) * h * work->slope[i];
+        }
+        if (due_at(s, t + q * h, work->middle, u, p, work) >= 0) {
+            attempt(s, t, q * h, x, u, p, atol, rtol, work);
+            if (due_at(s, t + q * h, work->stage, u, p, work) >= 0) {
+                high = q * h;
+                break;
+            }
+            s->rhs(s, t + h, work->end, u, p, work->slope); /* the attempt has overwritten it */
+        }
+    }
+    if (high < 0.0) {
+        if (due_at(s, t + h, work->end, u, p, work) < 0) {
+            memcpy(work->stage, work->end, size);
+            work->found = -1;
+            return h;
+        }
+        high = h;
+    }
+    double low = 0.0;
+    while (high - low > 2.3e-16 * larger(fabs(t), high)) {
+        const double half = 0.5 * (low + high);
+        if (!(low < half && half < high))
+            break;
+        attempt(s, t, half, x, u, p, atol, rtol, work);
+        if (due_at(s, t + half, work->stage, u, p, work) >= 0)
+            high = half;
+        else
+            low = half;
+    }
+    attempt(s, t, high, x, u, p, atol, rtol, work);
+    work->found = due_at(s, t + high, work->stage, u, p, work);
+    if (work->found >= 0 && s->kind(s, u, work->found) == RESETS) {
+        high = low;
+        if (low > 0.0)
+            attempt(s, t, low, x, u, p, atol, rtol, work);
+        else
+            memcpy(work->stage, x, size);
+    }
+    return high;
+}
+
+/* A state that depends on none, such as one held at rest, is free of the others' round-off. */
+static void find_alone(int n, Work *work)
+{
+    for (int i = 0; i < n; i++) {
+        work->alone[i] = 1.0;
+        for (int j = 0; j < n; j++) {
+            if (work->jacobian[i * n + j] != 0.0)
+                work->alone[i] = 0.0;
+        }
+    }
+}
+
+/* Advance dx/dt = f(t, x, u, p) from t0 to t1 with u and p held, in place; less far if a watcher
+ * says so. At most max_steps steps are taken, accepted or rejected. */
+static int integrate(const System *s, double t0, double t1, double *x, double *u, const double *p,
+              const double *atol, double rtol, Work *work, Info *info, int max_steps,
+              const Watcher *watcher)
+{
+    const int n = s->states;
+    if (s->events > 0 && settle(s, t0, x, u, p, work, info) != DONE)
+        return CHATTER;
+    info->reached = t1;
+    const double span = t1 - t0;
+    if (span == 0.0)
+        return DONE;
+    if (n == 0) {
+        if (watcher)
+            watcher->end(watcher->owner, t1, t1);
+        return DONE;
+    }
+    double h = info->next_step;
+    if (!(h > 0.0) || h > span)
+        h = span;
+    const double smallest = 1e-13 * larger(larger(fabs(t0), fabs(t1)), span);
+    double t = t0;
+    double last_error = info->last_error > 0.0 ? info->last_error : 1e-4;
+    info->last_error = 0.0;
+    int fresh = 1; /* the Jacobian belongs to the present point */
+    int rejected_before = 0;
+    int still = 0; /* events since time last moved on */
+    for (int count = 0; count < max_steps; count++) {
+        const double remaining = t1 - t;
+        if (h < smallest && h < remaining) {
+            info->next_step = h;
+            info->reached = t;
+            return STEP_TOO_SMALL;
+        }
+        /* A last step of a sliver would cost as much as a whole one: stretch or halve instead. */
+        int final = 0;
+        const double planned = h;
+        if (h >= remaining * 0.99999) {
+            h = remaining;
+            final = 1;
+        } else if (h > 0.6 * remaining) {
+            h = 0.5 * remaining;
+        }
+        if (fresh) {
+            s->jac(s, t, x, u, p, work->jacobian, work->by_time);
+            fresh = 0;
+            find_alone(n, work);
+        }
+        double error = attempt(s, t, h, x, u, p, atol, rtol, work);
+        if (error <= 1.0) { /* false for NaN, too */
+            double taken = h;
+            work->found = -1;
+            if (s->events > 0)
+                taken = locate(s, t, h, x, u, p, atol, rtol, work);
+            memcpy(x, work->stage, (size_t)n * sizeof *x);
+            info->accepted += 1.0;
+            fresh = 1;
+            if (work->found >= 0) {
+                const double before = t;
+                t = final && taken == h ? t1 : t + taken;
+                still = t > before ? 0 : still + 1;
+                react_to(s, t, x, u, p, work->found, work, info);
+                if (still > MOST_AT_ONCE || settle(s, t, x, u, p, work, info) != DONE) {
+                    info->reached = t;
+                    return CHATTER;
+                }
+                h = planned;
+                last_error = 1e-4;
+                rejected_before = 0;
+                if (watcher)
+                    info->reached = t1 = watcher->end(watcher->owner, t, t1);
+                if (t >= t1) {
+                    info->next_step = h;
+                    return DONE;
+                }
+                continue;
+            }
+            t = final ? t1 : t + h;
+            error = larger(error, 1e-10);
+            /* proportional-integral control (Gustafsson) keeps rejections rare */
+            double growth = 0.9 * pow(error, -0.17) * pow(last_error, 0.06);
+            growth = smaller(6.0, larger(0.2, growth));
+            if (rejected_before)
+                growth = smaller(growth, 1.0);
+            last_error = larger(error, 1e-4);
+            rejected_before = 0;
+            if (watcher)
+                info->reached = t1 = watcher->end(watcher->owner, t, t1);
+            if (t >= t1) {
+                info->next_step = growth >= 1.0 ? larger(planned, h * growth) : h * growth;
+                return DONE;
+            }
+            h *= growth;
+        } else {
+            info->rejected += 1.0;
+            rejected_before = 1;
+            h *= error < HUGE_VAL ? larger(0.1, 0.9 * pow(error, -0.2)) : 0.1;
+        }
+    }
+    info->next_step = h;
+    info->reached = t;
+    info->last_error = last_error;
+    return TOO_MANY_STEPS;
+}

@@ -1,0 +1,76 @@
+/* The stiff stepper: Rodas5P (G. Steinebach, BIT Numer. Math. 63, 27 (2023)), eight stages, order
+ * five with an embedded fourth-order solution, stiffly accurate, L-stable, one factorization a step,
+ * with the exact Jacobian and partial derivative by time; and the location of events. */
+#ifndef STEPPER_H
+#define STEPPER_H
+
+#include "system.h"
+
+#define STAGES 8
+#define MOST_AT_ONCE 64 /* events at one instant */
+
+enum { DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, RAN_AWAY, STIFF, NO_MEMORY };
+enum { EITHER, CHANGES_MODE, RESETS }; /* kinds of events */
+
+/* What an integration leaves for the next, and what it has counted. */
+typedef struct {
+    double next_step; /* to try first; 0: choose one */
+    double accepted, rejected;
+    double reached; /* time */
+    double events;
+    double status;
+    double last_error; /* kept where a call ends for want of steps */
+} Info;
+
+/* What the events at one instant do to tangents, see `note_event`. */
+typedef struct {
+    int32_t any;
+    double *w;        /* gradient of the first indicator over its rate */
+    double *b;        /* rate of the state before, moved on by the resets */
+    double *a;        /* product of the resets' slopes, n x n */
+    double *gradient; /* scratch: n, n, n x n, n x n */
+    double *by_time;
+    double *reset;
+    double *product;
+} Note;
+
+/* Scratch memory; contents do not matter between calls. Vectors of n, but where it says more. */
+typedef struct {
+    double *jacobian, *w; /* n x n */
+    double *k;            /* a row per stage */
+    double *stage, *slope, *by_time, *alone, *end, *first, *middle;
+    double *g, *before; /* as many as events */
+    int32_t *pivots, *ends, *fired;
+    int32_t found; /* the event that ends a step; -1 if none does */
+    Note *note;    /* null where nobody asks */
+} Work;
+
+/* Who is told of every accepted step: of its time t and of the time t1 where the integration is to
+ * end. The answer is where it shall end, t at the earliest. The states are to be looked at only. */
+typedef struct {
+    double (*end)(void *owner, double t, double t1);
+    void *owner;
+} Watcher;
+
+#define WORK_DOUBLES(n, events) (2 * (n) * (n) + (STAGES + 9) * (n) + 3 * (events) + 2)
+
+/* Lay scratch memory out in an array of WORK_DOUBLES(states, events). */
+static void lay_work(Work *work, int n, int events, double *memory);
+
+static int settle(const System *s, double t, double *x, double *u, const double *p, Work *work,
+           Info *info);
+
+/* Keep the indicators' signs at the start of a step. */
+static void look_before(const System *s, double t, const double *x, const double *u, const double *p,
+                 double *before);
+
+/* As `integrate` and its twin of the explicit pair, without a watcher. */
+typedef int (*Integrator)(const System *s, double t0, double t1, double *x, double *u,
+                          const double *p, const double *atol, double rtol, void *work, Info *info,
+                          int max_steps);
+
+static int integrate(const System *s, double t0, double t1, double *x, double *u, const double *p,
+              const double *atol, double rtol, Work *work, Info *info, int max_steps,
+              const Watcher *watcher);
+
+#endif

@@ -1,0 +1,61 @@
+/* One system of equations dx/dt = f(t, x, u, p) with events, as the solvers see it. */
+#ifndef SYSTEM_H
+#define SYSTEM_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+typedef struct System System;
+
+/* Sizes, and the functions that are generated for a component. All vectors are owned by the caller.
+ *
+ * x: states. u: held inputs, discrete states, and the mode, which events change. p: parameters.
+ * A mode's event indicators g are positive where an event is due. */
+struct System {
+    int32_t states;
+    int32_t held;   /* length of u */
+    int32_t events; /* of the mode that has most */
+    const void *equations;  /* for those functions that need more than their arguments */
+    void (*rhs)(const System *s, double t, const double *x, const double *u, const double *p,
+                double *dx);
+    /* J by x, row by row, and ft by t */
+    void (*jac)(const System *s, double t, const double *x, const double *u, const double *p,
+                double *J, double *ft);
+    void (*out)(const System *s, double t, const double *x, const double *u, const double *p,
+                double *y);
+    void (*sample)(const System *s, double t, const double *x, const double *u, const double *p,
+                   double *d);
+    void (*indicate)(const System *s, double t, const double *x, const double *u, const double *p,
+                     double *g);
+    /* how far each indicator moves where states and inputs move by their nominals, time by 1 s */
+    void (*spread)(const System *s, double t, const double *x, const double *u, const double *p,
+                   double *g);
+    int (*kind)(const System *s, const double *u, int k);
+    void (*react)(const System *s, double t, double *x, double *u, const double *p, int k);
+    /* gradient of an indicator, slopes of its reset by x and by t; returns the indicator's by t */
+    double (*slopes)(const System *s, double t, const double *x, const double *u, const double *p,
+                     int k, double *gradient, double *R, double *Rt);
+};
+
+/* The number of states is a constant to the compiler where it is small: short loops unroll. */
+#if defined(__GNUC__)
+#define INLINED static inline __attribute__((always_inline))
+#else
+#define INLINED static inline
+#endif
+
+/* As max(a, b) and min(a, b) of Python, also where one of them is not a number. */
+static inline double larger(double a, double b) { return b > a ? b : a; }
+static inline double smaller(double a, double b) { return b < a ? b : a; }
+
+/* As a % b of Python: with the sign of b. */
+static inline double modulo(double a, double b)
+{
+    const double rest = fmod(a, b);
+    if (rest == 0.0)
+        return copysign(0.0, b);
+    return (rest < 0.0) != (b < 0.0) ? rest + b : rest;
+}
+
+#endif

@@ -1,0 +1,429 @@
+#include "tangents.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "explicit.h"
+#include "factorize.h"
+#include "propagation.h"
+
+/* Two rules' integrals of the Jacobian over a step may differ by DOUBT * rtol**ORDER, over the
+ * states' magnitudes [nats]: both are of order four where the stepper is of order five. */
+#define DOUBT 1.0
+#define ORDER 0.45
+#define STILL 1e-10    /* share of the Jacobian by which it may change in a step and be constant */
+#define SHORTEST 1e-14 /* step over time at which it is left at that */
+#define ROOT_3 1.7320508075688772
+#define GAUSS (0.5 - ROOT_3 / 6.0)
+#define HEAVY ((3.0 + 2.0 * ROOT_3) / 12.0)
+#define LIGHT ((3.0 - 2.0 * ROOT_3) / 12.0)
+
+/* One accepted step of the stepper, and scratch memory for what tangents do in it. */
+typedef struct {
+    double *first, *last, *slope0, *slope1; /* states at both ends, and their rates */
+    double *by_time, *at, *logs, *changes;
+    double *j1, *j2, *omega, *mean; /* n x n */
+    double *radau;                  /* 3 x n x n */
+    double *slow;                   /* count x n */
+    Propagation propagation;
+    double rate; /* nats per second between first and last tangent */
+} Step;
+
+#define STEP_DOUBLES(n) (8 * (n) * (n) + 8 * (n) + PROPAGATION_DOUBLES(n))
+#define NOTE_DOUBLES(n) (3 * (n) * (n) + 4 * (n))
+
+static void lay_step(Step *step, int n, double *memory)
+{
+    double *next = memory;
+    step->first = next;
+    step->last = next += n;
+    step->slope0 = next += n;
+    step->slope1 = next += n;
+    step->by_time = next += n;
+    step->at = next += n;
+    step->logs = next += n;
+    step->changes = next += n;
+    step->j1 = next += n;
+    step->j2 = next += n * n;
+    step->omega = next += n * n;
+    step->mean = next += n * n;
+    step->radau = next += n * n;
+    step->slow = next += 3 * n * n;
+    lay_propagation(&step->propagation, n, next + n * n);
+    step->rate = 0.0;
+}
+
+static void lay_note(Note *note, int n, double *memory)
+{
+    double *next = memory;
+    note->any = 0;
+    note->w = next;
+    note->b = next += n;
+    note->gradient = next += n;
+    note->by_time = next += n;
+    note->a = next += n;
+    note->reset = next += n * n;
+    note->product = next += n * n;
+}
+
+/* Hermite's cubic through both ends of a step, at the share q of it. */
+static void place(const Step *step, int n, double q, double h)
+{
+    for (int i = 0; i < n; i++) {
+        step->at[i] = (1.0 + 2.0 * q) * ((1.0 - q) * (1.0 - q)) * step->first[i] +
+                      q * ((1.0 - q) * (1.0 - q)) * h * step->slope0[i] +
+                      q * q * (3.0 - 2.0 * q) * step->last[i] +
+                      q * q * (q - 1.0) * h * step->slope1[i];
+    }
+}
+
+/* Logarithm of the size of a matrix' determinant; the matrix is overwritten. */
+static double log_determinant(double *matrix, int32_t *pivots, int n)
+{
+    if (!factorize(matrix, pivots, NULL, n))
+        return -HUGE_VAL;
+    double total = 0.0;
+    for (int i = 0; i < n; i++)
+        total += log(fabs(matrix[i * n + i]));
+    return total;
+}
+
+/* Let the noted events act on the tangents; the logarithm of their matrix' determinant. `timed`:
+ * a state decides when they happen, not an input that has jumped. */
+static double jump(const System *s, double t, const Walk *w, const double *x, double *growth,
+                   const Note *note, int timed, Step *step)
+{
+    const int n = s->states;
+    s->rhs(s, t, x, w->u, w->p, step->at);
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < n; j++) {
+            step->omega[i * n + j] = note->a[i * n + j];
+            if (timed)
+                step->omega[i * n + j] += (step->at[i] - note->b[i]) * note->w[j];
+        }
+    }
+    apply(step->omega, w->frame, w->count, n, step->at);
+    orthonormalize(w->frame, w->count, n, growth);
+    return log_determinant(step->omega, step->propagation.pivots, n);
+}
+
+/* Jacobians over a step from t by h: their mean, and those at Gauss' points. Returns how far two
+ * rules' integrals are apart: the stepper sees what moves the state; tangents may feel more. */
+static double look_at_step(const System *s, const Walk *w, double t, double h, Step *step)
+{
+    const int n = s->states;
+    s->rhs(s, t, step->first, w->u, w->p, step->slope0);
+    s->rhs(s, t + h, step->last, w->u, w->p, step->slope1);
+    /* Simpson's rule for the trace: other points than the propagator's */
+    memset(step->mean, 0, (size_t)(n * n) * sizeof(double));
+    for (int part = 0; part < 3; part++) {
+        const double q = 0.5 * part, weight = (part == 1 ? 4.0 : 1.0) / 6.0;
+        place(step, n, q, h);
+        s->jac(s, t + q * h, step->at, w->u, w->p, step->omega, step->by_time);
+        for (int at = 0; at < n * n; at++)
+            step->mean[at] += weight * step->omega[at];
+    }
+    for (int part = 0; part < 2; part++) {
+        const double q = part == 0 ? GAUSS : 1.0 - GAUSS;
+        place(step, n, q, h);
+        s->jac(s, t + q * h, step->at, w->u, w->p, part == 0 ? step->j1 : step->j2,
+               step->by_time);
+    }
+    double apart = 0.0;
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < n; j++) {
+            const int at = i * n + j;
+            const double gap = step->mean[at] - 0.5 * (step->j1[at] + step->j2[at]);
+            apart = larger(apart, fabs(gap) * h * w->scale[j] / w->scale[i]);
+        }
+    }
+    return apart;
+}
+
+/* How many of the first tangents are to be collocated: where the Jacobian stands still,
+ * exponentials are exact. */
+static int how_many_slow(const Walk *w, int n, double h, Step *step)
+{
+    if (!w->collocating)
+        return 0;
+    double turning = 0.0, largest = 0.0;
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < n; j++) {
+            const double ratio = w->scale[j] / w->scale[i];
+            const int at = i * n + j;
+            turning = larger(turning, fabs(step->j1[at] - step->j2[at]) * ratio);
+            largest = larger(largest, fabs(step->j1[at]) * ratio);
+        }
+    }
+    if (!(turning > STILL * largest))
+        return 0;
+    return slow_ones(step->mean, step->slow, w->count, n, w->scale, h, step->changes);
+}
+
+/* Collocate the leading tangents over the step; the faster ones turn with them, and keep what the
+ * exponential said. */
+static void collocate_leading(const System *s, const Walk *w, double t, double h, int leading,
+                              double *growth, Step *step)
+{
+    const int n = s->states;
+    double widest = 0.0;
+    for (int j = 0; j < leading; j++) {
+        widest = larger(widest, step->changes[j]);
+        growth[j] = step->logs[j];
+    }
+    const int parts = (int)larger(1.0, ceil(widest / SLOW));
+    for (int part = 0; part < parts; part++) {
+        for (int stage = 0; stage < 3; stage++) {
+            const double q = (part + RADAU_NODES[stage]) / parts;
+            place(step, n, q, h);
+            s->jac(s, t + q * h, step->at, w->u, w->p, step->radau + stage * n * n,
+                   step->by_time);
+        }
+        collocate(step->radau, h / parts, step->slow, leading, n, &step->propagation);
+    }
+    memcpy(w->frame, step->slow, (size_t)(leading * n) * sizeof(double));
+    for (int j = leading; j < w->count; j++)
+        step->logs[j] = growth[j];
+    orthonormalize(w->frame, w->count, n, growth);
+    for (int j = leading; j < w->count; j++)
+        growth[j] = step->logs[j];
+}
+
+/* Move the tangents over an accepted step. */
+static void move_tangents(const System *s, const Walk *w, double t, double h, double *growth,
+                          double *trace, Step *step)
+{
+    const int n = s->states;
+    for (int i = 0; i < n; i++)
+        *trace += h * step->mean[i * n + i];
+    memcpy(step->logs, growth, (size_t)w->count * sizeof(double));
+    memcpy(step->slow, w->frame, (size_t)(w->count * n) * sizeof(double));
+    const int leading = how_many_slow(w, n, h, step);
+    if (leading < w->count) {
+        for (int part = 0; part < 2; part++) {
+            const double a = part == 0 ? HEAVY : LIGHT, b = part == 0 ? LIGHT : HEAVY;
+            for (int at = 0; at < n * n; at++)
+                step->omega[at] = h * (a * step->j1[at] + b * step->j2[at]);
+            const double met = push(step->omega, w->frame, w->count, n, growth, w->scale,
+                                    0.75 * step->rate * h, &step->propagation);
+            step->rate = 2.0 * met / h;
+        }
+    }
+    if (leading > 0)
+        collocate_leading(s, w, t, h, leading, growth, step);
+}
+
+static int ran_away(const double *x, const double *bound, int n)
+{
+    for (int i = 0; i < n; i++) {
+        if (!(fabs(x[i]) <= bound[i]))
+            return 1;
+    }
+    return 0;
+}
+
+/* Follow state and tangents over one row of the grid; DONE, or why not. */
+static int follow_row(const System *s, const Walk *w, int row, Work *work, Info *info, Step *step)
+{
+    const int n = s->states;
+    const size_t size = (size_t)n * sizeof(double);
+    const double doubt = DOUBT * pow(w->rtol, ORDER);
+    double *const x = w->states + row * n, *const growth = w->growth + row * w->count;
+    double *const trace = w->trace + row;
+    double *const mode = s->events > 0 ? w->u + s->held - 1 : NULL;
+    Note *const note = work->note;
+    const double goal = w->times[row];
+    double t = w->times[row - 1], until = goal;
+    if (note) {
+        /* events that are due because an input jumped happen now, whatever the state */
+        note->any = 0;
+        if (settle(s, t, x, w->u, w->p, work, info) != DONE)
+            return CHATTER;
+        if (note->any)
+            *trace += jump(s, t, w, x, growth, note, 0, step);
+    }
+    int taken = 0;
+    while (t < goal) {
+        memcpy(step->first, x, size);
+        const double mode_before = mode ? *mode : 0.0;
+        if (note)
+            note->any = 0;
+        const double accepted = info->accepted;
+        const int status =
+            integrate(s, t, until, x, w->u, w->p, w->atol, w->rtol, work, info, 1, NULL);
+        if (status != DONE && status != TOO_MANY_STEPS)
+            return status;
+        if (++taken > w->max_steps)
+            return TOO_MANY_STEPS;
+        if (ran_away(x, w->bound, n))
+            return RAN_AWAY;
+        if (info->accepted == accepted)
+            continue;
+        const double h = info->reached - t;
+        if (h > 0.0) {
+            /* the state before any event, which the stepper's memory still holds */
+            memcpy(step->last, work->stage, size);
+            const double mode_after = mode ? *mode : 0.0;
+            if (mode)
+                *mode = mode_before;
+            const double apart = look_at_step(s, w, t, h, step);
+            if (apart > doubt && h > SHORTEST * larger(fabs(t), fabs(goal))) {
+                memcpy(x, step->first, size);
+                until = t + 0.5 * h;
+                info->next_step = 0.5 * h;
+                continue;
+            }
+            until = goal;
+            move_tangents(s, w, t, h, growth, trace, step);
+            if (mode)
+                *mode = mode_after;
+        }
+        t = info->reached;
+        if (note && note->any)
+            *trace += jump(s, t, w, x, growth, note, 1, step);
+    }
+    return DONE;
+}
+
+/* Follow the first state and its tangents over the grid. Returns the rows that were reached;
+ * info->status says why no more, and info->reached when. */
+static int spectrum(const System *s, const Walk *w, Info *info)
+{
+    const int n = s->states;
+    const size_t work_size = WORK_DOUBLES(n, s->events);
+    double *const memory =
+        malloc((work_size + STEP_DOUBLES(n) + NOTE_DOUBLES(n)) * sizeof(double));
+    if (!memory) {
+        info->status = NO_MEMORY;
+        return 0;
+    }
+    Work work;
+    Step step;
+    Note note;
+    lay_work(&work, n, s->events, memory);
+    lay_step(&step, n, memory + work_size);
+    lay_note(&note, n, memory + work_size + STEP_DOUBLES(n));
+    if (s->events > 0)
+        work.note = &note;
+    int row = 1;
+    info->status = DONE;
+    for (; row < w->rows && info->status == DONE; row++) {
+        memcpy(w->states + row * n, w->states + (row - 1) * n, (size_t)n * sizeof(double));
+        memcpy(w->growth + row * w->count, w->growth + (row - 1) * w->count,
+               (size_t)w->count * sizeof(double));
+        w->trace[row] = w->trace[row - 1];
+        info->status = follow_row(s, w, row, &work, info, &step);
+    }
+    free(memory);
+    return info->status == DONE ? row : row - 1;
+}
+
+#define STRIDES 512 /* parts of a walk within which a motion does not cross a plane twice unseen */
+
+/* The step from `before` by h, done again up to where the plane is crossed: regula falsi with
+ * Illinois' halving. `state` is that at the step's end, and then that at the crossing; the answer is
+ * how far into the step. */
+static double meet(const System *s, const Crossings *c, Integrator walk, void *work, double t,
+                   double h, const double *before, const double *held, const Info *info,
+                   double *state, double *mode)
+{
+    const int n = s->states;
+    double a = 0.0, fa = before[c->coordinate] - c->level;
+    double b = h, fb = state[c->coordinate] - c->level;
+    double q = h;
+    for (int round = 0; round < 60; round++) {
+        if (fabs(state[c->coordinate] - c->level) <= 1e-3 * c->atol[c->coordinate] ||
+            b - a <= 1e-15 * t)
+            break;
+        q = b - fb * (b - a) / (fb - fa);
+        memcpy(state, before, (size_t)n * sizeof(double));
+        memcpy(mode, held, (size_t)s->held * sizeof(double));
+        Info again = *info;
+        again.next_step = 0.0;
+        walk(s, t, t + q, state, mode, c->p, c->atol, c->rtol, work, &again, c->max_steps);
+        const double f = state[c->coordinate] - c->level;
+        if (f < 0.0) {
+            a = q;
+            fa = f;
+            fb *= 0.5;
+        } else {
+            b = q;
+            fb = f;
+            fa *= 0.5;
+        }
+    }
+    return q;
+}
+
+/* Walk from t0 towards t1 until `times` is full of crossings; returns their number. */
+static int cross(const System *s, const Crossings *c, Integrator walk, void *work, Info *info,
+                 double *memory)
+{
+    const int n = s->states;
+    const size_t size = (size_t)n * sizeof(double);
+    double *const before = memory, *const again = before + n, *const held = again + n;
+    double *const mode = held + s->held;
+    const double longest = (c->t1 - c->t0) / STRIDES;
+    double t = c->t0;
+    int found = 0;
+    memcpy(c->low, c->x, size);
+    memcpy(c->high, c->x, size);
+    for (int round = 0; round < c->max_steps && t < c->t1 && found < c->most; round++) {
+        memcpy(before, c->x, size);
+        memcpy(held, c->u, (size_t)s->held * sizeof(double));
+        const int status = walk(s, t, smaller(c->t1, t + longest), c->x, c->u, c->p, c->atol,
+                                c->rtol, work, info, 1);
+        info->status = status;
+        if (status != DONE && status != TOO_MANY_STEPS)
+            return found;
+        if (ran_away(c->x, c->bound, n)) {
+            info->status = RAN_AWAY;
+            return found;
+        }
+        for (int i = 0; i < n; i++) {
+            c->low[i] = smaller(c->low[i], c->x[i]);
+            c->high[i] = larger(c->high[i], c->x[i]);
+        }
+        const double reached = info->reached;
+        if (before[c->coordinate] < c->level && c->level <= c->x[c->coordinate]) {
+            memcpy(again, c->x, size);
+            const double q = meet(s, c, walk, work, t, reached - t, before, held, info, again, mode);
+            c->times[found] = t + q;
+            memcpy(c->states + found * n, again, size);
+            found++;
+        }
+        t = reached;
+    }
+    info->status = DONE;
+    info->reached = t;
+    return found;
+}
+
+static int stiffly(const System *s, double t0, double t1, double *x, double *u, const double *p,
+                   const double *atol, double rtol, void *work, Info *info, int max_steps)
+{
+    return integrate(s, t0, t1, x, u, p, atol, rtol, work, info, max_steps, NULL);
+}
+
+/* Crossings of a plane by the stiff stepper, or explicitly; the latter may end with STIFF. */
+static int returns(const System *s, const Crossings *c, int explicitly, Info *info)
+{
+    const int n = s->states;
+    const size_t own = explicitly ? EXPLICIT_DOUBLES(n) : WORK_DOUBLES(n, s->events);
+    double *const memory =
+        calloc(own + 2 * (size_t)n + 2 * (size_t)s->held, sizeof(double));
+    if (!memory) {
+        info->status = NO_MEMORY;
+        return 0;
+    }
+    Work work;
+    Explicit pair;
+    if (explicitly)
+        lay_explicit(&pair, n, memory);
+    else
+        lay_work(&work, n, s->events, memory);
+    const int found = explicitly ? cross(s, c, explicitly_on, &pair, info, memory + own)
+                                 : cross(s, c, stiffly, &work, info, memory + own);
+    free(memory);
+    return found;
+}

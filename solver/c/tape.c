@@ -1,0 +1,122 @@
+#include "tape.h"
+
+#include <string.h>
+
+static double sign_of(double x) { return x == 0.0 ? 0.0 : copysign(1.0, x); }
+
+/* By number; solver/tape.py has their names in the same order. */
+static double (*const OF_ONE[])(double) = {
+    acos, acosh, asin, asinh, atan, atanh, ceil, cos, cosh, erf, erfc, exp, expm1, fabs, floor,
+    lgamma, log, log10, log1p, log2, sin, sinh, sqrt, tan, tanh, tgamma, sign_of,
+};
+static double (*const OF_TWO[])(double, double) = {atan2, copysign, fmod, hypot, pow};
+
+static double play(const Tape *tape, double t, int event, double *const vectors[VECTORS])
+{
+    double r[MOST_REGISTERS];
+    const Operation *o = tape->operations;
+    r[TIME_REGISTER] = t;
+    r[EVENT_REGISTER] = event;
+    memcpy(r + FIRST_CONSTANT, tape->constants, (size_t)tape->constant_count * sizeof(double));
+    for (;; o++) {
+        switch (o->operation) {
+        case ADD: r[o->to] = r[o->a] + r[o->b]; break;
+        case SUBTRACT: r[o->to] = r[o->a] - r[o->b]; break;
+        case MULTIPLY: r[o->to] = r[o->a] * r[o->b]; break;
+        case DIVIDE: r[o->to] = r[o->a] / r[o->b]; break;
+        case NEGATE: r[o->to] = -r[o->a]; break;
+        case POWER: r[o->to] = pow(r[o->a], r[o->b]); break;
+        case MODULO: r[o->to] = modulo(r[o->a], r[o->b]); break;
+        case LESS: r[o->to] = r[o->a] < r[o->b]; break;
+        case LESS_EQUAL: r[o->to] = r[o->a] <= r[o->b]; break;
+        case EQUAL: r[o->to] = r[o->a] == r[o->b]; break;
+        case NOT_EQUAL: r[o->to] = r[o->a] != r[o->b]; break;
+        case AND: r[o->to] = r[o->a] != 0.0 && r[o->b] != 0.0; break;
+        case OR: r[o->to] = r[o->a] != 0.0 || r[o->b] != 0.0; break;
+        case NOT: r[o->to] = r[o->a] == 0.0; break;
+        case LARGER: r[o->to] = larger(r[o->a], r[o->b]); break;
+        case SMALLER: r[o->to] = smaller(r[o->a], r[o->b]); break;
+        case SELECT: r[o->to] = r[o->c] != 0.0 ? r[o->a] : r[o->b]; break;
+        case CALL_1: r[o->to] = OF_ONE[o->c](r[o->a]); break;
+        case CALL_2: r[o->to] = OF_TWO[o->c](r[o->a], r[o->b]); break;
+        case LOAD: r[o->c] = vectors[o->a][o->b]; break;
+        case STORE: vectors[o->a][o->b] = r[o->c]; break;
+        case JUMP: o = tape->operations + o->a + 65536 * o->b - 1; break;
+        case JUMP_UNLESS:
+            if (r[o->c] == 0.0)
+                o = tape->operations + o->a + 65536 * o->b - 1;
+            break;
+        default: return r[o->c];
+        }
+    }
+}
+
+/* A tape only reads what the function it stands for may not write. */
+#define VECTORS_OF(x, u, p, ...) ((double *const[VECTORS]){(double *)(x), (double *)(u), (double *)(p), __VA_ARGS__})
+#define TAPES ((const Equations *)s->equations)
+
+static void play_rhs(const System *s, double t, const double *x, const double *u, const double *p,
+                     double *dx)
+{
+    play(&TAPES->rhs, t, 0, VECTORS_OF(x, u, p, dx));
+}
+
+static void play_jac(const System *s, double t, const double *x, const double *u, const double *p,
+                     double *J, double *ft)
+{
+    play(&TAPES->jac, t, 0, VECTORS_OF(x, u, p, J, ft));
+}
+
+static void play_out(const System *s, double t, const double *x, const double *u, const double *p,
+                     double *y)
+{
+    play(&TAPES->out, t, 0, VECTORS_OF(x, u, p, y));
+}
+
+static void play_sample(const System *s, double t, const double *x, const double *u,
+                        const double *p, double *d)
+{
+    play(&TAPES->sample, t, 0, VECTORS_OF(x, u, p, d));
+}
+
+static void play_indicate(const System *s, double t, const double *x, const double *u,
+                          const double *p, double *g)
+{
+    play(&TAPES->indicate, t, 0, VECTORS_OF(x, u, p, g));
+}
+
+static void play_spread(const System *s, double t, const double *x, const double *u,
+                        const double *p, double *g)
+{
+    play(&TAPES->spread, t, 0, VECTORS_OF(x, u, p, g));
+}
+
+static int play_kind(const System *s, const double *u, int k)
+{
+    return (int)play(&TAPES->kind, 0.0, k, VECTORS_OF(NULL, u, NULL, NULL));
+}
+
+static void play_react(const System *s, double t, double *x, double *u, const double *p, int k)
+{
+    play(&TAPES->react, t, k, VECTORS_OF(x, u, p, NULL));
+}
+
+static double play_slopes(const System *s, double t, const double *x, const double *u,
+                          const double *p, int k, double *gradient, double *R, double *Rt)
+{
+    return play(&TAPES->slopes, t, k, VECTORS_OF(x, u, p, gradient, R, Rt));
+}
+
+static void play_tapes(System *s, const Equations *equations)
+{
+    s->equations = equations;
+    s->rhs = play_rhs;
+    s->jac = play_jac;
+    s->out = play_out;
+    s->sample = play_sample;
+    s->indicate = play_indicate;
+    s->spread = play_spread;
+    s->kind = play_kind;
+    s->react = play_react;
+    s->slopes = play_slopes;
+}

@@ -1,0 +1,44 @@
+/* Equations as a list of operations, for systems that no compiler has seen: every number is that of
+ * the same equations in C, operation by operation. */
+#ifndef TAPE_H
+#define TAPE_H
+
+#include "system.h"
+
+#define MOST_REGISTERS 8192
+
+enum {
+    ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, POWER, MODULO,
+    LESS, LESS_EQUAL, EQUAL, NOT_EQUAL, AND, OR, NOT,
+    LARGER, SMALLER, SELECT, /* a where c is not 0, else b */
+    CALL_1, CALL_2,          /* function number c of one argument, of two */
+    LOAD, STORE,             /* element b of vector a; from or to register c */
+    JUMP, JUMP_UNLESS,       /* to operation a + 65536 b; unless c */
+    RETURN                   /* c */
+};
+
+/* Vectors that a tape knows. */
+enum { X, U, P, FIRST_RESULT, SECOND_RESULT, THIRD_RESULT, VECTORS };
+
+/* Registers that hold something at the start: the time and the number of an event, then constants. */
+enum { TIME_REGISTER, EVENT_REGISTER, FIRST_CONSTANT };
+
+typedef struct {
+    uint16_t operation, to, a, b, c;
+} Operation;
+
+typedef struct {
+    const Operation *operations;
+    const double *constants;
+    int32_t constant_count;
+} Tape;
+
+/* The tapes of a system's functions, in the order of `System`. */
+typedef struct {
+    Tape rhs, jac, out, sample, indicate, spread, kind, react, slopes;
+} Equations;
+
+/* Make a system of tapes, which must stay where they are as long as it is used. */
+static void play_tapes(System *s, const Equations *equations);
+
+#endif

@@ -1,0 +1,55 @@
+"""Equations that a C compiler has made faster, kept on disk under a hash of their text.
+
+A tape has the same numbers, some five times slower, and needs no compiler and no waiting: what is
+long, as a map, is worth half a second of compiling.
+"""
+
+from __future__ import annotations
+
+from importlib import resources
+
+from . import kernel_cache
+from .compilers import CompilerFailed, compiled, compiler_for, own_platform
+from .core import FUNCTIONS
+from .tape import functions
+from .translation import in_c
+
+_TAIL = """
+#ifdef _WIN32
+__declspec(dllexport)
+#else
+__attribute__((visibility("default")))
+#endif
+void fill_system(System *s)
+{
+%s
+}
+"""
+
+
+def compile_equations(module: str, source: str, states: int) -> bool:
+    """Compile a generated text, unless it is compiled already; whether it is.
+
+    Parameters
+    ----------
+    module : str
+        Its name, which no other text has.
+    source : str
+    states : int
+    """
+    path, platform = kernel_cache.compiled_path(module), own_platform()
+    if path.is_file():
+        return True
+    if not platform or not compiler_for(platform):
+        return False
+    written = functions(source)
+    parts = [in_c(written[name], states) for name in FUNCTIONS]
+    filled = "\n".join(f"    s->{name} = {name};" for name in FUNCTIONS)
+    head = resources.files(__package__).joinpath("c", "system.h").read_text(encoding="utf-8")
+    text = "\n".join(['#include "system.h"\n', *parts, _TAIL % filled])
+    try:
+        data = compiled(platform, {"system.h": head, "equations.c": text}, "equations.c", module)
+        kernel_cache.write_atomically(path, data)
+    except (CompilerFailed, OSError):
+        return False  # slower, with the same numbers
+    return True

@@ -1,0 +1,330 @@
+"""The compiled core: one library for all systems, which plays their equations from tapes.
+
+This file stands alone: it also goes into every exported FMU, which carries the library, too.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+# how an integration ends
+DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, RAN_AWAY, STIFF, NO_MEMORY = range(7)
+# what it leaves, see ``Info`` in ``c/stepper.h``
+NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = range(7)
+INFO_SIZE = 7
+FUNCTIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react", "slopes")
+STAGES = 8  # of the stiff stepper
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+LIBRARY = f"libcore{SUFFIX}"
+_OPERATION_SIZE = 10  # bytes
+_HEAD = 4 + 2 * len(FUNCTIONS)  # numbers
+
+_At = ct.c_void_p
+
+
+class _Tape(ct.Structure):
+    _fields_ = (("operations", _At), ("constants", _At), ("constant_count", ct.c_int32))
+
+
+class _Equations(ct.Structure):
+    _fields_ = tuple((name, _Tape) for name in FUNCTIONS)
+
+
+class _System(ct.Structure):
+    _fields_ = (
+        ("states", ct.c_int32),
+        ("held", ct.c_int32),
+        ("events", ct.c_int32),
+        ("equations", _At),
+        *((name, _At) for name in FUNCTIONS),
+    )
+
+
+class _Work(ct.Structure):
+    _fields_ = (
+        *(
+            (name, _At)
+            for name in (
+                *("jacobian", "w", "k", "stage", "slope", "by_time", "alone", "end", "first"),
+                *("middle", "g", "before", "pivots", "ends", "fired"),
+            )
+        ),
+        ("found", ct.c_int32),
+        ("note", _At),
+    )
+
+
+class Walk(ct.Structure):
+    """``Walk`` in ``c/tangents.h``."""
+
+    _fields_ = (
+        ("rows", ct.c_int32),
+        ("count", ct.c_int32),
+        *((name, _At) for name in ("times", "states", "growth", "trace", "frame", "u", "p")),
+        ("atol", _At),
+        ("rtol", ct.c_double),
+        ("bound", _At),
+        ("scale", _At),
+        ("max_steps", ct.c_int32),
+        ("collocating", ct.c_int32),
+    )
+
+
+class Crossings(ct.Structure):
+    """``Crossings`` in ``c/tangents.h``."""
+
+    _fields_ = (
+        ("t0", ct.c_double),
+        ("t1", ct.c_double),
+        *((name, _At) for name in ("x", "u", "p", "atol")),
+        ("rtol", ct.c_double),
+        ("bound", _At),
+        ("max_steps", ct.c_int32),
+        ("coordinate", ct.c_int32),
+        ("level", ct.c_double),
+        ("most", ct.c_int32),
+        *((name, _At) for name in ("times", "states", "low", "high")),
+    )
+
+
+_EVALUATED = ct.CFUNCTYPE(None, _At, ct.c_double, _At, _At, _At, _At)
+_LINEARIZED = ct.CFUNCTYPE(None, _At, ct.c_double, _At, _At, _At, _At, _At)
+_NUMBER, _WHOLE = ct.c_double, ct.c_int
+_SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "play_tapes": (_At, _At),
+    "lay_work": (_At, _WHOLE, _WHOLE, _At),
+    "settle": (_At, _NUMBER, *[_At] * 5),
+    "integrate": (_At, _NUMBER, _NUMBER, *[_At] * 4, _NUMBER, _At, _At, _WHOLE),
+    "trajectory": (
+        *(_At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _At),
+        *(_NUMBER, _At, _At, _WHOLE),
+    ),
+    "spectrum": (_At, _At, _WHOLE, _At),
+    "returns": (_At, _At, _WHOLE, _At),
+}
+
+
+@cache
+def library() -> Any:
+    """The core's functions, loaded once from the file beside this one.
+
+    Raises
+    ------
+    OSError
+        If this platform cannot load it.
+    """
+    loaded = ct.CDLL(str(Path(__file__).parent / "c" / LIBRARY))
+    for name, types in _SIGNATURES.items():
+        function = getattr(loaded, f"core_{name}")
+        function.argtypes = types
+        function.restype = None if name in ("play_tapes", "lay_work") else _WHOLE
+    return loaded
+
+
+@cache
+def _compiled(path: str) -> Any:
+    loaded = ct.CDLL(path)
+    loaded.fill_system.argtypes, loaded.fill_system.restype = (_At,), None
+    return loaded
+
+
+def at(array: Any) -> int:
+    """Address of the first number of an array of floats, rows without gaps; an address stays."""
+    if type(array) is int:
+        return array
+    if not (array.flags.c_contiguous and array.dtype == np.float64):
+        raise TypeError(f"the core takes floats without gaps, not {array.dtype}, {array.strides}")
+    return int(array.ctypes.data)
+
+
+class System:
+    """The equations of a component and the stiff stepper, with its scratch memory.
+
+    Vectors x, u and p are the states, the held values (inputs, discrete states, the mode) and the
+    parameters, shapes (states,), (held,) and (parameters,). What stays where it is can be given by
+    its address, see `at`.
+
+    Parameters
+    ----------
+    tapes : bytes
+        See `tape.recorded`.
+    equations : str, optional
+        File of the same equations compiled, see ``compiled_equations.py``.
+
+    Raises
+    ------
+    OSError
+        If this platform cannot load the core.
+    """
+
+    def __init__(self, tapes: bytes, equations: str = "") -> None:
+        self._core = library()
+        data = np.frombuffer(tapes + bytes(-len(tapes) % 8)).copy()  # numbers stand at whole eights
+        start = data.ctypes.data
+        head = data.view(np.int32)[:_HEAD].tolist()
+        self.states, self.held, self.events = head[:3]
+        sizes = list(zip(head[3:-1:2], head[4::2], strict=True))
+        constants = start + 4 * _HEAD
+        operations = constants + 8 * sum(count for _, count in sizes)
+        parts = []
+        for length, count in sizes:
+            parts.append(_Tape(operations, constants, count))
+            operations, constants = operations + _OPERATION_SIZE * length, constants + 8 * count
+        self._equations = _Equations(*parts)
+        self._system = _System(self.states, self.held, self.events)
+        self.address = ct.addressof(self._system)
+        self._core.core_play_tapes(self.address, ct.addressof(self._equations))
+        if equations:
+            _compiled(equations).fill_system(self.address)
+        n = self.states
+        memory = np.zeros(2 * n * n + (STAGES + 9) * n + 3 * self.events + 2)
+        self._work = _Work()
+        self._work_address = ct.addressof(self._work)
+        self._core.core_lay_work(self._work_address, n, self.events, at(memory))
+        self._read_by_the_core = (data, memory)
+        self._rhs, self._out, self._sample, self._indicate = (
+            _EVALUATED(getattr(self._system, name)) for name in ("rhs", "out", "sample", "indicate")
+        )
+        self._jac = _LINEARIZED(self._system.jac)
+
+    def rhs(self, t: float, x: Any, u: Any, p: Any, dx: Any) -> None:
+        """Write the derivatives, shape (states,)."""
+        self._rhs(self.address, t, at(x), at(u), at(p), at(dx))
+
+    def jac(self, t: float, x: Any, u: Any, p: Any, jacobian: Any, by_time: Any) -> None:
+        """Write the derivatives' slopes by the states, (states, states), and by time."""
+        self._jac(self.address, t, at(x), at(u), at(p), at(jacobian), at(by_time))
+
+    def out(self, t: float, x: Any, u: Any, p: Any, y: Any) -> None:
+        """Write the outputs."""
+        self._out(self.address, t, at(x), at(u), at(p), at(y))
+
+    def sample(self, t: float, x: Any, u: Any, p: Any, d: Any) -> None:
+        """Write the next discrete states."""
+        self._sample(self.address, t, at(x), at(u), at(p), at(d))
+
+    def indicate(self, t: float, x: Any, u: Any, p: Any, g: Any) -> None:
+        """Write the indicators of the present mode, shape (events,)."""
+        self._indicate(self.address, t, at(x), at(u), at(p), at(g))
+
+    def settle(self, t: float, x: Any, u: Any, p: Any, info: Any) -> int:
+        """Let every event happen that is due now; `DONE` or `CHATTER`."""
+        return int(
+            self._core.core_settle(
+                self.address, t, at(x), at(u), at(p), self._work_address, at(info)
+            )
+        )
+
+    def advance(
+        self,
+        t0: float,
+        t1: float,
+        x: Any,
+        u: Any,
+        p: Any,
+        atol: Any,
+        rtol: float,
+        info: Any,
+        max_steps: int,
+    ) -> int:
+        """Move the state from `t0` to `t1` with `u` and `p` held, in place.
+
+        Parameters
+        ----------
+        x : ndarray, shape (states,)
+            State at `t0`; on return the state at the time ``info[REACHED]``.
+        u : ndarray, shape (held,)
+            Events change the mode in it.
+        atol : ndarray, shape (states,)
+            Absolute tolerance of each state, in its own unit.
+        rtol : float
+            Relative tolerance.
+        info : ndarray, shape (INFO_SIZE,)
+            ``info[NEXT_STEP]`` is the step to try first (0: choose one) and on return the step that
+            the error control would take next; accepted and rejected steps and events are added up.
+            The error control's memory is kept where a call ends for want of steps, so that calls of
+            one step each walk as one call of many.
+        max_steps : int
+            Most steps, accepted or rejected, that this call may take.
+
+        Returns
+        -------
+        int
+            `DONE`, `TOO_MANY_STEPS`, `STEP_TOO_SMALL` or `CHATTER`.
+        """
+        return int(
+            self._core.core_integrate(
+                self.address,
+                t0,
+                t1,
+                at(x),
+                at(u),
+                at(p),
+                at(atol),
+                rtol,
+                self._work_address,
+                at(info),
+                max_steps,
+            )
+        )
+
+    def trajectory(
+        self,
+        times: Any,
+        states: Any,
+        outputs: Any,
+        given: tuple[Any, Any] | None,
+        u: Any,
+        p: Any,
+        atol: Any,
+        rtol: float,
+        info: Any,
+        max_steps: int,
+    ) -> int:
+        """Write states and outputs over a grid of times; the number of rows that were reached.
+
+        Parameters
+        ----------
+        times : ndarray, shape (m,)
+        states, outputs : ndarray, shape (m, ...)
+            The first state is given.
+        given : tuple of two ndarrays, shape (m, k), or None
+            What the first `k` of `u` are before each time, and at it.
+        """
+        within, after = given or (None, None)
+        return int(
+            self._core.core_trajectory(
+                self.address,
+                at(times),
+                len(times),
+                at(states),
+                at(outputs),
+                outputs.shape[1],
+                None if within is None else at(within),
+                None if after is None else at(after),
+                0 if within is None else within.shape[1],
+                at(u),
+                at(p),
+                at(atol),
+                rtol,
+                self._work_address,
+                at(info),
+                max_steps,
+            )
+        )
+
+    def spectrum(self, walk: Walk, explicitly: bool, info: Any) -> int:
+        """Follow state and tangents; the number of rows that were reached."""
+        return int(self._core.core_spectrum(self.address, ct.addressof(walk), explicitly, at(info)))
+
+    def returns(self, crossings: Crossings, explicitly: bool, info: Any) -> int:
+        """Follow a motion to where it crosses a plane; the number of crossings."""
+        return int(
+            self._core.core_returns(self.address, ct.addressof(crossings), explicitly, at(info))
+        )

@@ -1,0 +1,313 @@
+"""Generated equations as lists of operations that the compiled core plays, see ``c/tape.h``.
+
+A tape needs no compiler: it is there as soon as the equations are. Its operations are those of the
+generated text, in the same order, so that it gives the same numbers as that text compiled.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from .core import FUNCTIONS
+
+# by number, as in ``c/tape.h`` and ``c/tape.c``
+_OPERATIONS = (
+    *("ADD", "SUBTRACT", "MULTIPLY", "DIVIDE", "NEGATE", "POWER", "MODULO"),
+    *("LESS", "LESS_EQUAL", "EQUAL", "NOT_EQUAL", "AND", "OR", "NOT"),
+    *("LARGER", "SMALLER", "SELECT", "CALL_1", "CALL_2"),
+    *("LOAD", "STORE", "JUMP", "JUMP_UNLESS", "RETURN"),
+)
+_NUMBER = {name: k for k, name in enumerate(_OPERATIONS)}
+OF_ONE = (
+    *("acos", "acosh", "asin", "asinh", "atan", "atanh", "ceil", "cos", "cosh", "erf", "erfc"),
+    *("exp", "expm1", "fabs", "floor", "lgamma", "log", "log10", "log1p", "log2", "sin", "sinh"),
+    *("sqrt", "tan", "tanh", "gamma", "sign"),
+)
+OF_TWO = ["atan2", "copysign", "fmod", "hypot", "pow"]
+_BINARY: dict[type[ast.AST], str] = {
+    ast.Add: "ADD",
+    ast.Sub: "SUBTRACT",
+    ast.Mult: "MULTIPLY",
+    ast.Div: "DIVIDE",
+    ast.Pow: "POWER",
+    ast.Mod: "MODULO",
+}
+_COMPARED: dict[type[ast.AST], tuple[str, bool]] = {  # the second: with its sides exchanged
+    ast.Lt: ("LESS", False),
+    ast.LtE: ("LESS_EQUAL", False),
+    ast.Gt: ("LESS", True),
+    ast.GtE: ("LESS_EQUAL", True),
+    ast.Eq: ("EQUAL", False),
+    ast.NotEq: ("NOT_EQUAL", False),
+}
+_CONSTANTS = {"pi": math.pi, "e": math.e, "inf": math.inf}
+# where the vectors stand that a function is given
+_VECTORS = {
+    "x": 0,
+    "u": 1,
+    "p": 2,
+    **dict.fromkeys(("dx", "J", "y", "d", "g", "s"), 3),
+    **dict.fromkeys(("ft", "R"), 4),
+    "rt": 5,
+}
+MOST_REGISTERS = 8192
+_GIVEN = 2  # registers of the time and the number of an event
+
+_OPERATION = np.dtype([(n, np.uint16) for n in ("operation", "to", "a", "b", "c")])
+_READS = {"SELECT": "abc", "STORE": "c", "JUMP_UNLESS": "c", "RETURN": "c", "CALL_1": "a"}
+_READS |= {"LOAD": "", "JUMP": "", "NEGATE": "a", "NOT": "a"}
+
+
+class UnsupportedComponent(NotImplementedError):
+    """The component uses a part of the contract that this version does not solve."""
+
+
+@dataclass(frozen=True)
+class Tape:
+    """One function.
+
+    Attributes
+    ----------
+    operations : ndarray of _OPERATION, shape (k,)
+    constants : ndarray, shape (c,)
+    """
+
+    operations: npt.NDArray[np.void]
+    constants: npt.NDArray[np.float64]
+
+
+def recorded(source: str, states: int, held: int, events: int) -> bytes:
+    """All functions of a system, as `core.System` reads them.
+
+    Parameters
+    ----------
+    source : str
+        Text with the functions.
+    states, held, events : int
+        See `core.System`.
+
+    Raises
+    ------
+    UnsupportedComponent
+    """
+    written = functions(source)
+    tapes = [record(written[name], states) for name in FUNCTIONS]
+    sizes = [size for t in tapes for size in (len(t.operations), len(t.constants))]
+    parts = [np.array([states, held, events, *sizes, 0], np.int32).tobytes()]
+    parts += [t.constants.tobytes() for t in tapes]
+    parts += [t.operations.tobytes() for t in tapes]
+    return b"".join(parts)
+
+
+def functions(source: str) -> dict[str, ast.FunctionDef]:
+    """The functions in a text by name."""
+    return {n.name: n for n in ast.parse(source).body if isinstance(n, ast.FunctionDef)}
+
+
+@dataclass
+class _Line:
+    """An operation on values that are numbered in the order in which they come."""
+
+    operation: str
+    to: int = -1
+    a: int = 0
+    b: int = 0
+    c: int = 0
+
+
+@dataclass
+class _Recorder:
+    width: int
+    lines: list[_Line] = field(default_factory=list)
+    constants: dict[str, tuple[int, float]] = field(default_factory=dict)
+    names: dict[str, int] = field(default_factory=dict)
+    values: int = _GIVEN
+
+    def constant(self, value: float) -> int:
+        key = float(value).hex()
+        if key not in self.constants:
+            self.constants[key] = (self._new(), float(value))
+        return self.constants[key][0]
+
+    def _new(self) -> int:
+        self.values += 1
+        return self.values - 1
+
+    def emit(self, operation: str, a: int = 0, b: int = 0, c: int = 0) -> int:
+        to = self._new()
+        self.lines.append(_Line(operation, to, a, b, c))
+        return to
+
+    # -- statements ------------------------------------------------------------------------------
+
+    def block(self, statements: list[ast.stmt]) -> None:
+        for s in statements:
+            if isinstance(s, ast.Assign):
+                (target,) = s.targets
+                value = self.value(s.value)
+                if isinstance(target, ast.Name):
+                    self.names[target.id] = value
+                else:
+                    vector, index = self._place(target)
+                    self.lines.append(_Line("STORE", -1, vector, index, value))
+            elif isinstance(s, ast.If):
+                skip = _Line("JUMP_UNLESS", c=self.value(s.test))
+                self.lines.append(skip)
+                self.block(s.body)
+                if s.orelse:
+                    end = _Line("JUMP")
+                    self.lines.append(end)
+                    skip.a = len(self.lines)
+                    self.block(s.orelse)
+                    end.a = len(self.lines)
+                else:
+                    skip.a = len(self.lines)
+            elif isinstance(s, ast.Return):
+                value = self.value(s.value) if s.value else self.constant(0.0)
+                self.lines.append(_Line("RETURN", c=value))
+            elif not isinstance(s, ast.Pass):
+                raise _unknown(s)
+
+    def _place(self, target: ast.expr) -> tuple[int, int]:
+        if not isinstance(target, ast.Subscript) or not isinstance(target.value, ast.Name):
+            raise _unknown(target)
+        at = target.slice
+        if isinstance(at, ast.Tuple):
+            row, column = (int(ast.literal_eval(part)) for part in at.elts)
+            return _VECTORS[target.value.id], row * self.width + column
+        return _VECTORS[target.value.id], int(ast.literal_eval(at))
+
+    # -- expressions -----------------------------------------------------------------------------
+
+    def value(self, e: ast.expr) -> int:
+        if isinstance(e, ast.Constant) and isinstance(e.value, bool | int | float):
+            return self.constant(e.value)
+        if isinstance(e, ast.Name):
+            return {"t": 0, "k": 1}.get(e.id, self.names.get(e.id, -1))
+        if isinstance(e, ast.Subscript):
+            vector, index = self._place(e)
+            to = self._new()
+            self.lines.append(_Line("LOAD", to, vector, index))
+            return to
+        if isinstance(e, ast.BinOp) and type(e.op) in _BINARY:
+            return self.emit(_BINARY[type(e.op)], self.value(e.left), self.value(e.right))
+        if isinstance(e, ast.UnaryOp):
+            inner = self.value(e.operand)
+            if isinstance(e.op, ast.UAdd):
+                return inner
+            return self.emit("NOT" if isinstance(e.op, ast.Not) else "NEGATE", inner)
+        if isinstance(e, ast.BoolOp):
+            return self._joined("AND" if isinstance(e.op, ast.And) else "OR", e.values)
+        if isinstance(e, ast.Compare):
+            return self._compared(e)
+        if isinstance(e, ast.IfExp):
+            test, yes, no = self.value(e.test), self.value(e.body), self.value(e.orelse)
+            return self.emit("SELECT", yes, no, test)
+        if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in _CONSTANTS:
+            return self.constant(_CONSTANTS[e.attr])
+        if isinstance(e, ast.Call) and not e.keywords:
+            return self._called(e)
+        raise _unknown(e)
+
+    def _joined(self, operation: str, parts: list[ast.expr]) -> int:
+        found = self.value(parts[0])
+        for part in parts[1:]:
+            found = self.emit(operation, found, self.value(part))
+        return found
+
+    def _compared(self, e: ast.Compare) -> int:
+        sides = [self.value(part) for part in (e.left, *e.comparators)]
+        found = -1
+        for op, left, right in zip(e.ops, sides, sides[1:], strict=False):
+            if type(op) not in _COMPARED:
+                raise _unknown(e)
+            operation, exchanged = _COMPARED[type(op)]
+            one = self.emit(operation, *((right, left) if exchanged else (left, right)))
+            found = one if found < 0 else self.emit("AND", found, one)
+        return found
+
+    def _called(self, e: ast.Call) -> int:
+        called = ast.unparse(e.func)
+        if called in ("min", "max") and e.args:
+            return self._joined("LARGER" if called == "max" else "SMALLER", e.args)
+        name = "fabs" if called == "abs" else called.removeprefix("math.")
+        arguments = [self.value(a) for a in e.args]
+        if name in OF_ONE and len(arguments) == 1:
+            return self.emit("CALL_1", arguments[0], 0, OF_ONE.index(name))
+        if name in OF_TWO and len(arguments) == 2:
+            first, second = arguments
+            return self.emit("CALL_2", first, second, OF_TWO.index(name))
+        raise _unknown(e)
+
+
+def _unknown(node: ast.AST) -> UnsupportedComponent:
+    return UnsupportedComponent(f"a tape has no operation for {ast.unparse(node)!r}")
+
+
+def record(function: ast.FunctionDef, width: int) -> Tape:
+    """The tape of one generated function.
+
+    Parameters
+    ----------
+    function : ast.FunctionDef
+    width : int
+        Columns of matrices.
+
+    Raises
+    ------
+    UnsupportedComponent
+    """
+    recorder = _Recorder(width)
+    recorder.block(function.body)
+    recorder.lines.append(_Line("RETURN", c=recorder.constant(0.0)))
+    registers = _registers(recorder)
+    operations = np.zeros(len(recorder.lines), _OPERATION)
+    for k, line in enumerate(recorder.lines):
+        fields = {"a": line.a, "b": line.b, "c": line.c}
+        for name in _READS.get(line.operation, "ab"):
+            fields[name] = registers[fields[name]]
+        if line.operation == "LOAD":
+            fields["c"] = registers[line.to]
+        if line.operation in ("JUMP", "JUMP_UNLESS"):
+            fields["b"], fields["a"] = divmod(line.a, 65536)
+        to = registers[line.to] if line.to >= 0 else 0
+        operations[k] = (_NUMBER[line.operation], to, fields["a"], fields["b"], fields["c"])
+    constants = np.array([value for _, value in recorder.constants.values()], dtype=float)
+    return Tape(operations, constants)
+
+
+def _registers(recorder: _Recorder) -> dict[int, int]:
+    """Where each value is kept: time and event, the constants, then registers used again."""
+    constants = [value for value, _ in recorder.constants.values()]
+    places = {0: 0, 1: 1, **{v: _GIVEN + k for k, v in enumerate(constants)}}
+    last: dict[int, int] = {}
+    for k, line in enumerate(recorder.lines):
+        for name in _READS.get(line.operation, "ab"):
+            last[getattr(line, name)] = k
+    fixed = len(places)
+    free: list[int] = []
+    most = fixed
+    ends: dict[int, list[int]] = {}
+    for value, k in last.items():
+        ends.setdefault(k, []).append(value)
+    for k, line in enumerate(recorder.lines):
+        # operands are read before the result is written, so that it may take the place of one
+        for value in ends.get(k, ()):
+            if places[value] >= fixed:
+                free.append(places[value])
+        if line.to >= 0:
+            if free:
+                places[line.to] = free.pop()
+            else:
+                places[line.to] = most
+                most += 1
+            if line.to not in last:
+                free.append(places[line.to])
+    if most > MOST_REGISTERS:
+        raise UnsupportedComponent(f"{most} numbers at once, at most {MOST_REGISTERS}")
+    return places
