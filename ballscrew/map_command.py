@@ -23,7 +23,8 @@ _EXAMPLES = """examples:
       --y design.sigma1=250:450:21 --exponents --out out/gamma2
   ballscrew map --controller pid --x plant.Fc=0.5:2:16 --y plant.Fs=2.1:3:16 --refine --out out/fcfs
 """
-TOLERANCE = "1e-8"
+TOLERANCE = "1e-6"  # verdicts by motion; a tenth of it is tried where they might differ
+TOLERANCE_OF_EXPONENTS = "1e-8"
 MOST_WORKERS = 1000
 
 
@@ -39,7 +40,11 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_loop_options(parser, stop="20", tolerance=TOLERANCE)
+    add_loop_options(
+        parser,
+        stop="20",
+        tolerance=f"{TOLERANCE}, with --exponents {TOLERANCE_OF_EXPONENTS}",
+    )
     add = parser.add_argument
     for side in ("--x", "--y"):
         add(
@@ -65,7 +70,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 def _map(options: argparse.Namespace) -> int:
     from .cli import TRUSTED, BadRequest, _prepare, _tell_notes, _whole
 
-    asked = read_loop(options, TOLERANCE, finest=1e-12, coarsest=1e-4)
+    usual = TOLERANCE_OF_EXPONENTS if options.exponents else TOLERANCE
+    asked = read_loop(options, usual, finest=1e-12, coarsest=1e-4)
     count = os.cpu_count() or 1
     if options.workers is not None:
         count = _whole("--workers", options.workers, 1, MOST_WORKERS)
@@ -135,7 +141,7 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
         f"{figures['disagreed']} with another verdict; of {figures['checked_at_random']} away from "
         f"borders, {figures['disagreed_at_random']}"
     )
-    files = "map.parquet, map.json, parameters.toml, map.png and .svg"
+    files = "map.parquet, map.json, parameters.toml, map.png"
     if figures["borders"]:
         files = f"borders.csv ({figures['borders']} places), " + files
     print(f"{files} in {folder}")
