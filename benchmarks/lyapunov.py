@@ -331,7 +331,9 @@ def main() -> None:
 
     def loop(name: str) -> Callable[[float], Model]:
         def make(tolerance: float) -> Model:
-            model = Model(loop_kernel("plant", name), {}, tolerance)
+            kernel = loop_kernel("plant", name)
+            kernel.compile()
+            model = Model(kernel, {}, tolerance)
             model.set_input("x_d", SETPOINT)
             return model
 
@@ -340,6 +342,7 @@ def main() -> None:
     def lorenz(tolerance: float) -> Model:
         if "lorenz" not in kernels:
             kernels["lorenz"] = generate(lorenz_component())
+            kernels["lorenz"].compile()
         return Model(kernels["lorenz"], {}, tolerance)
 
     chaos = system("Lorenz", lorenz_component(), 20.0, 0.1)

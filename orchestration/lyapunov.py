@@ -326,8 +326,10 @@ def loop_lyapunov(
     ------
     NoExponents, KeyError, ValueError
     """
+    kernel = loop_kernel(plant, controller)
+    kernel.compile()  # two tolerances, and the motion beyond, are worth half a second
     make = loop_maker(plant, controller, setpoint, plant_values, controller_values)
-    order = loop_order(loop_kernel(plant, controller))
+    order = loop_order(kernel)
     label = f"{controller} on {plant}"
     return lyapunov(make, stop, tolerance, order=order, label=label, progress=progress)
 
