@@ -2,6 +2,9 @@
 
 import csv
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -35,6 +38,31 @@ def test_lyapunov_writes_what_it_promises(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "stuck on a line of equilibria" in printed
     assert "neutral" in printed
+
+
+def test_exponents_and_maps_are_the_same_bits_without_a_compiler(tmp_path):
+    """On a machine with an empty cache and nothing on its PATH: what plays is the wheel's core."""
+
+    def results(path, name):
+        cache = tmp_path / f"cache_{name}"
+        environment = os.environ | {"PATH": path, "BALLSCREW_CACHE": str(cache)}
+        for command, more in (
+            ("lyapunov", ("--stop", "2")),
+            ("map", ("--x", "plant.Fc=1:2:2", "--y", "plant.Fs=2.2:3:2", "--stop", "2")),
+        ):
+            out = ("--out", str(tmp_path / name / command))
+            told = [sys.executable, "-m", "ballscrew", command, "--controller", "pid", *more, *out]
+            done = subprocess.run(told, env=environment, capture_output=True, text=True)
+            assert done.returncode in (0, 1), done.stderr
+        files = ("lyapunov/lyapunov.csv", "map/map.parquet")
+        compiled = list(cache.rglob("equations_*"))
+        return [(tmp_path / name / f).read_bytes() for f in files], compiled
+
+    with_compiler, compiled = results(os.environ["PATH"], "with")
+    without, nothing = results(str(tmp_path), "without")
+    assert with_compiler == without
+    assert compiled
+    assert not nothing
 
 
 def test_the_thesis_limit_cycle_is_one_that_rests(tmp_path):
