@@ -255,12 +255,7 @@ static double locate(const System *s, double t, double h, const double *x, const
     double high = -1.0;
     for (int part = 1; part < INSIDE; part++) {
         const double q = (double)part / INSIDE;
-        for (int i = 0; i < n; i++) {
-            work->middle[i] = (1.0 + 2.0 * q) * ((1.0 - q) * (1.0 - q)) * x[i] +
-                              q * ((1.0 - q) * (1.0 - q)) * h * work->first[i] +
-                              q * q * (3.0 - 2.0 * q) * work->end[i] +
-                              q * q * (q - 1.0) * h * work->slope[i];
-        }
+        hermite(n, q, h, x, work->first, work->end, work->slope, work->middle);
         if (due_at(s, t + q * h, work->middle, u, p, work) >= 0) {
             attempt(s, t, q * h, x, u, p, atol, rtol, work);
             if (due_at(s, t + q * h, work->stage, u, p, work) >= 0) {

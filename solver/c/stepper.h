@@ -54,6 +54,17 @@ typedef struct {
 
 #define WORK_DOUBLES(n, events) (2 * (n) * (n) + (STAGES + 9) * (n) + 3 * (events) + 2)
 
+/* Hermite's cubic through both ends of a step of length h, at the share q of it. */
+INLINED void hermite(int n, double q, double h, const double *first, const double *slope0,
+                     const double *last, const double *slope1, double *at)
+{
+    for (int i = 0; i < n; i++) {
+        at[i] = (1.0 + 2.0 * q) * ((1.0 - q) * (1.0 - q)) * first[i] +
+                q * ((1.0 - q) * (1.0 - q)) * h * slope0[i] + q * q * (3.0 - 2.0 * q) * last[i] +
+                q * q * (q - 1.0) * h * slope1[i];
+    }
+}
+
 /* Lay scratch memory out in an array of WORK_DOUBLES(states, events). */
 static void lay_work(Work *work, int n, int events, double *memory);
 

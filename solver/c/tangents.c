@@ -66,15 +66,10 @@ static void lay_note(Note *note, int n, double *memory)
     note->product = next += n * n;
 }
 
-/* Hermite's cubic through both ends of a step, at the share q of it. */
+/* The state at the share q of a step. */
 static void place(const Step *step, int n, double q, double h)
 {
-    for (int i = 0; i < n; i++) {
-        step->at[i] = (1.0 + 2.0 * q) * ((1.0 - q) * (1.0 - q)) * step->first[i] +
-                      q * ((1.0 - q) * (1.0 - q)) * h * step->slope0[i] +
-                      q * q * (3.0 - 2.0 * q) * step->last[i] +
-                      q * q * (q - 1.0) * h * step->slope1[i];
-    }
+    hermite(n, q, h, step->first, step->slope0, step->last, step->slope1, step->at);
 }
 
 /* Logarithm of the size of a matrix' determinant; the matrix is overwritten. */
