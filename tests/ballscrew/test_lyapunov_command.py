@@ -41,11 +41,15 @@ def test_lyapunov_writes_what_it_promises(tmp_path, capsys):
 
 
 def test_exponents_and_maps_are_the_same_bits_without_a_compiler(tmp_path):
-    """On a machine with an empty cache and nothing on its PATH: what plays is the wheel's core."""
+    """On a machine with an empty cache, nothing on its PATH, and no ziglang either."""
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    hidden = 'import sys\n\nsys.modules["ziglang"] = None  # as if it were not installed\n'
+    (bare / "sitecustomize.py").write_text(hidden)
 
-    def results(path, name):
+    def results(changes, name):
         cache = tmp_path / f"cache_{name}"
-        environment = os.environ | {"PATH": path, "BALLSCREW_CACHE": str(cache)}
+        environment = os.environ | {"BALLSCREW_CACHE": str(cache)} | changes
         for command, more in (
             ("lyapunov", ("--stop", "2")),
             ("map", ("--x", "plant.Fc=1:2:2", "--y", "plant.Fs=2.2:3:2", "--stop", "2")),
@@ -58,8 +62,8 @@ def test_exponents_and_maps_are_the_same_bits_without_a_compiler(tmp_path):
         compiled = list(cache.rglob("equations_*"))
         return [(tmp_path / name / f).read_bytes() for f in files], compiled
 
-    with_compiler, compiled = results(os.environ["PATH"], "with")
-    without, nothing = results(str(tmp_path), "without")
+    with_compiler, compiled = results({}, "with")
+    without, nothing = results({"PATH": str(bare), "PYTHONPATH": str(bare)}, "without")
     assert with_compiler == without
     assert compiled
     assert not nothing
