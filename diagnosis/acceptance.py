@@ -19,7 +19,14 @@ from .contests import freest_beside, gain, held_out_squares, rivalled
 from .course import Course
 from .diagnosis import NotNamed
 from .held_out import Gain, with_values
-from .plausibility import at_an_end, drives, not_shown, size_differs, within_tolerance
+from .plausibility import (
+    at_an_end,
+    drives,
+    follows_within_a_sample,
+    not_shown,
+    size_differs,
+    within_tolerance,
+)
 from .residuals import residual, rms
 from .search import added_by
 from .selection import (
@@ -50,6 +57,9 @@ LEAST_EVIDENCE = 300.0
 """In natural logarithms: faultless records bring up to a hundred, wrong names more."""
 LEAST_SIZE = 0.005
 """Of the friction, that the force of anything but a swing has to be: laws are not more exact."""
+LEAST_LEAD = 0.1
+"""Of what another cause leaves in its place, that it has to take away, where the drive follows its
+command within a sampling interval: what happens between samples is not known there."""
 LEAST_BESIDE = 0.1
 """Of what the largest cause takes away, that any other has to; all where one may be the other."""
 _FITS_ALL = {"parameter_error", "compliance"}  # beside any other
@@ -243,7 +253,8 @@ def _judged(
             held_out_squares(problem, loosened(problem, base, m.name), folds), mine
         ).certain:
             return refuse(f"{m.name} in another form foretells as much")
-    reason, like, better = rivalled(problem, base, member, before, mine, folds)
+    lead = LEAST_LEAD if follows_within_a_sample(problem.model, courses) else 0.0
+    reason, like, better = rivalled(problem, base, member, before, mine, folds, lead)
     if reason:
         return refuse(reason, like, better)
     return Judged(over, None)

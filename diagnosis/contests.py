@@ -55,6 +55,7 @@ def rivalled(
     before: Vector,
     mine: Vector,
     folds: Folds,
+    least_lead: float,
 ) -> tuple[str, str, Explanation | None]:
     """Why something else foretells as much: the reason, its name, and whether it is to be taken.
 
@@ -64,6 +65,8 @@ def rivalled(
     ----------
     before, mine : ndarray, shape (stretches,)
         Squares that are left in each stretch without the member and with it.
+    least_lead : float
+        Of what is left with another cause in its place, that it has to take away.
     """
     brought = float((before - mine).sum())
 
@@ -80,7 +83,8 @@ def rivalled(
             if gain(mine, others).certain and more > _FREER * brought:
                 return f"a free function ({other}) foretells more", "", None
             continue
-        worse = gain(others, mine).certain
+        lead = gain(others, mine)
+        worse = lead.certain and lead.share >= least_lead
         less = float((others - mine).sum())
         if worse and less >= _LESS * brought:
             continue

@@ -41,7 +41,7 @@ from .diagnosis import (
 )
 from .drive_model import DriveModel
 from .evidence import Conditioned, Prior, conditioned, fit
-from .faultless import p_value
+from .faultless import RecordKind, p_value
 from .held_out import HeldOut, gained, gained_ahead, judged, laps_of, parts_of, with_values
 from .load_cell import witness
 from .next_experiment import UNNAMED, motion_for, reach_of, trial_for
@@ -255,7 +255,7 @@ def _concluded(
         shape=np.concatenate(unnamed.force),
         telling=baseline.telling,
     )
-    strongest = strongest_alone(problem)
+    strongest, kind = strongest_alone(problem), _kind(situation, problem)
     return Diagnosis(
         verdict=verdict,
         where=_where(found, verdict, _level(baseline), lowest, lives),
@@ -286,7 +286,8 @@ def _concluded(
         },
         alone={n: float(g) for n, g in found.choice.alone.items() if n in CAUSES},
         evidence=strongest,
-        p_value=p_value(strongest),
+        kind=kind,
+        p_value=p_value(strongest, kind),
         load_cell=cell,
         records=tuple(r.name for r in records),
         curves=curves,
@@ -308,6 +309,17 @@ def _above_floor(final: Level, lowest: Level, repeated: bool) -> str:
     return (
         f"what is left, {final.force:.3g} N, is more than {lowest.force:.3g} N, which is what "
         f"{known}: a part of it may have a cause{more}"
+    )
+
+
+def _kind(situation: Situation, problem: Problem) -> RecordKind:
+    model, course = problem.model, situation.courses[0]
+    return RecordKind(
+        noise=float(situation.noise.sizes[0]) / model.friction_scale,
+        inertia=model.inertia,
+        step=course.step,
+        current=float(course.has_current),
+        classical=float(model.law == "classical"),
     )
 
 
@@ -335,7 +347,7 @@ def _found_cause(
         before=_level(held.without[name]),
         after=_level(held.all),
         evidence=best.gains[k],
-        p_value=p_value(best.gains[k]),
+        p_value=p_value(best.gains[k], _kind(situation, problem)),
         confirm=cause.confirm,
     )
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ..solver.kernel_cache import write_atomically
 from .drive_model import DriveModel
+from .faultless import RecordKind
 from .load_cell import Witness
 from .next_experiment import Motion
 
@@ -206,8 +207,10 @@ class Diagnosis:
         Evidence of every cause by itself.
     evidence : float
         Of the strongest cause by itself, in natural logarithms.
+    kind : RecordKind
     p_value : float
-        Share of faultless records whose strongest cause has as much, see `faultless.p_value`.
+        Share of faultless records of most like kind whose strongest cause has as much evidence, see
+        `faultless.p_value`.
     load_cell : Witness or None
         What the recorded ``force``, which takes no part, says of both models.
     notes : tuple of str
@@ -236,6 +239,7 @@ class Diagnosis:
     noise: Mapping[str, float]
     alone: Mapping[str, float]
     evidence: float
+    kind: RecordKind
     p_value: float
     load_cell: Witness | None
     records: tuple[str, ...]
@@ -290,6 +294,7 @@ class Diagnosis:
             "noise": dict(self.noise),
             "evidence_alone": dict(self.alone),
             "evidence": self.evidence,
+            "kind": self.kind._asdict(),
             "p_value": self.p_value,
             "load_cell": None
             if self.load_cell is None

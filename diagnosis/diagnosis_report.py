@@ -253,7 +253,7 @@ def _cause(c: FoundCause) -> str:
         f"{length(c.before.position)} to {length(c.after.position)}; "
         f"alone, {_percent(c.gain_alone)} in force",
         "how sure": f"logarithm of the odds {c.evidence:.3g}, p = {c.p_value:.2g}: "
-        "the share of faultless records with as much",
+        "the share of like faultless records with as much",
         "easily mistaken for, in others": ", ".join(usual) or "nothing",
         "would confirm it": c.confirm,
     }

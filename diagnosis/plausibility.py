@@ -10,6 +10,7 @@ import numpy.typing as npt
 from .causes import CAUSES
 from .causes.cause import engaged
 from .course import Course, doubts, opposing
+from .drive_model import DriveModel
 from .held_out import with_values
 from .regression import calibrated
 from .search import added_by
@@ -77,6 +78,11 @@ def size_differs(problem: Problem, now: Explanation, k: int, folds: Folds) -> st
             informations.append(information)
     share = float(np.dot(likes, informations)) / max(sum(informations), 1e-300)
     return "" if share >= _AGREE else "its size differs between parts of the data"
+
+
+def follows_within_a_sample(model: DriveModel, courses: Sequence[Course]) -> bool:
+    """Whether the drive's velocity has followed its command before the next sample is taken."""
+    return model.inertia < model.damping * max(c.step for c in courses)
 
 
 def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:

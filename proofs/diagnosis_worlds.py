@@ -50,6 +50,7 @@ from worlds_trials import (  # noqa: E402
 )
 
 import ballscrew  # noqa: E402
+from ballscrew.diagnosis.faultless import RecordKind, share_alike  # noqa: E402
 from ballscrew.orchestration.closed_loop import write_json  # noqa: E402
 from diagnosis import draw_confusion, wilson  # noqa: E402
 
@@ -149,12 +150,17 @@ def worst_first(rows: list[Row]) -> list[str]:
     return sorted(worlds, key=lambda w: -badness(r for r in rows if r.world == w))
 
 
-def p_values(rows: list[Row], world: str) -> list[float]:
-    """Of a world's faultless records, each told by those of all other worlds."""
+def p_values(rows: list[Row], world: str, stranger: bool) -> list[float]:
+    """Of a world's faultless records, each told by all others, or by those of other worlds only."""
     faultless = [r for r in rows if r.group == FAULTLESS and r.evidence is not None]
-    known = np.array([r.evidence for r in faultless if r.world != world])
-    here = [r.evidence for r in faultless if r.world == world]
-    return [float((1 + np.count_nonzero(known >= e)) / (1 + len(known))) for e in here]
+    known = np.array([[r.evidence, *r.kind] for r in faultless])
+    worlds, keys = np.array([r.world for r in faultless]), np.array([r.key for r in faultless])
+    return [
+        share_alike(r.evidence, RecordKind(*r.kind), known[others])
+        for r in faultless
+        if r.world == world and r.evidence is not None
+        and np.any(others := worlds != world if stranger else keys != r.key)
+    ]  # fmt: skip
 
 
 def uniformity(found: list[float]) -> dict[str, object]:
@@ -236,9 +242,15 @@ def report_of(rows: list[Row], code: str, first_seed: int) -> dict[str, object]:
             }
             for world in order
         },
-        "p_values_of_faultless_records": {
-            "all worlds": uniformity([p for world in order for p in p_values(rows, world)]),
-            **{world: uniformity(p_values(rows, world)) for world in order},
+        **{
+            title: {
+                "all worlds": uniformity([p for w in order for p in p_values(rows, w, stranger)]),
+                **{world: uniformity(p_values(rows, world, stranger)) for world in order},
+            }
+            for title, stranger in (
+                ("p_values_of_faultless_records", False),
+                ("p_values_told_by_other_worlds", True),
+            )
         },
         "wrong_by_condition": by_condition(rows),
         "wrong_though_of_the_same_shape_by_the_truth": excused(rows),

@@ -11,9 +11,9 @@ from pathlib import Path
 from worlds import WORLDS, Case, Unusable, draw_case, effects_of, write_case
 
 FAULTLESS, CAUSE, OUTSIDE = "faultless", "cause", "outside"
-FIRST_SEED = 110000  # those below have been looked at; the proof's are looked at once
-EACH = 5  # records of every cause in every world
-FAULTLESS_EACH = 12  # faultless records to one of each cause
+FIRST_SEED = 120000  # those below have been looked at; the proof's are looked at once
+EACH = 6  # records of every cause in every world
+FAULTLESS_EACH = 10  # faultless records to one of each cause
 REFUSED, FAILED, UNUSABLE = "refused", "failed", "unusable"
 VISIBLE = 12.0  # ratio from which on an answer is asked for
 # the same thing by another name: a wrong value of these is that cause
@@ -59,6 +59,8 @@ class Row:
         Of each cause.
     evidence : float or None
         Of the strongest cause by itself, in natural logarithms.
+    kind : list of float
+        What of the record says how much of it there is without a fault; empty without an answer.
     seconds : float
         Of processor time.
     message : str
@@ -81,6 +83,7 @@ class Row:
     values: list[dict[str, float]]
     intervals: list[dict[str, tuple[float, float]]]
     evidence: float | None
+    kind: list[float]
     seconds: float
     message: str
 
@@ -137,7 +140,7 @@ def plan_trials(each: int, first_seed: int, worlds: tuple[str, ...] = tuple(WORL
     Parameters
     ----------
     each : int
-        Records of every cause in every world; twelve times as many faultless ones, and four for
+        Records of every cause in every world; ten times as many faultless ones, and four for
         every five of each effect outside the catalogue.
     first_seed : int
     worlds : tuple of str
@@ -160,11 +163,11 @@ def run_trial(trial: Trial) -> Row:
     try:
         case = draw_case(trial.world, (trial.effect,) if trial.effect else (), trial.seed)
     except Unusable as reason:
-        return _row(trial, None, UNUSABLE, [], None, 0.0, str(reason))
+        return _row(trial, None, UNUSABLE, [], None, [], 0.0, str(reason))
     # here, so that the truth can be drawn where there is no estimator
     from ballscrew.diagnosis.diagnose import diagnose
 
-    verdict, causes, evidence, message = FAILED, [], None, ""
+    verdict, causes, evidence, kind, message = FAILED, [], None, [], ""
     with tempfile.TemporaryDirectory() as folder:
         record, believed = write_case(case, Path(folder))
         started = time.process_time()
@@ -172,13 +175,13 @@ def run_trial(trial: Trial) -> Row:
             found = diagnose([record], params=believed)
             verdict = str(found.verdict)
             causes = [(str(c.name), dict(c.parameters), dict(c.intervals)) for c in found.causes]
-            evidence = float(found.evidence)
+            evidence, kind = float(found.evidence), [float(one) for one in found.kind]
         except ValueError as reason:  # what is said of input that cannot be used
             verdict, message = REFUSED, str(reason).strip().splitlines()[-1]
         except Exception:  # a crash; counted, and the others go on
             message = traceback.format_exc().strip().splitlines()[-1]
         seconds = time.process_time() - started
-    return _row(trial, case, verdict, causes, evidence, seconds, message)
+    return _row(trial, case, verdict, causes, evidence, kind, seconds, message)
 
 
 def _row(
@@ -187,6 +190,7 @@ def _row(
     verdict: str,
     causes: list[tuple[str, dict[str, float], dict[str, tuple[float, float]]]],
     evidence: float | None,
+    kind: list[float],
     seconds: float,
     message: str,
 ) -> Row:
@@ -216,6 +220,7 @@ def _row(
             for _, _, bounds in causes
         ],
         evidence=evidence,
+        kind=kind,
         seconds=seconds,
         message=message,
     )

@@ -27,6 +27,7 @@ from ballscrew.diagnosis.diagnosis_pictures import (
 )
 from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report, rig_command
 from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.faultless import RecordKind
 from ballscrew.diagnosis.load_cell import Witness
 from ballscrew.diagnosis.next_experiment import TRIALS_FOR, Motion
 
@@ -247,6 +248,7 @@ def found(**changes) -> Diagnosis:
         "noise": {"position_m": 1e-7},
         "alone": {},
         "evidence": 12.0,
+        "kind": RecordKind(0.01, 4.0, 1e-3, 1.0, 0.0),
         "p_value": 0.5,
         "load_cell": None,
         "records": ("run.csv",),
@@ -293,7 +295,7 @@ def test_a_cause_is_told_with_size_gain_doubt_and_what_would_confirm_it():
         "1.234e-05 1.1e-05 to 1.4e-05 m",
         "43.2 % of the mean square in force (40 % to 46 %)",
         "75 % in position",
-        "p = 1e-09: the share of faultless records with as much",
+        "p = 1e-09: the share of like faultless records with as much",
         "would confirm it slow reversals",
         "For this machine: strokes of 1 mm to and fro. Command file: next_experiment.csv",
         "ballscrew rig 2.4/1 --out",
