@@ -21,6 +21,7 @@ def row(
         "wrong_values": {},
         "verdict": "explained" if named else "none",
         "evidence": None,
+        "kind": [],
         "seconds": 1.0,
         "message": "",
     } | other
