@@ -612,7 +612,6 @@ def _loop_options(options: argparse.Namespace, stop: float | None) -> dict[str, 
     time_limit = _number("--time-limit", limit or "60")
     if time_limit <= 0:
         raise BadRequest(f"--time-limit is {limit} s, expected more than 0")
-    need_compiler()
     from .orchestration.coupling import Coupling
 
     return {
@@ -623,14 +622,6 @@ def _loop_options(options: argparse.Namespace, stop: float | None) -> dict[str, 
         "isolate": options.isolate,
         "time_limit": time_limit,
     }
-
-
-def need_compiler() -> None:
-    """Refuse to couple FMUs by uncompiled code, which cannot call theirs."""
-    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
-        raise BadRequest(
-            "NUMBA_DISABLE_JIT is set, and FMUs are coupled by compiled code; unset it"
-        )
 
 
 def check_steps(stop: float, step: float) -> None:

@@ -55,7 +55,6 @@ def _lyapunov(options: argparse.Namespace) -> int:
         _prepare,
         _save,
         check_steps,
-        need_compiler,
     )
 
     if options.step is not None and options.via != "fmu":
@@ -77,7 +76,6 @@ def _lyapunov(options: argparse.Namespace) -> int:
     }
     try:
         if options.via == "fmu":
-            need_compiler()
             from .orchestration.lyapunov import loop_lyapunov_over_fmus
 
             step = _number("--step", options.step or "1e-3")
