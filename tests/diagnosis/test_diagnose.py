@@ -177,6 +177,13 @@ def test_a_load_is_named_where_an_asymmetry_adds_nothing_beside_it(tmp_path):
     assert cause.parameters["load"] == pytest.approx(case.effects[0].truth["load"], rel=0.02)
 
 
+def test_a_small_lead_names_nothing_where_the_drive_follows_within_a_sample(tmp_path):
+    """Friction that drifts was called a winding that warms up; without a current they are alike."""
+    _, found = found_in_world(tmp_path, "fast_screw", ("friction_drift",), 110000)
+    assert found.causes == ()
+    assert {n.name: n.like for n in found.not_named} == {"resistance_drift": "friction_drift"}
+
+
 def test_the_first_cause_is_named_where_those_found_beside_it_do_not_hold(tmp_path):
     """Two values called wrong beside it took away so much that nothing was named."""
     _, found = found_in_world(tmp_path, "heavy_screw", ("position_trend_friction",), 90003)
