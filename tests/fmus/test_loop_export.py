@@ -324,6 +324,7 @@ def test_an_output_that_cannot_be_written_is_one_line(tmp_path, capsys, kind):
     assert heard.count("\n") == 1
 
 
+@pytest.mark.xdist_group("ziglang")  # which compiles a C library for each platform once
 def test_ziglang_makes_the_loop_for_windows_too(tmp_path):
     if importlib.util.find_spec("ziglang") is None:
         pytest.skip("needs the package ziglang, which compiles for other platforms")

@@ -207,6 +207,7 @@ def test_export_is_reproducible_byte_for_byte(native, tmp_path, fmi):
     assert first == native("nctf", fmi).read_bytes()
 
 
+@pytest.mark.xdist_group("ziglang")  # which compiles a C library for each platform once
 def test_ziglang_makes_binaries_for_windows_and_macos_here(tmp_path):
     if importlib.util.find_spec("ziglang") is None:
         pytest.skip("needs the package ziglang, which compiles for other platforms")

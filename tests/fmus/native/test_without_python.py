@@ -200,6 +200,7 @@ def wine():
     return found
 
 
+@pytest.mark.xdist_group("ziglang")  # which compiles a C library for each platform once
 @pytest.mark.parametrize("controller", ["nctf", "pid_sampled"])
 def test_a_windows_host_under_wine_gets_the_linux_numbers(native, tmp_path, controller):
     program = wine()
