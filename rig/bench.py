@@ -385,8 +385,9 @@ def _run(
     true = np.empty((len(time), len(outputs)))
     y, held = np.empty(len(outputs)), np.empty(len(program.kernel.discrete))
     # what stays where it is goes by its address: thousands of short calls
-    moving, working = ([at(a) for a in (m.x, m.u, m.p)] for m in (plant, program))
-    at_y, at_held, at_taps, at_true = map(at, (y, held, taps, true))
+    moving = at(plant.x), at(plant.u), at(plant.p)
+    working = at(program.x), at(program.u), at(program.p)
+    at_y, at_held, at_taps, at_true = at(y), at(held), at(taps), at(true)
     names = [o.name for o in program.kernel.outputs]
     command = names.index(COMMAND) if COMMAND in names else -1
     reference = setup.external[REFERENCE[trial.control]]
