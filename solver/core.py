@@ -96,7 +96,6 @@ class Crossings(ct.Structure):
 _EVALUATED = ct.CFUNCTYPE(None, _At, ct.c_double, _At, _At, _At, _At)
 _LINEARIZED = ct.CFUNCTYPE(None, _At, ct.c_double, _At, _At, _At, _At, _At)
 _NUMBER, _WHOLE = ct.c_double, ct.c_int
-_addressof, _number_in = ct.addressof, ct.c_double.from_buffer
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "play_tapes": (_At, _At),
     "lay_work": (_At, _WHOLE, _WHOLE, _At),
@@ -141,7 +140,7 @@ def at(array: Any) -> int:
         return array
     if array.dtype == np.float64:
         try:
-            return _addressof(_number_in(array))  # five times faster than what follows
+            return ct.addressof(_NUMBER.from_buffer(array))  # four times faster than what follows
         except (TypeError, ValueError):  # read-only, empty, or with gaps
             if array.flags.c_contiguous:
                 return int(array.ctypes.data)
