@@ -208,7 +208,10 @@ def _concluded(
     courses, noise = situation.courses, situation.noise
     best = holds_up.explanation
     nothing = Added.nothing(courses)
-    causes = tuple(_found_cause(situation, problem, holds_up, held, name) for name in held.order)
+    kind = _kind(situation, problem)
+    causes = tuple(
+        _found_cause(situation, problem, holds_up, held, kind, name) for name in held.order
+    )
     whole = gained(held.none, held.all, held.limits)
     adjusted, final = _level(held.none), _level(held.all)
     fitted = amplitudes(problem, best)
@@ -255,7 +258,7 @@ def _concluded(
         shape=np.concatenate(unnamed.force),
         telling=baseline.telling,
     )
-    strongest, kind = strongest_alone(problem), _kind(situation, problem)
+    strongest = strongest_alone(problem)
     return Diagnosis(
         verdict=verdict,
         where=_where(found, verdict, _level(baseline), lowest, lives),
@@ -324,7 +327,12 @@ def _kind(situation: Situation, problem: Problem) -> RecordKind:
 
 
 def _found_cause(
-    situation: Situation, problem: Problem, holds_up: Accepted, held: HeldOut, name: str
+    situation: Situation,
+    problem: Problem,
+    holds_up: Accepted,
+    held: HeldOut,
+    kind: RecordKind,
+    name: str,
 ) -> FoundCause:
     best = holds_up.explanation
     k = best.names.index(name)
@@ -347,7 +355,7 @@ def _found_cause(
         before=_level(held.without[name]),
         after=_level(held.all),
         evidence=best.gains[k],
-        p_value=p_value(best.gains[k], _kind(situation, problem)),
+        p_value=p_value(best.gains[k], kind),
         confirm=cause.confirm,
     )
 

@@ -66,3 +66,4 @@ def test_p_values_of_faultless_records_are_even_in_every_world():
     told = json.loads(PROOF.read_text(encoding="utf-8"))["p_values_of_faultless_records"]
     assert told["all worlds"]["records"] == len(known())
     assert all(found["kolmogorov_p"] > 0.01 for found in told.values())
+    assert told["all worlds"]["share_at_most"]["0.05"] == pytest.approx(0.05, abs=0.03)
