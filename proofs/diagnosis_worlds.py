@@ -154,13 +154,14 @@ def p_values(rows: list[Row], world: str, stranger: bool) -> list[float]:
     """Of a world's faultless records, each told by all others, or by those of other worlds only."""
     faultless = [r for r in rows if r.group == FAULTLESS and r.evidence is not None]
     known = np.array([[r.evidence, *r.kind] for r in faultless])
-    worlds, keys = np.array([r.world for r in faultless]), np.array([r.key for r in faultless])
-    return [
-        share_alike(r.evidence, RecordKind(*r.kind), known[others])
-        for r in faultless
-        if r.world == world and r.evidence is not None
-        and np.any(others := worlds != world if stranger else keys != r.key)
-    ]  # fmt: skip
+    found = []
+    for k, row in enumerate(faultless):
+        if row.world != world:
+            continue
+        others = [j for j, r in enumerate(faultless) if (r.world != world if stranger else j != k)]
+        if others:
+            found.append(share_alike(known[k, 0], RecordKind(*row.kind), known[others]))
+    return found
 
 
 def uniformity(found: list[float]) -> dict[str, object]:
