@@ -15,8 +15,8 @@ from .record_options import add_record_options, read_record_options
 from .supervision import tell
 
 if TYPE_CHECKING:
-    from .diagnosis.identification import Identification
-    from .diagnosis.intervals import Interval
+    from .identification.identification import Identification
+    from .identification.intervals import Interval
     from .orchestration.parameter_file import ParameterFile
 
 NAMES = (
@@ -108,7 +108,7 @@ def _identify(options: argparse.Namespace) -> int:
         if mass is None and "m" in told.plant:
             mass = model.values["m"]
     fixed = _fixed(options.fix, told)
-    from .diagnosis.identification import CannotHold, check_held, identify
+    from .identification.identification import CannotHold, check_held, identify
 
     try:
         check_held(options.law, fixed, options.offset)

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ..identification.stribeck_fit import stribeck_curve
 from ..orchestration.closed_loop import write_json
-from .stribeck_fit import stribeck_curve
 from .trials import BadTable, number, read_columns
 
 Vector = npt.NDArray[np.float64]

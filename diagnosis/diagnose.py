@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from ..identification.along_record import LAWS
 from ..orchestration.parameter_file import ParameterFile, read_parameters
 from ..plant import ball_screw, direct_drive
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.tellable import check_tellable
 from .acceptance import SWINGS, Accepted, accepted, taken_back
-from .along_record import LAWS
 from .believed import believed as believed_of
 from .believed import lead_of, with_lead
 from .causes import CAUSES

@@ -15,16 +15,16 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ..plant.law import claims
-from ..solver.component import symbol
-from .along_record import LAWS
-from .law_along_record import (
+from ..identification.along_record import LAWS
+from ..identification.law_along_record import (
     KINDS,
     LawValues,
     force_behind_gap,
     force_behind_spring,
     mean_friction_along,
 )
+from ..plant.law import claims
+from ..solver.component import symbol
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import sympy as sp
 
+from ..identification.along_record import LAWS
 from ..orchestration.parameter_file import BALL_SCREW, DRIVE, ParameterFile, Value
 from ..plant.amplifier import PARAMETERS as AMPLIFIER
 from ..plant.amplifier import with_amplifier
@@ -17,7 +18,6 @@ from ..plant.classical import with_sticking
 from ..plant.direct_drive import bare_direct_drive, with_command_limit
 from ..plant.law import law
 from ..solver.component import Component, Parameter, symbol
-from .along_record import LAWS
 from .causes import CAUSES
 from .causes.presliding_hysteresis import bristled
 from .drive_model import DriveModel, curve_of

@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "proof"
 PAGE = FOLDER / "README.md"
 LOOP = ("solver", "plant", "controllers", "fmus", "orchestration")
+ESTIMATED = ("records", "identification")
 DEPENDS_ON = {
     "trusted_loops": ("orchestration", "proofs/linear_loops.py"),
     "fuzz": ("ballscrew", *LOOP, "proofs/mutations.py", "proofs/fuzz.py"),
@@ -26,17 +27,17 @@ DEPENDS_ON = {
         "plant",
         "rig",
         "records",
-        "diagnosis",
+        "identification",
         "tests/support/random_rigs.py",
     ),
     "criteria": ("solver", "plant", "rig", "tests/support/synthetic_laws.py"),
     "variational": (*LOOP, "proofs/variational.py"),
-    "diagnosis": ("solver", "plant", "rig", "records", "diagnosis"),
-    "diagnosis_worlds": ("solver", "plant", "records", "diagnosis", "proofs/worlds"),
+    "diagnosis": ("solver", "plant", "rig", *ESTIMATED, "diagnosis"),
+    "diagnosis_worlds": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/worlds"),
     "reproduction": (*LOOP, "proofs/reproduction.py"),
-    "emps": ("solver", "plant", "records", "diagnosis", "proofs/emps.py"),
-    "tro2021": ("solver", "plant", "records", "diagnosis", "proofs/tro2021.py"),
-    "own_records": ("ballscrew", *LOOP, "rig", "records", "diagnosis", "proofs/own_records.py"),
+    "emps": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/emps.py"),
+    "tro2021": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/tro2021.py"),
+    "own_records": ("ballscrew", *LOOP, "rig", *ESTIMATED, "diagnosis", "proofs/own_records.py"),
     "exchange": (
         *("solver", "plant", "fmus", "proofs/exchange.py"),
         *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),

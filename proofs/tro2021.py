@@ -27,8 +27,8 @@ import numpy.typing as npt
 from provenance import provenance
 from scipy.stats import t as student
 
-from ballscrew.diagnosis.along_record import OFFSET, Fit, fit_along, values_of
-from ballscrew.diagnosis.identification import Identification, identify
+from ballscrew.identification.along_record import OFFSET, Fit, fit_along, values_of
+from ballscrew.identification.identification import Identification, identify
 from ballscrew.orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.force_record import Record, read_record

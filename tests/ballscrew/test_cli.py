@@ -318,13 +318,13 @@ def test_the_wheel_holds_every_module(tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         held = {n for n in archive.namelist() if n.startswith("ballscrew/")}
     expected = {"ballscrew/py.typed", "ballscrew/diagnosis/faultless_evidence.csv"}
-    parts = "solver plant controllers fmus orchestration rig records diagnosis"
+    parts = "solver plant controllers fmus orchestration rig records identification diagnosis"
     for part in parts.split():
         expected |= {f"ballscrew/{p.relative_to(root)}" for p in (root / part).rglob("*.py")}
-    for part in ("fmus/native", "solver", "orchestration", "diagnosis"):
+    for part in ("fmus/native", "solver", "orchestration", "identification"):
         sources = [p for p in (root / part / "c").iterdir() if p.suffix in (".c", ".h")]
         expected |= {f"ballscrew/{p.relative_to(root)}" for p in sources}
-    for library in ("solver/c/libcore", "orchestration/c/libmaster", "diagnosis/c/liblaws"):
+    for library in ("solver/c/libcore", "orchestration/c/libmaster", "identification/c/liblaws"):
         expected.add(f"ballscrew/{library}{SUFFIX}")
     assert "-py3-none-" in wheel.name  # for every Python on this platform
     expected |= {f"ballscrew/{p.name}" for p in (root / "ballscrew").glob("*.py")}

@@ -2,10 +2,10 @@
 
 import pytest
 
-from ballscrew.diagnosis.along_record import LAWS
 from ballscrew.diagnosis.believed import BadParameters, read_believed
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.extended_plant import extended_plant, parameter_file
+from ballscrew.identification.along_record import LAWS
 
 EMPS = """
 kind = "drive"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from synthetic_records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
-from ballscrew.diagnosis.along_record import LAWS, fit_along, lay_out
+from ballscrew.identification.along_record import LAWS, fit_along, lay_out
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.records.force_record import QUANTITIES, Record, with_description
 from ballscrew.rig.bench import run_trial

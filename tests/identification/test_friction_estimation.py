@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic_records import COUNT, record_of, sine_velocity, true_friction
 
-from ballscrew.diagnosis.friction_estimation import (
+from ballscrew.identification.friction_estimation import (
     estimate_friction,
     smooth_motion,
 )

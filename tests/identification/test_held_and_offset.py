@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from synthetic_records import constant_velocity, record_of, sine_velocity
 
-from ballscrew.diagnosis.along_record import fit_along
-from ballscrew.diagnosis.identification import CannotHold, check_held, identify
+from ballscrew.identification.along_record import fit_along
+from ballscrew.identification.identification import CannotHold, check_held, identify
 from ballscrew.orchestration.parameter_file import ParameterFile, Value
 
 DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}

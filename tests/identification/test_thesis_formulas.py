@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ballscrew.diagnosis.bliman_sorine_map import (
+from ballscrew.identification.bliman_sorine_map import (
     NoSolution,
     ReferencePoints,
     map_points,
     points_of,
     read_points,
 )
-from ballscrew.diagnosis.dahl_fit import dahl_curve, fit_dahl
-from ballscrew.diagnosis.intervals import averaged, spread
-from ballscrew.diagnosis.lugre_dynamics import assumed_damping, secant_bias
-from ballscrew.diagnosis.stribeck_fit import StribeckPoints, fit_stribeck, stribeck_curve
+from ballscrew.identification.dahl_fit import dahl_curve, fit_dahl
+from ballscrew.identification.intervals import averaged, spread
+from ballscrew.identification.lugre_dynamics import assumed_damping, secant_bias
+from ballscrew.identification.stribeck_fit import StribeckPoints, fit_stribeck, stribeck_curve
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 

@@ -17,7 +17,7 @@ from synthetic_records import (
     true_friction,
 )
 
-from ballscrew.diagnosis.along_record import (
+from ballscrew.identification.along_record import (
     LAWS,
     Climb,
     Problem,
@@ -25,7 +25,7 @@ from ballscrew.diagnosis.along_record import (
     fit_along,
     lay_out,
 )
-from ballscrew.diagnosis.law_along_record import KINDS, LawValues, friction_along, score
+from ballscrew.identification.law_along_record import KINDS, LawValues, friction_along, score
 from ballscrew.plant.bliman_sorine import bliman_sorine
 from ballscrew.plant.classical import classical
 from ballscrew.plant.dahl import dahl
@@ -186,7 +186,7 @@ def test_eq_2_14_is_biased_where_our_estimator_is_not():
     trials += [sine_velocity(s * 1e-3, 0.5, 6.3) for s in (1, -1)]
     trials += [constant_velocity(v) for v in (1e-3, 2e-3, 4e-3, 6e-3)]
     records = [record_of(t, "lugre", LUGRE, random) for t in trials]
-    from ballscrew.diagnosis.identification import identify
+    from ballscrew.identification.identification import identify
 
     result = identify(records, "lugre")
     truth = LUGRE["sigma0"]
@@ -223,7 +223,7 @@ def thesis_trials():
 
 
 def test_what_the_thesis_trials_cannot_tell_is_said_with_a_trial_that_would_do(thesis_trials):
-    from ballscrew.diagnosis.identification import identify
+    from ballscrew.identification.identification import identify
 
     truth, records = thesis_trials
     result = identify(records, "directional_lugre")
@@ -326,7 +326,7 @@ def test_fs_below_fc_is_pulled_back_as_its_slope_says():
 
 
 def test_a_law_that_does_not_fit_is_not_believed():
-    from ballscrew.diagnosis.identification import identify
+    from ballscrew.identification.identification import identify
 
     random = np.random.default_rng(0)
     trials = [sine_velocity(s * 4e-3, 1.0, 9.0) for s in (1, -1)]
@@ -336,7 +336,7 @@ def test_a_law_that_does_not_fit_is_not_believed():
 
 
 def test_directions_that_differ_are_noticed():
-    from ballscrew.diagnosis.identification import identify
+    from ballscrew.identification.identification import identify
 
     random = np.random.default_rng(0)
     truth = {"sigma_pos": 8e4, "Fc_pos": 1.9, "alpha_pos": 1.0}

@@ -1,0 +1,56 @@
+"""A part of the program imports from its own folder and from those that it stands on."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+STANDS_ON_THOSE_BEFORE = (
+    *("solver", "plant", "controllers", "fmus", "orchestration"),
+    *("rig", "records", "identification", "diagnosis", "ballscrew"),
+)
+
+
+def imported(source: Path) -> Iterator[tuple[int, str]]:
+    """Line and folder of each import from this project; the package's version belongs to none."""
+    folder = source.relative_to(ROOT).parent.parts
+    package = folder if folder[0] == "ballscrew" else ("ballscrew", *folder)
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        module = tuple(node.module.split(".")) if node.module else ()
+        full = (*package[: len(package) - node.level + 1], *module) if node.level else module
+        if full[0] != "ballscrew":
+            continue
+        for name in [a.name for a in node.names] if len(full) == 1 else [full[1]]:
+            if name != "__version__":
+                yield node.lineno, name if name in STANDS_ON_THOSE_BEFORE else "ballscrew"
+
+
+@pytest.mark.parametrize("folder", STANDS_ON_THOSE_BEFORE)
+def test_a_folder_imports_only_what_it_stands_on(folder: str) -> None:
+    rank = STANDS_ON_THOSE_BEFORE.index(folder)
+    sources = sorted((ROOT / folder).rglob("*.py"))
+    assert sources
+    against = [
+        f"{source.relative_to(ROOT)}:{line} imports {name}"
+        for source in sources
+        for line, name in imported(source)
+        if STANDS_ON_THOSE_BEFORE.index(name) > rank
+    ]
+    assert not against
+
+
+def test_the_reader_of_imports_sees_both_ways_of_writing_them() -> None:
+    command = ROOT / "ballscrew" / "identify_command.py"
+    assert "identification" in {name for _, name in imported(command)}
+    assert {name for _, name in imported(ROOT / "plant" / "lugre.py")} <= {"solver", "plant"}
+
+
+def test_every_folder_that_is_installed_has_its_place() -> None:
+    found = {p.parent.name for p in ROOT.glob("*/__init__.py") if not p.parent.name.startswith(".")}
+    assert found - {"tests", "proofs"} == set(STANDS_ON_THOSE_BEFORE)
