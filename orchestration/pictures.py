@@ -9,7 +9,7 @@ import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,18 @@ STYLE: Any = {
     "svg.hashsalt": "ballscrew",
     "figure.dpi": 110,
 }
+
+
+class Margins(NamedTuple):
+    """Room around axes, and between rows of them, in inches."""
+
+    left: float = 0.95
+    right: float = 0.2
+    top: float = 0.4
+    bottom: float = 0.6
+    between: float = 0.2
+
+
 # name of the signal: label, factor to the unit shown, unit
 _SHOWN = {
     "x": ("position $x$", 1e2, "cm"),
@@ -66,13 +78,34 @@ def write_figure(figure: Any, folder: Path, stem: str) -> None:
         write_atomically(folder / f"{stem}.{kind}", stream.getvalue())
 
 
-def new_figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
+def new_figure(
+    rows: int, columns: int, size: tuple[float, float], margins: Margins | None = None
+) -> tuple[Any, Any]:
+    """A figure with its axes.
+
+    Parameters
+    ----------
+    margins : Margins, optional
+        Room around and between the axes. Without it Matplotlib measures all labels, which takes
+        more time than drawing them.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=size, layout=None if margins else "constrained")
     FigureCanvasAgg(figure)
-    return figure, figure.subplots(rows, columns, squeeze=False)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    if margins:
+        width, height = size
+        each = (height - margins.top - margins.bottom - (rows - 1) * margins.between) / rows
+        figure.subplots_adjust(
+            left=margins.left / width,
+            right=1 - margins.right / width,
+            top=1 - margins.top / height,
+            bottom=margins.bottom / height,
+            hspace=margins.between / each,
+        )
+    return figure, axes
 
 
 def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
@@ -85,14 +118,14 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
     title = f"{name}, {run.coupling.value} coupling: {badge}"
     with mpl.rc_context(STYLE):
         if "x" in run.outputs:
-            figure, ((axes,),) = new_figure(1, 1, (8, 4.2))
+            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), Margins())
             _draw_course(axes, run.time, run.outputs["x"], "x", 0, "position")
             _draw_set_point(axes, run, label="set-point")
             axes.set_title(title)
             axes.legend(loc="best")
             write_figure(figure, folder, "position")
         if "u" in run.commands:
-            figure, ((axes,),) = new_figure(1, 1, (8, 4.2))
+            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), Margins())
             _draw_course(axes, run.time, run.commands["u"], "u", 1, "voltage")
             peak = int(np.argmax(np.abs(run.commands["u"])))
             axes.annotate(
@@ -106,16 +139,17 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
             write_figure(figure, folder, "voltage")
         shown: list[str] = [n for n in ("x", "v", "z", "i", "friction") if n in run.outputs]
         shown = shown or list(run.outputs)
-        figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)))
+        figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)), Margins())
         for k, n in enumerate(shown):
             _draw_course(axes_grid[k][0], run.time, run.outputs[n], n, k, n)
-            axes_grid[k][0].set_xlabel("")
-        axes_grid[-1][0].set_xlabel("time [s]")
+            if k < len(shown) - 1:
+                axes_grid[k][0].set_xlabel("")
+                axes_grid[k][0].tick_params(labelbottom=False)
         axes_grid[0][0].set_title(title)
         figure.align_ylabels()
         write_figure(figure, folder, "states")
         if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
-            figure, ((axes,),) = new_figure(1, 1, (6.5, 5.2))
+            figure, ((axes,),) = new_figure(1, 1, (6.5, 5.2), Margins())
             _draw_phase(figure, axes, run)
             axes.set_title(title)
             write_figure(figure, folder, "phase")
