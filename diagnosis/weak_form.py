@@ -72,7 +72,11 @@ def averaged(values: Matrix, width: int) -> Matrix:
     count = windows(len(values), width)
     blocks = count + 3
     parts = values[: blocks * width].reshape(blocks, width, -1)
-    quarters = np.matmul(_bell(width), parts)
+    bell = _bell(width)
+    if parts.shape[2] == 1:  # one product of matrices, and not one for each block
+        quarters = (parts[:, :, 0] @ bell.T)[:, :, None]
+    else:
+        quarters = np.matmul(bell, parts)
     out = sum(quarters[q : q + count, q] for q in range(4))
     return np.asarray(out).reshape(count, *values.shape[1:])
 
