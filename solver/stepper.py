@@ -111,7 +111,10 @@ Row = list[float]
 
 
 def factorize(w: list[Row], pivots: list[int]) -> bool:
-    """Replace a square matrix by its LU factors with row pivoting; False if singular."""
+    """Replace a square matrix by its LU factors with row pivoting; False if singular.
+
+    On the diagonal stand the inverses of the pivots.
+    """
     n = len(w)
     for k in range(n):
         row = max(range(k, n), key=lambda i: abs(w[i][k]))
@@ -127,6 +130,7 @@ def factorize(w: list[Row], pivots: list[int]) -> bool:
             if factor != 0.0:
                 for j in range(k + 1, n):
                     w[i][j] -= factor * w[k][j]
+        w[k][k] = inverse
     return True
 
 
@@ -141,7 +145,7 @@ def solve_factorized(w: list[Row], pivots: list[int], b: Row) -> None:
     for k in range(n - 1, -1, -1):
         for j in range(k + 1, n):
             b[k] -= w[k][j] * b[j]
-        b[k] /= w[k][k]
+        b[k] *= w[k][k]
 
 
 class _Matrix:
@@ -198,6 +202,7 @@ class PlainSystem:
         """
         n = self.states
         w = [[-value for value in row] for row in self._jacobian]
+        per_time = 1.0 / h
         for i in range(n):
             w[i][i] += 1.0 / (GAMMA * h)
         pivots = [0] * n
@@ -215,7 +220,9 @@ class PlainSystem:
                 for value, by_time in zip(slope, self._by_time, strict=True)
             ]
             for weight, row in zip(C[s], k, strict=False):
-                now = [value + weight / h * rate for value, rate in zip(now, row, strict=True)]
+                now = [
+                    value + weight * per_time * rate for value, rate in zip(now, row, strict=True)
+                ]
             solved = list(now)
             solve_factorized(w, pivots, solved)
             k.append(
@@ -228,7 +235,8 @@ class PlainSystem:
         total = 0.0
         for i in range(n):
             scale = self._atol[i] + self._rtol * max(abs(x[i]), abs(new[i]))
-            total += (k[-1][i] / scale) ** 2
+            share = k[-1][i] / scale
+            total += share * share  # pow(share, 2.0) may be off by a last digit
         return math.sqrt(total / n), new
 
     def advance(

@@ -4,7 +4,8 @@
 
 #include "system.h"
 
-/* Replace w by its LU factors with row pivoting; 0 if it is singular.
+/* Replace w by its LU factors with row pivoting; 0 if it is singular. On the diagonal stand the
+ * inverses of the pivots: a division takes ten times as long as a product.
  *
  * `ends`, 2 n, becomes where each row of the upper factor and each column of the lower one ends, past
  * which there are zeros; null where these are too few to look for. */
@@ -46,6 +47,7 @@ INLINED int factorize(double *w, int32_t *pivots, int32_t *ends, int n)
                 below = i + 1;
             }
         }
+        w[k * n + k] = inverse;
         if (ends)
             ends[n + k] = below;
     }
@@ -70,7 +72,7 @@ INLINED void solve_factorized(const double *w, const int32_t *pivots, const int3
         const int end = ends ? ends[k] : n;
         for (int j = k + 1; j < end; j++)
             b[k] -= w[k * n + j] * b[j];
-        b[k] /= w[k * n + k];
+        b[k] *= w[k * n + k];
     }
 }
 

@@ -70,7 +70,7 @@ INLINED double attempt_of(const System *s, double t, double h, const double *x, 
                           const double *p, const double *atol, double rtol, Work *work, const int n)
 {
     int32_t *const ends = n > FEW ? work->ends : NULL;
-    const double diagonal = 1.0 / (GAMMA * h);
+    const double diagonal = 1.0 / (GAMMA * h), per_time = 1.0 / h;
     double *const stage = work->stage;
     for (int i = 0; i < n * n; i++)
         work->w[i] = -work->jacobian[i];
@@ -91,7 +91,7 @@ INLINED double attempt_of(const System *s, double t, double h, const double *x, 
         for (int i = 0; i < n; i++)
             now[i] = work->slope[i] + h * BY_TIME[r] * work->by_time[i];
         for (int j = 0; j < r; j++) {
-            const double weight = C[r][j] / h;
+            const double weight = C[r][j] * per_time;
             const double *const k = work->k + j * n;
             for (int i = 0; i < n; i++)
                 now[i] += weight * k[i];

@@ -79,7 +79,7 @@ static double log_determinant(double *matrix, int32_t *pivots, int n)
         return -HUGE_VAL;
     double total = 0.0;
     for (int i = 0; i < n; i++)
-        total += log(fabs(matrix[i * n + i]));
+        total -= log(fabs(matrix[i * n + i]));
     return total;
 }
 
