@@ -5,7 +5,7 @@
 #include "system.h"
 
 /* Replace w by its LU factors with row pivoting; 0 if it is singular. On the diagonal stand the
- * inverses of the pivots: a division takes ten times as long as a product.
+ * inverses of the pivots: a division takes several times as long as a product.
  *
  * `ends`, 2 n, becomes where each row of the upper factor and each column of the lower one ends, past
  * which there are zeros; null where these are too few to look for. */
