@@ -9,7 +9,7 @@ import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -38,18 +38,8 @@ STYLE: Any = {
     "svg.hashsalt": "ballscrew",
     "figure.dpi": 110,
 }
-
-
-class Margins(NamedTuple):
-    """Room around axes, and between rows of them, in inches."""
-
-    left: float = 0.95
-    right: float = 0.2
-    top: float = 0.4
-    bottom: float = 0.6
-    between: float = 0.2
-
-
+# margins of a run's pictures, and the room between two rows [in]
+_LEFT, _RIGHT, _TOP, _BOTTOM, _BETWEEN = 0.95, 0.2, 0.4, 0.6, 0.2
 # name of the signal: label, factor to the unit shown, unit
 _SHOWN = {
     "x": ("position $x$", 1e2, "cm"),
@@ -79,31 +69,31 @@ def write_figure(figure: Any, folder: Path, stem: str) -> None:
 
 
 def new_figure(
-    rows: int, columns: int, size: tuple[float, float], margins: Margins | None = None
+    rows: int, columns: int, size: tuple[float, float], fixed_margins: bool = False
 ) -> tuple[Any, Any]:
     """A figure with its axes.
 
     Parameters
     ----------
-    margins : Margins, optional
-        Room around and between the axes. Without it Matplotlib measures all labels, which takes
-        more time than drawing them.
+    fixed_margins : bool
+        Whether labels get the room that those of a run need. Else Matplotlib measures all of them,
+        which takes more time than drawing them.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout=None if margins else "constrained")
+    figure = Figure(figsize=size, layout=None if fixed_margins else "constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False)
-    if margins:
+    if fixed_margins:
         width, height = size
-        each = (height - margins.top - margins.bottom - (rows - 1) * margins.between) / rows
+        each = (height - _TOP - _BOTTOM - (rows - 1) * _BETWEEN) / rows
         figure.subplots_adjust(
-            left=margins.left / width,
-            right=1 - margins.right / width,
-            top=1 - margins.top / height,
-            bottom=margins.bottom / height,
-            hspace=margins.between / each,
+            left=_LEFT / width,
+            right=1 - _RIGHT / width,
+            top=1 - _TOP / height,
+            bottom=_BOTTOM / height,
+            hspace=_BETWEEN / each,
         )
     return figure, axes
 
@@ -118,14 +108,14 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
     title = f"{name}, {run.coupling.value} coupling: {badge}"
     with mpl.rc_context(STYLE):
         if "x" in run.outputs:
-            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), Margins())
+            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
             _draw_course(axes, run.time, run.outputs["x"], "x", 0, "position")
             _draw_set_point(axes, run, label="set-point")
             axes.set_title(title)
             axes.legend(loc="best")
             write_figure(figure, folder, "position")
         if "u" in run.commands:
-            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), Margins())
+            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
             _draw_course(axes, run.time, run.commands["u"], "u", 1, "voltage")
             peak = int(np.argmax(np.abs(run.commands["u"])))
             axes.annotate(
@@ -139,7 +129,7 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
             write_figure(figure, folder, "voltage")
         shown: list[str] = [n for n in ("x", "v", "z", "i", "friction") if n in run.outputs]
         shown = shown or list(run.outputs)
-        figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)), Margins())
+        figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)), fixed_margins=True)
         for k, n in enumerate(shown):
             _draw_course(axes_grid[k][0], run.time, run.outputs[n], n, k, n)
             if k < len(shown) - 1:
@@ -149,7 +139,7 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
         figure.align_ylabels()
         write_figure(figure, folder, "states")
         if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
-            figure, ((axes,),) = new_figure(1, 1, (6.5, 5.2), Margins())
+            figure, ((axes,),) = new_figure(1, 1, (6.5, 5.2), fixed_margins=True)
             _draw_phase(figure, axes, run)
             axes.set_title(title)
             write_figure(figure, folder, "phase")
