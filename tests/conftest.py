@@ -21,10 +21,14 @@ os.environ.setdefault(
 
 
 @pytest.fixture(scope="session", autouse=True)
-def temporary_files_go_with_the_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What hosts unpack, and killed commands leave, is removed with pytest's own folders."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TMPDIR", str(tmp_path_factory.mktemp("temporary")))
+def temporary_files_go_with_the_run() -> Iterator[None]:
+    """What hosts unpack, and killed commands leave, is removed at the end."""
+    with (
+        tempfile.TemporaryDirectory(prefix="tests-", ignore_cleanup_errors=True) as folder,
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        Path(folder).chmod(0o711)  # some tests run commands as another user
+        patch.setenv("TMPDIR", folder)
         patch.setattr(tempfile, "tempdir", None)
         yield
 

@@ -62,8 +62,8 @@ def test_the_records_known_are_the_faultless_ones_of_the_stored_proof():
 
 
 def test_p_values_of_faultless_records_are_even_in_every_world():
-    """Each record told by all others."""
+    """Each record told by all others; a twentieth is within what chance allows of 300."""
     told = json.loads(PROOF.read_text(encoding="utf-8"))["p_values_of_faultless_records"]
-    assert told["all worlds"]["records"] == len(known())
+    assert told["all worlds"]["records"] == len(known()) == 300
     assert all(found["kolmogorov_p"] > 0.01 for found in told.values())
     assert told["all worlds"]["share_at_most"]["0.05"] == pytest.approx(0.05, abs=0.03)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic_records import COUNT, record_of, sine_velocity, true_friction
+from synthetic_records import COUNT, LUGRE, record_of, sine_velocity, true_friction
 
 from ballscrew.identification.friction_estimation import (
     estimate_friction,
@@ -12,15 +12,6 @@ from ballscrew.identification.friction_estimation import (
 )
 from ballscrew.records.force_record import Record
 from ballscrew.records.resolution import held_samples
-
-LUGRE = {
-    "sigma0": 66967.0,
-    "sigma1": 344.56,
-    "sigma2": 173.0,
-    "Fc": 1.284,
-    "Fs": 2.35,
-    "Vs": 1.14e-3,
-}
 
 
 def test_friction_of_a_moving_mass_comes_back_within_its_stated_noise():

@@ -6,21 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_records import constant_velocity, record_of, sine_velocity
+from synthetic_records import LUGRE, constant_velocity, record_of, sine_velocity
 
 from ballscrew.identification.along_record import fit_along
 from ballscrew.identification.identification import CannotHold, check_held, identify
 from ballscrew.orchestration.parameter_file import ParameterFile, Value
 
 DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}
-LUGRE = {
-    "sigma0": 66967.0,
-    "sigma1": 344.56,
-    "sigma2": 173.0,
-    "Fc": 1.284,
-    "Fs": 2.35,
-    "Vs": 1.14e-3,
-}
 LOAD = 0.6
 DRIVE = ParameterFile(kind="drive")
 

@@ -37,7 +37,7 @@ print(code, kernel_cache.folder(), oct(kernel_cache.folder().stat().st_mode))
 @pytest.fixture
 def place():
     """A folder that other users can read, too; pytest's own cannot be read by them."""
-    folder = Path(tempfile.mkdtemp(dir="/tmp"))
+    folder = Path(tempfile.mkdtemp())
     folder.chmod(0o755)
     (folder / "package").mkdir()
     (folder / "work").mkdir()

@@ -15,6 +15,14 @@ from numba import njit
 
 from ballscrew.records.force_record import Record
 
+LUGRE = {
+    "sigma0": 66967.0,
+    "sigma1": 344.56,
+    "sigma2": 173.0,
+    "Fc": 1.284,
+    "Fs": 2.35,
+    "Vs": 1.14e-3,
+}
 Vector = npt.NDArray[np.float64]
 COUNT = 1e-3 / 512
 RESOLUTION = 0.089
