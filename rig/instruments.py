@@ -37,7 +37,7 @@ def sampling_period() -> Parameter:
 
 
 def _within(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
-    return sp.Piecewise((-limit, value < -limit), (limit, value > limit), (value, True))
+    return sp.Max(-limit, sp.Min(limit, value))
 
 
 def encoder() -> Component:
