@@ -16,7 +16,7 @@ from sympy.printing.pycode import PythonCodePrinter
 from . import stepper
 from .component import TIME, Component, Event, Mode, Output, symbol
 from .formulas import Writer, formula, label
-from .functions import slopes
+from .functions import slopes, symbols_in
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
 from .tape import UnsupportedComponent, recorded
 
@@ -84,8 +84,8 @@ def _assignments(
     printer = _Printer({"fully_qualified_modules": True})
     targets = {name: sp.sympify(e) for name, e in targets.items()}
     temporaries = sp.numbered_symbols("_c", real=True)
-    common, reduced = sp.cse(list(targets.values()), symbols=temporaries, optimizations="basic")
-    used = set().union(*(e.free_symbols for e in targets.values())) if targets else set()
+    common, reduced = sp.cse(list(targets.values()), symbols=temporaries)
+    used = set().union(*map(symbols_in, targets.values()))
     lines = []
     for vector, names in unpack.items():
         for index, name in enumerate(names):
@@ -300,7 +300,7 @@ def _symbols_of(component: Component, output: Output) -> set[str]:
         output.value,
         *(m.outputs[output.name] for m in component.modes if output.name in m.outputs),
     ]
-    return {s.name for value in values for s in sp.sympify(value).free_symbols}
+    return {s.name for value in values for s in symbols_in(sp.sympify(value))}
 
 
 def hashed_name(stem: str, text: str) -> str:

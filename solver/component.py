@@ -17,7 +17,7 @@ from typing import Any
 
 import sympy as sp
 
-from .functions import FUNCTIONS, unsupported
+from .functions import FUNCTIONS, symbols_in, unsupported
 
 Number = float | int
 
@@ -439,12 +439,12 @@ class Component:
                     f"{self.name}: {where} uses {wrong}, which is not supported; "
                     f"supported are {', '.join(sorted(f.__name__ for f in FUNCTIONS))}"
                 )
-            for free in sorted(s.name for s in sp.sympify(expression).free_symbols):
+            for free in sorted(s.name for s in symbols_in(sp.sympify(expression))):
                 if free not in seen:
                     raise ContractError(
                         f"{self.name}: {where} uses {free!r}, which is not declared"
                     )
-                if symbol(free) not in sp.sympify(expression).free_symbols:
+                if symbol(free) not in symbols_in(sp.sympify(expression)):
                     raise ContractError(
                         f"{self.name}: {where} uses a symbol {free!r} with other assumptions; "
                         "make it with solver.component.symbol"

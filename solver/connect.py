@@ -8,6 +8,7 @@ from dataclasses import replace
 import sympy as sp
 
 from .component import Component, ContractError, Event, Mode, Output, symbol
+from .functions import symbols_in
 from .kernel import CONTROLLER, PLANT
 
 
@@ -27,7 +28,7 @@ def connect(plant: Component, controller: Component) -> Component:
     measured = {}
     for signal in (i for i in c.inputs if i.role != "reference"):
         value = p.output(signal.name).value
-        if {symbol(i.name) for i in p.inputs} & value.free_symbols:
+        if {symbol(i.name) for i in p.inputs} & symbols_in(value):
             raise ContractError(
                 f"{plant.name} and {controller.name}: {signal.name!r} depends on the plant's input "
                 "at once, which makes an algebraic loop"

@@ -9,6 +9,7 @@ function where its equation has a value.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import sympy as sp
@@ -73,12 +74,20 @@ def slope(expression: sp.Expr, by: sp.Symbol) -> sp.Expr:
     return slopes([expression], [by])[0, 0]
 
 
+@cache
+def symbols_in(expression: sp.Basic) -> frozenset[sp.Symbol]:
+    """The symbols of an expression; parts that it shares with others are gone through once."""
+    if isinstance(expression, sp.Symbol):
+        return frozenset({expression})
+    return frozenset().union(*map(symbols_in, expression.args))
+
+
 def slopes(expressions: Sequence[sp.Expr], by: Sequence[sp.Symbol]) -> sp.Matrix:
     """The partial derivatives of supported expressions, one row each, one column per symbol."""
     table = sp.zeros(len(expressions), len(by))
     for row, expression in enumerate(map(sp.sympify, expressions)):
         marked = _replaced(expression, _MARKED) if _has_kinks(expression) else expression
-        used = expression.free_symbols
+        used = symbols_in(expression)
         for column, symbol in enumerate(by):
             if symbol in used:
                 table[row, column] = _replaced(marked.diff(symbol), _PLAIN)
