@@ -179,10 +179,7 @@ class DriveModel:
 @cache
 def curve_of(law: str) -> sp.Expr:
     """Friction of steady sliding in +x as a function of ``v``, without its viscous part."""
-    steady = claims(law).steady_state
-    if steady is None:  # Bliman-Sorine and Maxwell slip settle at their Coulomb force
-        steady = symbol("Fc") if law == "maxwell_slip" else symbol("f1") - symbol("f2")
-    v = symbol("v")
+    steady, v = sp.sympify(claims(law).steady_state), symbol("v")
     viscous = symbol("sigma2") * v if symbol("sigma2") in steady.free_symbols else sp.Integer(0)
     return steady - viscous
 

@@ -33,11 +33,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from ..plant.bliman_sorine import PARAMETERS as BLIMAN_SORINE
+from ..plant.classical import classical
+from ..plant.dahl import PARAMETERS as DAHL
+from ..plant.lugre import PARAMETERS as LUGRE
+from ..plant.maxwell_slip import ELEMENTS
 from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ..records.force_record import Record
+from ..solver.component import symbol
 from .friction_estimation import FrictionEstimate, Motion, estimate_friction
 from .intervals import CONFIDENCE, NARROW, Interval, is_narrow
-from .law_along_record import ELEMENTS, KINDS, LawValues, friction_along, score, with_play
+from .law_along_record import KINDS, LawValues, friction_along, score, with_play
 from .replay import replayed
 
 Vector = npt.NDArray[np.float64]
@@ -107,23 +113,17 @@ class Law:
     offset: bool = False
 
 
-_LUGRE = ("sigma0", "sigma1", "sigma2", "Fc", "Fs", "Vs")
-_LUGRE_UNITS = ("N/m", "N*s/m", "N*s/m", "N", "N", "m/s")
 LAWS = {
-    law.name: law
-    for law in (
-        Law("lugre", _LUGRE, _LUGRE_UNITS),
-        Law("modified_lugre", _LUGRE, _LUGRE_UNITS),
-        Law("directional_lugre", _LUGRE, _LUGRE_UNITS, directional=True),
-        Law("dahl", ("sigma", "Fc", "alpha"), ("N/m", "N", "1")),
-        Law("bliman_sorine", ("f1", "f2", "eps_f", "eta"), ("N", "N", "m", "1")),
-        Law(
-            "maxwell_slip",
-            tuple(p.name for p in MAXWELL_SLIP),
-            tuple(p.unit for p in MAXWELL_SLIP),
-        ),
-        Law("classical", ("sigma2", "Fc", "Fs", "Vs"), ("N*s/m", "N", "N", "m/s")),
+    name: Law(
+        name, tuple(p.name for p in own), tuple(p.unit for p in own), name.startswith("directional")
     )
+    for name, own in {
+        **dict.fromkeys(("lugre", "modified_lugre", "directional_lugre"), LUGRE),
+        "dahl": DAHL,
+        "bliman_sorine": BLIMAN_SORINE,
+        "maxwell_slip": MAXWELL_SLIP,
+        "classical": classical(symbol("v")).parameters,
+    }.items()
 }
 
 

@@ -1,6 +1,6 @@
 """The friction laws along a given motion, compiled: what the estimators fit, see ``c/laws.c``.
 
-The equations are those of ``plant``, and a test compares each with a stiff solver on them.
+The equations come from ``plant``, see `laws_in_c`; a test compares each law with a stiff solver.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ KINDS = {
     "maxwell_slip": 3,
     "classical": 4,
 }
-ELEMENTS = 4  # of Maxwell slip
 
 
 class _Law(ct.Structure):

@@ -64,6 +64,11 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
         return str(super()._print_Pow(e, rational=rational))
 
 
+def as_python(expression: sp.Basic) -> str:
+    """An expression as Python over ``math``."""
+    return str(_Printer({"fully_qualified_modules": True}).doprint(expression))
+
+
 def _function(
     header: str, unpack: dict[str, list[str]], by_mode: Sequence[dict[str, sp.Expr]]
 ) -> str:
@@ -81,7 +86,6 @@ def _assignments(
     unpack: dict[str, list[str]], targets: dict[str, sp.Expr], indent: str
 ) -> list[str]:
     """Unpack used symbols, common subexpressions, then assignments."""
-    printer = _Printer({"fully_qualified_modules": True})
     targets = {name: sp.sympify(e) for name, e in targets.items()}
     temporaries = sp.numbered_symbols("_c", real=True)
     common, reduced = sp.cse(list(targets.values()), symbols=temporaries)
@@ -93,9 +97,9 @@ def _assignments(
                 lines.append(f"{indent}{name}_ = {vector}[{index}]")
     rename = {s: sp.Symbol(s.name + "_", real=True) for s in used if s != TIME}
     for name, expression in common:
-        lines.append(f"{indent}{name} = {printer.doprint(expression.xreplace(rename))}")
+        lines.append(f"{indent}{name} = {as_python(expression.xreplace(rename))}")
     for target, expression in zip(targets, reduced, strict=True):
-        lines.append(f"{indent}{target} = {printer.doprint(expression.xreplace(rename))}")
+        lines.append(f"{indent}{target} = {as_python(expression.xreplace(rename))}")
     return lines or [f"{indent}pass"]
 
 

@@ -74,6 +74,11 @@ def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
     return "\n".join([*lines, "}"]) + "\n"
 
 
+def expression_in_c(text: str) -> str:
+    """One generated expression in C."""
+    return _expression(ast.parse(text, mode="eval").body, 1)
+
+
 def _block(statements: list[ast.stmt], width: int, indent: str) -> list[str]:
     lines: list[str] = []
     for s in statements:

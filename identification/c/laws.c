@@ -1,5 +1,6 @@
 /* Friction laws along a given motion, and the likelihood of rounded samples; see
- * law_along_record.py, which says what each function is for and in which units.
+ * law_along_record.py, which says what each function is for and in which units. The laws' equations
+ * come from plant/, by laws_in_c.py; here is what is done with them.
  *
  * Between two samples the velocity is taken as constant, and g(v) as moving evenly; then every law
  * here has an exact step, which is stable however stiff the law is. Every parameter comes twice, for
@@ -14,12 +15,10 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-#define PI 3.141592653589793
-#define ELEMENTS 4 /* of Maxwell slip */
-#define LUGRE_PARAMETERS 6
+#include "laws_from_plant.h"
+
 #define STATES (2 * ELEMENTS) /* of any law */
 #define GAP_PARTS 8           /* steps between two samples */
-#define SLOWEST_SLIP 1e-7     /* of the plant's Maxwell-slip law [m/s] */
 #define SPRING_STEP 0.15      /* over the spring's own time */
 
 enum { LUGRE, DAHL, BLIMAN_SORINE, MAXWELL_SLIP, CLASSICAL };
@@ -33,62 +32,53 @@ typedef struct {
     double sharpness; /* Kv of the modified law [s/m]; 0 for abs(v) itself */
 } Law;
 
-static double square(double x) { return x * x; }
-
-static double stribeck(double v, double fc, double fs, double vs)
+static const double *towards_side(const Law *law, double side)
 {
-    return fc + (fs - fc) * exp(-square(v / vs));
+    return side > 0.0 ? law->forwards : law->backwards;
 }
 
+static double sign_of(double v) { return v > 0.0 ? 1.0 : -1.0; }
+
 /* LuGre's curve; with two more parameters, one more bend of it at low speed. */
-static double bent(const Law *law, double v, const double *q)
+static inline double bent(const Law *law, const double *q, double v)
 {
-    double g = stribeck(v, q[3], q[4], q[5]);
-    if (law->count > LUGRE_PARAMETERS)
-        g += q[LUGRE_PARAMETERS] * exp(-square(v / q[LUGRE_PARAMETERS + 1]));
-    return g;
+    const double g = lugre_curve(q, v);
+    return law->count > LUGRE_PARAMETERS ? g + lugre_bend(q, v) : g;
 }
 
 /* Friction at a sample [N]. */
 static double friction_at(const Law *law, const double *state, double v)
 {
-    const double *const q = v > 0.0 ? law->forwards : law->backwards;
+    const double *const q = towards_side(law, v);
     switch (law->kind) {
-    case DAHL: return state[0];
-    case BLIMAN_SORINE: return state[0] + state[1];
-    case MAXWELL_SLIP:
-        return state[0] + state[1] + state[2] + state[3] + q[2 * ELEMENTS + 1] * v;
-    case CLASSICAL: return (v > 0.0 ? 1.0 : -1.0) * stribeck(v, q[1], q[2], q[3]) + q[0] * v;
+    case DAHL: return dahl_friction(state);
+    case BLIMAN_SORINE: return bliman_sorine_friction(state);
+    case MAXWELL_SLIP: return maxwell_slip_friction(state, q, v);
+    case CLASSICAL: return classical_friction(q, sign_of(v), v, classical_curve(q, v));
     default: break;
     }
-    const double z = state[0];
-    const double *const b = z > 0.0 ? law->forwards : law->backwards;
-    const double g = bent(law, v, q);
-    double rate = v - b[0] * fabs(v) * z / g;
-    if (law->sharpness > 0.0) {
-        const double s = 2.0 / PI * atan(law->sharpness * v);
-        rate = s * s * v - b[0] * s * v * z / g;
-    }
-    return b[0] * z + q[1] * rate + q[2] * v;
+    const double s = law->sharpness > 0.0 ? lugre_sign(v, law->sharpness) : sign_of(v);
+    return lugre_friction(state, q, towards_side(law, state[0]), s, v, bent(law, q, v));
 }
 
 /* What going `way` to and fro [m] leaves of the deflection. */
 static void wear(const Law *law, double *state, double way, double v)
 {
-    const double *const q = v > 0.0 ? law->forwards : law->backwards;
+    const double *const q = towards_side(law, v);
     switch (law->kind) {
-    case DAHL: state[0] *= exp(-q[0] * way / q[1]); return;
+    case DAHL: state[0] *= exp(-dahl_decay(q) * way); return;
     case BLIMAN_SORINE:
-        state[0] *= exp(-way / (q[3] * q[2]));
-        state[1] *= exp(-way / q[2]);
+        state[0] *= exp(-bliman_sorine_fast_run(q, way));
+        state[1] *= exp(-bliman_sorine_slow_run(q, way));
         return;
     case MAXWELL_SLIP:
         for (int i = 0; i < ELEMENTS; i++)
-            state[i] *= exp(-q[i] * way / (q[ELEMENTS + i] * q[2 * ELEMENTS + 3]));
+            state[i] *= exp(-maxwell_slip_loading(q, i, way) /
+                            maxwell_slip_rest(q, i, maxwell_slip_curve_at_rest(q)));
         return;
     case CLASSICAL: return;
     default:
-        state[0] *= exp(-(state[0] > 0.0 ? law->forwards : law->backwards)[0] * way / q[4]);
+        state[0] *= exp(-lugre_run(towards_side(law, state[0]), lugre_curve_at_rest(q), way));
     }
 }
 
@@ -97,99 +87,110 @@ typedef struct {
     double d, h, before, after;
 } Move;
 
-/* Where a state that tends to a rest comes, while the rest moves evenly from `begin` to `end`. */
-static double towards(double state, double begin, double end, double run)
+/* The law's curve where a move begins and ends: the same where it does not go one way throughout. */
+typedef struct {
+    double first, last, mean;
+} Curve;
+
+static inline double curve(const Law *law, const double *q, double v)
+{
+    return law->kind == MAXWELL_SLIP ? maxwell_slip_curve(q, v) : bent(law, q, v);
+}
+
+static inline Curve curve_over(const Law *law, const double *q, const Move *m)
+{
+    if (m->before * m->d > 0.0 && m->after * m->d > 0.0) {
+        const double first = curve(law, q, m->before), last = curve(law, q, m->after);
+        return (Curve){first, last, 0.5 * (first + last)};
+    }
+    const double g = curve(law, q, m->d / m->h);
+    return (Curve){g, g, g};
+}
+
+/* Where a state that tends to a rest comes. */
+static inline double settled(double state, double rest, double run)
+{
+    return rest + (state - rest) * exp(-run);
+}
+
+/* The same while the rest moves evenly from `begin` to `end`. */
+static inline double towards(double state, double begin, double end, double run)
 {
     const double gone = -expm1(-run);
     return end + (state - begin) * (1.0 - gone) - (end - begin) * gone / run;
 }
 
+/* What is left to the rest, as a share of it, falls with a power of itself. */
 static void move_dahl(const double *q, double *state, double d)
 {
-    const double s = d > 0.0 ? 1.0 : -1.0, run = q[0] / q[1] * fabs(d);
-    double left = fmax(1.0 - s * state[0] / q[1], 0.0);
-    if (fabs(q[2] - 1.0) < 1e-9) {
+    const double rest = sign_of(d) * dahl_rest(q), run = dahl_decay(q) * fabs(d);
+    const double power = 1.0 - dahl_exponent(q);
+    double left = fmax(1.0 - state[0] / rest, 0.0);
+    if (fabs(power) < 1e-9) {
         left *= exp(-run);
     } else if (left > 0.0) {
-        const double base = pow(left, 1.0 - q[2]) - (1.0 - q[2]) * run;
-        left = base > 0.0 ? pow(base, 1.0 / (1.0 - q[2])) : 0.0;
+        const double base = pow(left, power) - power * run;
+        left = base > 0.0 ? pow(base, 1.0 / power) : 0.0;
     }
-    state[0] = s * q[1] * (1.0 - left);
+    state[0] = rest * (1.0 - left);
 }
 
 static void move_bliman_sorine(const double *q, double *state, double d)
 {
-    const double s = d > 0.0 ? 1.0 : -1.0;
-    const double slow = exp(-fabs(d) / q[2]), fast = exp(-fabs(d) / (q[2] * q[3]));
-    state[0] = s * q[0] + (state[0] - s * q[0]) * fast;
-    state[1] = -s * q[1] + (state[1] + s * q[1]) * slow;
+    const double s = sign_of(d), way = fabs(d);
+    state[0] = settled(state[0], s * bliman_sorine_fast_rest(q), bliman_sorine_fast_run(q, way));
+    state[1] = settled(state[1], s * bliman_sorine_slow_rest(q), bliman_sorine_slow_run(q, way));
 }
 
 static void move_bristles(const Law *law, double *state, const Move *m)
 {
-    const double d = m->d, w = d / m->h;
-    const double *const q = d > 0.0 ? law->forwards : law->backwards;
-    double s = d > 0.0 ? 1.0 : -1.0, z = state[0];
+    const double *const q = towards_side(law, m->d);
+    const Curve g = curve_over(law, q, m);
+    double s = sign_of(m->d), z = state[0];
     if (law->sharpness > 0.0 && m->h < HUGE_VAL)
-        s = 2.0 / PI * atan(law->sharpness * w);
-    double first, last;
-    if (m->before * d > 0.0 && m->after * d > 0.0) {
-        first = bent(law, m->before, q);
-        last = bent(law, m->after, q);
-    } else {
-        first = last = bent(law, w, q);
-    }
-    const double g = 0.5 * (first + last);
-    double way = s * d;
+        s = lugre_sign(m->d / m->h, law->sharpness);
+    double way = s * m->d;
     if (z * s < 0.0) { /* bent to the other side: first back to nothing */
-        const double *const b = d > 0.0 ? law->backwards : law->forwards;
-        const double rest = s * g / b[0], back = g / b[0] * log(1.0 - z / rest);
+        const double *const b = towards_side(law, -m->d);
+        const double rest = lugre_rest(b, s, g.mean);
+        const double back = lugre_length(b, g.mean) * log(1.0 - z / rest);
         if (back >= way) {
-            state[0] = rest + (z - rest) * exp(-b[0] * way / g);
+            state[0] = settled(z, rest, lugre_run(b, g.mean, way));
             return;
         }
         way -= back;
         z = 0.0;
     }
-    /* towards a rest that moves evenly from that of the first velocity to the last's */
-    const double run = q[0] * way / g;
-    state[0] = run > 0.0 ? towards(z, s * first / q[0], s * last / q[0], run) : z;
+    const double run = lugre_run(q, g.mean, way);
+    state[0] = run > 0.0 ? towards(z, lugre_rest(q, s, g.first), lugre_rest(q, s, g.last), run) : z;
 }
 
 /* Maxwell slip: forces of the elements, then 1 or -1 for each that slips that way, or 0. */
-static void move_elements(const double *q, double *state, const Move *m)
+static void move_elements(const Law *law, double *state, const Move *m)
 {
-    const double d = m->d, h = m->h, s = d > 0.0 ? 1.0 : -1.0;
-    const double attraction = q[2 * ELEMENTS], fc = q[2 * ELEMENTS + 2];
-    const double fs = q[2 * ELEMENTS + 3], vs = q[2 * ELEMENTS + 4];
-    double first, last;
-    if (m->before * d > 0.0 && m->after * d > 0.0) {
-        first = stribeck(m->before, fc, fs, vs);
-        last = stribeck(m->after, fc, fs, vs);
-    } else {
-        first = last = stribeck(d / h, fc, fs, vs);
-    }
-    const double g = 0.5 * (first + last);
+    const double *const q = towards_side(law, m->d);
+    const double d = m->d, h = m->h, s = sign_of(d);
+    const Curve g = curve_over(law, q, m);
     for (int i = 0; i < ELEMENTS; i++) {
-        const double share = q[ELEMENTS + i];
         double left = 1.0; /* share of the step in which the element slips */
         if (state[ELEMENTS + i] * s <= 0.0) {
             state[ELEMENTS + i] = 0.0;
-            const double loaded = state[i] + q[i] * d;
-            if (s * loaded < share * g) {
+            const double loading = maxwell_slip_loading(q, i, d), loaded = state[i] + loading;
+            const double limit = maxwell_slip_rest(q, i, g.mean);
+            if (s * loaded < limit) {
                 state[i] = loaded;
                 continue;
             }
-            left = fmin(fmax((loaded - s * share * g) / (q[i] * d), 0.0), 1.0);
-            state[i] = s * share * (first + (last - first) * (1.0 - left));
+            left = fmin(fmax((loaded - s * limit) / loading, 0.0), 1.0);
+            state[i] = s * maxwell_slip_rest(q, i, g.first + (g.last - g.first) * (1.0 - left));
             state[ELEMENTS + i] = s;
         }
         if (h == HUGE_VAL)
             continue;
-        const double run = attraction * left * h / g / (1.0 + SLOWEST_SLIP * h / fabs(d));
+        const double run = maxwell_slip_run(q, fabs(d) / h, g.mean, left * h);
         if (run > 0.0) {
-            const double begin = s * share * (last + (first - last) * left);
-            state[i] = towards(state[i], begin, s * share * last, run);
+            const double begin = maxwell_slip_rest(q, i, g.last + (g.first - g.last) * left);
+            state[i] = towards(state[i], s * begin, s * maxwell_slip_rest(q, i, g.last), run);
         }
     }
 }
@@ -197,13 +198,12 @@ static void move_elements(const double *q, double *state, const Move *m)
 static void move(const Law *law, double *state, double d, double h, double before, double after)
 {
     const Move m = {d, h, before, after};
-    const double *const q = d > 0.0 ? law->forwards : law->backwards;
     if (d == 0.0)
         return;
     switch (law->kind) {
-    case DAHL: move_dahl(q, state, d); return;
-    case BLIMAN_SORINE: move_bliman_sorine(q, state, d); return;
-    case MAXWELL_SLIP: move_elements(q, state, &m); return;
+    case DAHL: move_dahl(towards_side(law, d), state, d); return;
+    case BLIMAN_SORINE: move_bliman_sorine(towards_side(law, d), state, d); return;
+    case MAXWELL_SLIP: move_elements(law, state, &m); return;
     case CLASSICAL: return;
     default: move_bristles(law, state, &m);
     }
