@@ -45,20 +45,7 @@ class Clock:
         return float(library().clock_step_to_come(self.address))
 
     @property
-    def can_be_finer(self) -> bool:
-        """Whether the step to come can be halved."""
-        return bool(self._whole.record.stride > 1)
-
-    @property
     def used(self) -> tuple[float, float]:
         """Shortest and longest step so far [s]."""
         record = self._whole.record
         return float(record.shortest_used), float(record.longest_used)
-
-    def accept(self) -> None:
-        """Go on by the step."""
-        library().clock_accept(self.address)
-
-    def adapt(self, share: float) -> None:
-        """Halve or double the step; `share` is what the last one cost of what it may."""
-        library().clock_adapt(self.address, share)

@@ -21,7 +21,6 @@ DIRECT, STEPPED, SAMPLED = range(3)
 USES = 3  # what states are saved for
 RAMP_SHARE = 2 / 3  # of a defect, that a ramp makes up for
 RUNAWAY = 1e4  # times an output's nominal value
-LEAST_SHARE = 1e-3  # of the error that is allowed in all, to any one step
 GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, RUNS_AWAY, CALL_FAILED, NO_MEMORY = range(7)
 
 CONTROLLER = np.dtype(
@@ -141,16 +140,15 @@ SIDE = np.dtype([("calls", CALLS), ("frames", CALLS), ("states", np.int64)])
 
 ASKED_LAW = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p, ct.c_void_p)
 ASKED_ADVANCE = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p)
-ASKED_TANGENTS = ct.CFUNCTYPE(ct.c_int, ct.c_void_p)
-ASKED_RESTORED = ct.CFUNCTYPE(ct.c_int)
 
 JOINT = np.dtype(
     [
         ("plant", SIDE),
         ("controller", SIDE),
         # addresses of functions that answer for a controller without tangents
-        *((name, np.intp) for name in ("law_asked", "advance_asked", "tangents_asked")),
-        ("restored_asked", np.intp),
+        ("law_asked", np.intp),
+        ("advance_asked", np.intp),
+        ("shown", CALLS),  # outputs: those of the plant that are recorded
         ("m", np.int64),
         ("n", np.int64),
         ("count", np.int64),
@@ -163,14 +161,27 @@ JOINT = np.dtype(
         ),
     ]
 )
-"""A plant and a controller with their tangents, for one corrected step."""
+"""A plant and a controller with their tangents."""
+
+TRAIL = np.dtype(
+    [
+        # row by row; row 0 is what was before
+        ("times", VECTOR),
+        ("outputs", VECTOR),
+        ("growth", VECTOR),
+        ("trace", VECTOR),
+        ("rows", np.int64),
+        ("bound", VECTOR),  # outputs beyond which the loop runs away
+        ("accuracy", float),  # nats, and share of the growth, that correcting may change in all
+        ("relative", float),
+    ]
+)
+"""The run as it is recorded, and how wrong its steps may be."""
 
 _At, _Number, _Whole = ct.c_void_p, ct.c_double, ct.c_int
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "clock_now": (_At,),
     "clock_step_to_come": (_At,),
-    "clock_accept": (_At,),
-    "clock_adapt": (_At, _Number),
     "master_march": (_At, _At, _At, _At, _At, ct.c_int64),
     "master_read_outputs": (_At, _At),
     "master_command": (_At, _Number, _Number, _At, _Whole, _At),
@@ -180,13 +191,9 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "master_probe_gains": (_At, _Number, _Number, _At, _At, _At),
     "master_law_at": (_At, _Number, _Number, _At, _At, _Whole, _At),
     "master_advance": (_At, _Number, _Number, _At, _At),
-    "joint_start": (_At,),
-    "joint_step": (_At, _Number, _Number),
-    "joint_restore": (_At,),
-    "joint_release": (_At,),
+    "joint_march": (_At, _At, _At, ct.c_int64),
 }
 _NUMBERS = ("clock_now", "clock_step_to_come")
-_NOTHING = ("clock_accept", "clock_adapt", "joint_release")
 
 
 @cache
@@ -196,7 +203,7 @@ def library() -> Any:
     for name, types in _SIGNATURES.items():
         function = getattr(loaded, name)
         function.argtypes = types
-        function.restype = _Number if name in _NUMBERS else None if name in _NOTHING else _Whole
+        function.restype = _Number if name in _NUMBERS else _Whole
     return loaded
 
 

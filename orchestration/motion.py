@@ -157,7 +157,7 @@ def _resting(model: Model, time: float) -> Motion | None:
     The distance has to shrink to a fifth, over three time constants of the slowest eigenvalue, or
     to what round-off leaves, and the equilibrium has to stay where it is meanwhile.
     """
-    nominal = np.array([s.nominal for s in model.kernel.states])
+    nominal = model.kernel.nominal
     before = equilibrium_near(model, time)
     if before is None or before.slowest > 0.0:
         return None
@@ -213,7 +213,7 @@ def _complex(value: complex) -> str:
 
 def _plane(model: Model, time: float, span: float) -> tuple[int, float, Returns]:
     """The plane that the motion crosses widest: a state, and the middle of its range."""
-    nominal = np.array([s.nominal for s in model.kernel.states])
+    nominal = model.kernel.nominal
     seen = follow_returns(model, time, time + span, 0, np.inf, 1)
     widest = int(np.argmax((seen.high - seen.low) / nominal))
     return widest, float(0.5 * (seen.high + seen.low)[widest]), seen

@@ -54,7 +54,7 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
         [s], for equations that contain it.
     """
     # Over nominal magnitudes, so that a state's size does not depend on its unit.
-    nominal = np.array([s.nominal for s in model.kernel.states])
+    nominal = model.kernel.nominal
     point = model.x.copy()
     for _ in range(_NEWTON):
         rates = model.derivatives(time, point) / nominal

@@ -56,6 +56,12 @@ class BadMap(ValueError):
     """A map that makes no sense; the message says what was got and what was expected."""
 
 
+@lru_cache(maxsize=8)
+def _linear(low: float, high: float, count: int) -> Vector:
+    """One array for all cells of a map."""
+    return np.linspace(low, high, count)
+
+
 @dataclass(frozen=True)
 class Axis:
     """One side of a map.
@@ -80,7 +86,10 @@ class Axis:
     count: int
 
     def values(self) -> Vector:
-        return np.linspace(self.low, self.high, self.count)
+        return _linear(self.low, self.high, self.count)
+
+    def value(self, number: int) -> float:
+        return float(self.values()[number])
 
 
 @dataclass(frozen=True)
@@ -152,7 +161,7 @@ class MapStudy:
     def point(self, cell: int) -> tuple[float, float]:
         """Values of x and y in a cell; x runs fastest."""
         row, column = divmod(cell, self.x.count)
-        return float(self.x.values()[column]), float(self.y.values()[row])
+        return self.x.value(column), self.y.value(row)
 
 
 def read_axis(text: str, plant: str, controller: str) -> Axis:

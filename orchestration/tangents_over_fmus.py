@@ -35,16 +35,7 @@ from ..fmus.tangent_ports import (
     tangent_states,
 )
 from .clock import Clock
-from .compiled import (
-    ASKED_ADVANCE,
-    ASKED_LAW,
-    ASKED_RESTORED,
-    ASKED_TANGENTS,
-    JOINT,
-    LEAST_SHARE,
-    USES,
-    library,
-)
+from .compiled import ASKED_ADVANCE, ASKED_LAW, GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
 from .coupling import Answer, ControllerSide
 from .fmi_calls import Bound, failure_of
 from .participant import Participant, StepFailed
@@ -59,6 +50,7 @@ SHIFT = 1e-4  # of a signal's nominal value, to see how it moves a controller's 
 RELATIVE = 3e-4  # of the growth, besides
 TOLERANCE = 1e-8
 RUNAWAY = 1e6  # times an output's nominal value
+CHUNK = 256  # steps between two chances to interrupt
 
 
 class TangentsImpossible(ValueError):
@@ -136,7 +128,6 @@ class _Side:
         self.participant = participant
         parameters: list[str] = list(getattr(participant, "parameters", []))
         self.states, self.tangents = tangent_states(parameters)
-        self._frames = 0.0
 
     def bind(
         self,
@@ -153,7 +144,9 @@ class _Side:
             for names in (moved, outputs)
         )
         side.set(states=len(self.states))
-        bound = (
+        frame = [*map(set_port, own), FRAME] if own else []
+        shown = [*own, TRACE] if own else []
+        return (
             Bound(
                 self.participant,
                 [*inputs, *given],
@@ -161,20 +154,8 @@ class _Side:
                 USES,
                 side.part("calls"),
             ),
-            Bound(self.participant, [], own, USES, side.part("frames")),
+            Bound(self.participant, frame, shown, USES, side.part("frames")),
         )
-        self._write = self.participant.writer([*map(set_port, own), FRAME] if own else [])
-        self._read_trace = self.participant.reader([TRACE] if own else [])
-        return bound
-
-    def set_tangents(self, rows: Matrix) -> None:
-        """Set the tangents, shape (count, states)."""
-        if self.states:
-            self._frames += 1.0
-            self._write(np.append(rows.ravel(), self._frames))
-
-    def trace_now(self) -> float:
-        return float(self._read_trace().sum())
 
 
 def _rows_at(address: int, rows: int, columns: int) -> Matrix:
@@ -200,7 +181,6 @@ class _ProbedController:
         self.remarks: list[str] = []
         self.error: BaseException | None = None
         self._added = np.zeros(0)  # to the command, along each tangent
-        self._kept = self._added
 
     def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Find out how it answers and whether it has a state; once it is initialized."""
@@ -225,20 +205,19 @@ class _ProbedController:
 
     def bind(self, side: Struct, whole: Struct, count: int, reference: Vector) -> tuple[Bound, ...]:
         """Put it into a record, with functions that answer for it."""
-        self.count, self._added = count, np.zeros(count)
-        self._reference = reference
-        side.set(states=len(self.states))
+        self.count, self._reference = count, reference
+        states = len(self.states)
+        frame = np.append(np.zeros(count), math.nan)  # of its own trace nothing is known
+        self._added = frame[:count]
+        side.set(states=states)
         bound = Bound(self.participant, [], [], USES, side.part("calls"))
-        side.part("frames").set(taken=np.zeros(count * len(self.states)))
+        side.part("frames").set(given=np.zeros(count * states), taken=frame)
         self._functions = (
             ASKED_LAW(self._guarded(self._law)),
             ASKED_ADVANCE(self._guarded(self._advance)),
-            ASKED_TANGENTS(self._guarded(self._tangents)),
-            ASKED_RESTORED(self._guarded(self._restored)),
         )
-        names = ("law_asked", "advance_asked", "tangents_asked", "restored_asked")
-        addresses = (ct.cast(f, ct.c_void_p).value or 0 for f in self._functions)
-        whole.set(**dict(zip(names, addresses, strict=True)))
+        law, advance = (ct.cast(f, ct.c_void_p).value or 0 for f in self._functions)
+        whole.set(law_asked=law, advance_asked=advance)
         return (bound,)
 
     def _guarded(self, method: Callable[..., None]) -> Callable[..., int]:
@@ -251,19 +230,6 @@ class _ProbedController:
             return 1
 
         return call
-
-    def set_tangents(self, rows: Matrix) -> None:
-        self._added = self._kept = rows[:, 0] if self.states else np.zeros(self.count)
-
-    def trace_now(self) -> float:
-        return math.nan if self.states else 0.0
-
-    def _restored(self) -> None:
-        self._added = self._kept
-
-    def _tangents(self, rows: int) -> None:
-        if self.states:
-            _rows_at(rows, self.count, 1)[:, 0] = self._added
 
     def _signals_at(self, address: int) -> Matrix:
         return _rows_at(address, 1 + self.count, self.side.n).copy()
@@ -283,7 +249,7 @@ class _ProbedController:
             if not len(fading):
                 raise StepFailed(f"{self.participant.name}: its state cannot be seen any more")
             strongest = float(fading[np.argmax(np.abs(responses[responses != 0.0]))])
-            self._added = strongest * self._added + signals[1:] @ responses
+            self._added[:] = strongest * self._added + signals[1:] @ responses
         self.side.advance(t, h, signals[0], self._reference)
 
     def _response(
@@ -395,54 +361,17 @@ def follow_over_fmus(
             )
     joint = _Joint(p, c, wiring, count, refs)
     names = list(_ordinary(plant).outputs)
-    read_outputs = plant.reader(names)
     bound = RUNAWAY * np.array([plant.nominal(n) for n in names])
-    time = Clock(stop, step, adaptive=True)
-    times, growth, trace = [0.0], [np.zeros(count)], [0.0]
-    rows = [read_outputs()]
-    frame = np.eye(count)  # a joint tangent per row
-    split = len(p.states)
-    stopped = ""
-    while not time.done and not stopped:
-        p.set_tangents(frame[:, :split])
-        c.set_tangents(frame[:, split:])
-        t = time.now
-        try:
-            joint.start()
-            while True:
-                h = time.step_to_come
-                joint.step(t, h)
-                usual = np.abs(growth[-1]) * (h / t if t > 0 else 0.0)
-                share = joint.share(accuracy * max(h / stop, LEAST_SHARE), usual)
-                if not share > 1.0 or not time.can_be_finer:
-                    break
-                joint.restore()
-                time.adapt(share)
-            time.accept()
-            time.adapt(share)
-            rows.append(read_outputs())
-            trace.append(p.trace_now() + c.trace_now())
-        except StepFailed as error:
-            stopped = f"{error} (in the step from t = {t:.6g} s)"
-            break
-        finally:
-            joint.release()
-        times.append(time.now)
-        growth.append(growth[-1] + joint.logs)
-        frame = joint.frame.copy()
-        if not np.all(np.abs(rows[-1]) <= bound):
-            name = names[int(np.argmax(np.nan_to_num(np.abs(rows[-1]) / bound, nan=np.inf)))]
-            stopped = f"the loop runs away: {name} leaves every bound at t = {time.now:.6g} s"
-    table = np.array(rows)[: len(times)]
+    trail = joint.march(names, bound, Clock(stop, step, adaptive=True), accuracy)
     return TangentRun(
-        np.array(times),
-        {n: table[:, j] for j, n in enumerate(names)},
-        np.array(growth),
-        np.array(trace)[: len(times)],
+        trail.times,
+        {n: trail.outputs[:, j] for j, n in enumerate(names)},
+        trail.growth,
+        trail.trace,
         (*p.states, *c.states),
         "tangent ports" if ports else "probed by differences",
         _stated(c, accuracy),
-        stopped,
+        trail.stopped,
     )
 
 
@@ -469,16 +398,19 @@ def _stated(c: _Side | _ProbedController, accuracy: float) -> str:
     return "; ".join([*lost, *c.remarks])
 
 
-class _Joint:
-    """Both sides, as the compiled step takes them, see ``c/joint_step.c``.
+@dataclass(frozen=True)
+class _Trail:
+    """What `_Joint.march` recorded, and why it ended before its time."""
 
-    Attributes
-    ----------
-    frame : ndarray, shape (count, states)
-        Orthonormal joint tangents after the last step, a row each.
-    logs : ndarray, shape (count,)
-        Logarithms of the lengths that they had.
-    """
+    times: Vector
+    outputs: Matrix
+    growth: Matrix
+    trace: Vector
+    stopped: str
+
+
+class _Joint:
+    """Both sides, as the compiled steps take them, see ``c/joint_step.c``."""
 
     def __init__(
         self,
@@ -489,7 +421,7 @@ class _Joint:
         reference: Vector,
     ) -> None:
         self._whole = struct(JOINT)
-        self._controller = c
+        self._plant, self._controller, self._count = p, c, count
         signals = [s for s, _ in wiring.signals]
         law = [*(theirs for _, theirs in wiring.commands), *wiring.plant_law()]
         bound = p.bind(self._whole.part("plant"), law, law, signals, count)
@@ -503,47 +435,43 @@ class _Joint:
         else:
             self._bound = (*bound, *c.bind(side, self._whole, count, reference))
         m, n, rows = len(wiring.commands), len(signals), 1 + count
-        self.plain, self.frame = np.zeros((count, count)), np.zeros((count, count))
-        self.plain_logs, self.logs = np.zeros(count), np.zeros(count)
         self._whole.set(m=m, n=n, count=count, reference=reference, applied=np.zeros(rows * m))
         self._whole.set(**{name: np.zeros(rows * n) for name in ("start", "end", "middle")})
         laws = ("law", "mended", "ramped")
         self._whole.set(**{name: np.zeros(rows * m * (2 + n)) for name in laws})
-        self._whole.set(plain=self.plain, frame=self.frame)
-        self._whole.set(plain_logs=self.plain_logs, logs=self.logs)
+        self._whole.set(frame=np.eye(count), plain=np.zeros((count, count)))
+        self._whole.set(plain_logs=np.zeros(count), logs=np.zeros(count))
 
-    def _call(self, name: str, *arguments: float) -> None:
-        if getattr(library(), f"joint_{name}")(self._whole.address, *arguments):
-            return
-        asked = getattr(self._controller, "error", None)
-        error = asked or failure_of(*self._bound)
-        assert error is not None
-        raise error
+    def march(self, names: Sequence[str], bound: Vector, clock: Clock, accuracy: float) -> _Trail:
+        """Run to the clock's end, and record these outputs of the plant.
 
-    def start(self) -> None:
-        """Keep the states at which the sides are, to come back to."""
-        self._call("start")
-
-    def step(self, t: float, h: float) -> None:
-        """One corrected step."""
-        self._call("step", t, h)
-
-    def restore(self) -> None:
-        """Go back to where the step started."""
-        self._call("restore")
-
-    def release(self) -> None:
-        """Let go of the kept states."""
-        library().joint_release(self._whole.address)
-
-    def share(self, allowed: float, usual: Vector) -> float:
-        """How far the correction moved the tangents, as a share of what is allowed.
-
-        Allowed are `allowed` nats, or radians of a tangent's direction, and a share of the growth
-        of that tangent in this step, or of its `usual` growth, which are large for the fast ones
-        only.
+        The run ends where one of them leaves its bound. A joint tangent is a row of the frame.
         """
-        moved = np.maximum(
-            np.abs(self.logs - self.plain_logs), np.max(np.abs(self.frame - self.plain), axis=1)
-        )
-        return float(np.max(moved / (allowed + RELATIVE * np.maximum(np.abs(self.logs), usual))))
+        plant, count = self._plant.participant, self._count
+        shown = Bound(plant, [], names, USES, self._whole.part("shown"))
+        rooms = [np.zeros((CHUNK + 1, k)) for k in (1, len(names), count, 1)]
+        rooms[1][0] = plant.reader(names)()
+        trail = struct(TRAIL)
+        fields = ("times", "outputs", "growth", "trace")
+        trail.set(bound=bound, accuracy=accuracy, relative=RELATIVE)
+        trail.set(**dict(zip(fields, rooms, strict=True)))
+        kept, why = [[room[:1].copy()] for room in rooms], GOES_ON
+        while why == GOES_ON and not clock.done:
+            why = library().joint_march(self._whole.address, clock.address, trail.address, CHUNK)
+            last = int(trail.record.rows)
+            for rows, room in zip(kept, rooms, strict=True):
+                rows.append(room[1 : last + 1].copy())
+                room[0] = room[last]
+        times, outputs, growth, trace = map(np.concatenate, kept)
+        stopped = ""
+        if why == STEP_FAILED:
+            error = getattr(self._controller, "error", None) or failure_of(*self._bound, shown)
+            if not isinstance(error, StepFailed):
+                assert error is not None
+                raise error
+            stopped = f"{error} (in the step from t = {clock.now:.6g} s)"
+        elif why != GOES_ON:
+            beyond = np.nan_to_num(np.abs(outputs[-1]) / bound, nan=np.inf)
+            name = names[int(np.argmax(beyond))]
+            stopped = f"the loop runs away: {name} leaves every bound at t = {clock.now:.6g} s"
+        return _Trail(times[:, 0], outputs, growth, trace[:, 0], stopped)

@@ -52,7 +52,8 @@ class _Work(ct.Structure):
             (name, _At)
             for name in (
                 *("jacobian", "w", "k", "stage", "slope", "by_time", "alone", "end", "first"),
-                *("middle", "g", "before", "pivots", "ends", "fired"),
+                *("middle", "g", "before", "left", "inverse", "lower", "upper", "lower_end"),
+                *("rows", "counts", "below", "pivots", "fired"),
             )
         ),
         ("found", ct.c_int32),
@@ -187,7 +188,7 @@ class System:
         if equations:
             _compiled(equations).fill_system(self.address)
         n = self.states
-        memory = np.zeros(2 * n * n + (STAGES + 9) * n + 3 * self.events + 2)
+        memory = np.zeros(4 * n * n + (STAGES + 11) * n + 3 * self.events + 2)
         self._work = _Work()
         self._work_address = ct.addressof(self._work)
         self._core.core_lay_work(self._work_address, n, self.events, at(memory))

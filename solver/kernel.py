@@ -131,6 +131,11 @@ class Kernel:
             vars(self).pop("_compiled", None)
 
     @cached_property
+    def nominal(self) -> Vector:
+        """Nominal magnitudes of the states."""
+        return np.array([s.nominal for s in self.states])
+
+    @cached_property
     def _tapes(self) -> bytes:
         return base64.b64decode(self.tapes)
 
@@ -208,7 +213,7 @@ class Model:
                 known = ", ".join([*parameters, *starts, *held_starts])
                 raise KeyError(f"{kernel.name} has no parameter {name!r}; it has {known}")
         self.tolerance = tolerance
-        self.atol = tolerance * np.array([s.nominal for s in kernel.states])
+        self.atol = tolerance * kernel.nominal
         self.info = np.zeros(core.INFO_SIZE)
 
     def set_input(self, name: str, value: float) -> None:

@@ -137,7 +137,7 @@ def _may_be_explicit(model: Model, t: float) -> bool:
     kernel = model.kernel
     if kernel.modes:
         return False
-    nominal = np.array([s.nominal for s in kernel.states])
+    nominal = kernel.nominal
     seen = []
     for shift in (1.0, 0.0, -1.0):
         matrix = model.jacobian(t, model.x + shift * nominal)
@@ -156,7 +156,7 @@ def _may_be_explicit(model: Model, t: float) -> bool:
 def _stride(model: Model, grid: Vector, frame: Matrix, runaway: float) -> Spectrum | None:
     """As `_walk`, by the explicit pair; None, and the model as it was, where that is too stiff."""
     before = model.info.copy()
-    nominal = np.array([s.nominal for s in model.kernel.states])
+    nominal = model.kernel.nominal
     run = _followed(model, grid, frame, runaway, nominal, explicitly=True)
     if run is None:
         model.info[:] = before
@@ -164,8 +164,8 @@ def _stride(model: Model, grid: Vector, frame: Matrix, runaway: float) -> Spectr
 
 
 def _walk(model: Model, grid: Vector, frame: Matrix, runaway: float, collocating: bool) -> Spectrum:
-    nominal = np.array([s.nominal for s in model.kernel.states])
-    scale = 2.0 ** np.round(np.log2(nominal))
+    nominal = model.kernel.nominal
+    scale = np.asarray(2.0 ** np.round(np.log2(nominal)), dtype=float)
     run = _followed(model, grid, frame, runaway, scale, collocating=collocating)
     assert run is not None  # nothing is too stiff for the stiff stepper
     return run
@@ -184,7 +184,7 @@ def _followed(
     states = np.empty((len(grid), n))
     states[0] = model.x
     growth, trace = np.zeros((len(grid), count)), np.zeros(len(grid))
-    bound = runaway * np.array([s.nominal for s in model.kernel.states])
+    bound = runaway * model.kernel.nominal
     told = core.Walk(
         len(grid),
         count,
@@ -222,7 +222,7 @@ def _failure(model: Model, state: Vector, end: float) -> tuple[str, bool]:
         return "", False
     if status != core.RAN_AWAY:
         return describe_failure(kernel.name, status, model.info, end), False
-    size = np.abs(state) / np.array([s.nominal for s in kernel.states])
+    size = np.abs(state) / kernel.nominal
     worst = kernel.states[int(np.argmax(np.nan_to_num(size, nan=np.inf)))].name
     reached = model.info[core.REACHED]
     return f"{kernel.name} runs away: {worst} leaves every bound at t = {reached:.6g} s", True
@@ -268,7 +268,7 @@ def follow_returns(
         The plane: where this state has this value.
     """
     n = len(model.x)
-    bound = RUNAWAY * np.array([s.nominal for s in model.kernel.states])
+    bound = RUNAWAY * model.kernel.nominal
     times, states = np.empty(most), np.empty((most, n))
     low, high = np.empty(n), np.empty(n)
     told = core.Crossings(

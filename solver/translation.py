@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import ast
 import math
+import re
+from collections import Counter
 
 from .tape import UnsupportedComponent
 
@@ -28,6 +30,8 @@ _SAME_NAMES = (
     "acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh erf erfc exp expm1 fabs floor "
     "fmod hypot lgamma log log10 log1p log2 pow sin sinh sqrt tan tanh"
 )
+_OF_TWO = ("atan2", "copysign", "fmod", "hypot", "pow")
+_CHEAP = ("ceil", "fabs", "floor", "sqrt")
 _OTHER_NAME = {"gamma": "tgamma"}
 _CONSTANTS = {"pi": repr(math.pi), "e": repr(math.e), "inf": "HUGE_VAL"}
 _OPERATORS: dict[type[ast.AST], str] = {
@@ -70,8 +74,13 @@ def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
         head = head.replace(f" {function.name}(", f" {name}(")
     lines = [f"static {head}", "{"]
     lines += [f"    (void)({a});" for a in ("self", *(a.arg for a in function.args.args))]
-    lines += _block(function.body, width, "    ")
-    return "\n".join([*lines, "}"]) + "\n"
+    body = "\n".join(_block(function.body, width, "    "))
+    calls = Counter(re.findall(r"\b(\w+)\(", body))
+    for called in sorted(set(_SAME_NAMES.split()).difference(_CHEAP, _OF_TWO)):
+        if calls[called] > 1:
+            lines.append(f"    Known known_{called} = {{NAN, NAN}};")
+            body = re.sub(rf"\b{called}\(", f"known({called}, &known_{called}, ", body)
+    return "\n".join([*lines, body, "}"]) + "\n"
 
 
 def expression_in_c(text: str) -> str:

@@ -40,7 +40,7 @@ API double clock_step_to_come(const Clock *c)
 }
 
 /* Go on by the step. */
-API void clock_accept(Clock *c)
+static void clock_accept(Clock *c)
 {
     const double step = clock_step_to_come(c);
     c->shortest_used = fmin(c->shortest_used, step);
@@ -50,7 +50,7 @@ API void clock_accept(Clock *c)
 
 /* Halve or double the step, so that steps stay aligned with multiples of themselves; `share` is what
  * the last one cost of what it may. */
-API void clock_adapt(Clock *c, double share)
+static void clock_adapt(Clock *c, double share)
 {
     if (share > 1.0 && c->stride > 1)
         c->stride /= 2;

@@ -1,4 +1,4 @@
-/* One corrected step of a plant and a controller that carry tangents, see tangents_over_fmus.py.
+/* Corrected steps of a plant and a controller that carry tangents, see tangents_over_fmus.py.
  *
  * A law and its tangents are rows of m commands, m x n gains and m rates: row 0 the law, row k its
  * k-th tangent. Signals and their tangents are rows of n. */
@@ -11,21 +11,23 @@
  * then their tangents. */
 typedef struct {
     Calls calls;
-    Calls frames; /* inputs: none; outputs: the states' tangents, count x states */
+    /* inputs: the states' tangents, count x states, and the number of the frame; outputs: they, and
+     * the integral of the trace; without functions where somebody else is asked */
+    Calls frames;
     int64_t states;
 } Side;
 
-/* A controller that is asked by somebody else, where it has no tangents of its own. */
+/* A controller that is asked by somebody else, where it has no tangents of its own. The tangents of
+ * its state are what its frames took last. */
 typedef struct {
     int (*law)(double t, double h, const double *signals, double *law);
     int (*advance)(double t, double h, const double *signals);
-    int (*tangents)(double *rows);
-    int (*restored)(void); /* its FMU is back at the step's start */
 } Asked;
 
 typedef struct {
     Side plant, controller;
     Asked asked; /* null where the controller has tangents */
+    Calls shown; /* outputs: those of the plant that are recorded */
     int64_t m, n, count;
     Vector reference;           /* set-points */
     Vector start, end, middle;  /* rows x n */
@@ -35,6 +37,14 @@ typedef struct {
      * and with the correction */
     Vector plain, plain_logs, frame, logs;
 } Joint;
+
+/* The run as it is recorded, and how wrong its steps may be. */
+typedef struct {
+    Vector times, outputs, growth, trace; /* row by row; row 0 is what was before */
+    int64_t rows;
+    Vector bound;              /* outputs beyond which the loop runs away */
+    double accuracy, relative; /* nats, and share of the growth, that correcting may change in all */
+} Trail;
 
 static int read_rows(Calls *c, double *rows)
 {
@@ -86,17 +96,33 @@ static int advance_controller(Joint *j, double t, double h, const double *signal
     return set_signals(j, signals) && move(&j->controller.calls, t, h);
 }
 
+/* Set one side's tangents to their columns of the joint rows, which begin at `first`. */
+static int set_tangents(Joint *j, Side *side, int64_t first)
+{
+    const int64_t own = side->states, all = j->plant.states + j->controller.states;
+    Calls *const c = &side->frames;
+    for (int64_t k = 0; k < j->count; k++)
+        copy(j->frame.at + k * all + first, c->given.at + k * own, own);
+    if (!c->set_real) {
+        copy(c->given.at, c->taken.at, j->count * own);
+        return 1;
+    }
+    if (own > 0)
+        c->given.at[j->count * own] += 1.0; /* a new frame */
+    return put(c, c->given.size);
+}
+
+static int take_tangents(Calls *c) { return !c->get_real || take(c, c->taken.size); }
+
 /* Both sides' tangents as joint rows, orthonormalized. */
 static int joint_frame(Joint *j, double *frame, double *logs)
 {
     const int64_t p = j->plant.states, c = j->controller.states;
-    double *const theirs = j->controller.frames.taken.at;
-    TRY(take(&j->plant.frames, j->plant.frames.taken.size));
-    TRY(j->asked.tangents ? j->asked.tangents(theirs)
-                          : take(&j->controller.frames, j->controller.frames.taken.size));
+    TRY(take_tangents(&j->plant.frames));
+    TRY(take_tangents(&j->controller.frames));
     for (int64_t k = 0; k < j->count; k++) {
         copy(j->plant.frames.taken.at + k * p, frame + k * (p + c), p);
-        copy(theirs + k * c, frame + k * (p + c) + p, c);
+        copy(j->controller.frames.taken.at + k * c, frame + k * (p + c) + p, c);
         logs[k] = 0.0;
     }
     orthonormalize(frame, (int)j->count, (int)(p + c), logs);
@@ -137,14 +163,17 @@ static void find_mended(Joint *j, double h)
 
 static int restore_sides(Joint *j)
 {
+    const Calls *const frames = &j->controller.frames;
     TRY(restore(&j->plant.calls, CORRECTION));
     TRY(restore(&j->controller.calls, CORRECTION));
-    return !j->asked.restored || j->asked.restored();
+    if (!frames->set_real)
+        copy(frames->given.at, frames->taken.at, j->count * j->controller.states);
+    return 1;
 }
 
 /* One corrected step, much as `step` does it, of signals and tangents alike, from the states saved at
- * `joint_start`; leaves the frames without and with the correction. */
-API int joint_step(Joint *j, double t, double h)
+ * `begin_step`; leaves the frames without and with the correction. */
+static int joint_step(Joint *j, double t, double h)
 {
     const int64_t m = j->m, rate = m + m * j->n, width = m * (2 + j->n), rows = 1 + j->count;
     const int64_t signals = rows * j->n;
@@ -176,17 +205,86 @@ API int joint_step(Joint *j, double t, double h)
     return joint_frame(j, j->frame.at, j->logs.at);
 }
 
-/* The signals and tangents where a step begins, with the states to come back to. */
-API int joint_start(Joint *j)
+/* Set the tangents where a step begins and read what follows from them, with the states to come back
+ * to. */
+static int begin_step(Joint *j)
 {
+    TRY(set_tangents(j, &j->plant, 0));
+    TRY(set_tangents(j, &j->controller, j->plant.states));
     TRY(read_rows(&j->plant.calls, j->start.at));
     return save(&j->plant.calls, CORRECTION) && save(&j->controller.calls, CORRECTION);
 }
 
-API int joint_restore(Joint *j) { return restore_sides(j); }
+/* The larger one, also where one is not a number. */
+static double larger_or_nan(double a, double b) { return a > b || a != a ? a : b; }
 
-API void joint_release(Joint *j)
+/* How far the correction of a step moved the tangents, as a share of what is allowed: some nats, or
+ * radians of a tangent's direction, and a share of the growth of that tangent in this step, or of its
+ * usual growth, which are large for the fast ones only. */
+static double moved_share(const Joint *j, const Clock *clock, const Trail *trail)
 {
-    release(&j->plant.calls, CORRECTION);
-    release(&j->controller.calls, CORRECTION);
+    const int64_t width = j->plant.states + j->controller.states;
+    const double t = clock_now(clock), h = clock_step_to_come(clock), part = t > 0.0 ? h / t : 0.0;
+    const double allowed = trail->accuracy * larger(h / clock->stop, LEAST_SHARE);
+    const double *const growth = trail->growth.at + trail->rows * j->count;
+    double worst = -HUGE_VAL;
+    for (int64_t k = 0; k < j->count; k++) {
+        double moved = fabs(j->logs.at[k] - j->plain_logs.at[k]);
+        for (int64_t i = k * width; i < (k + 1) * width; i++)
+            moved = larger_or_nan(moved, fabs(j->frame.at[i] - j->plain.at[i]));
+        const double grown = larger_or_nan(fabs(j->logs.at[k]), fabs(growth[k]) * part);
+        worst = larger_or_nan(worst, moved / (allowed + trail->relative * grown));
+    }
+    return worst;
+}
+
+/* One step, halved until correcting it changes little, and its row; 0 where a call failed. */
+static int joint_row(Joint *j, Clock *clock, Trail *trail)
+{
+    const int64_t count = j->count, outputs = j->shown.taken.size;
+    double share;
+    TRY(begin_step(j));
+    for (;;) {
+        TRY(joint_step(j, clock_now(clock), clock_step_to_come(clock)));
+        share = moved_share(j, clock, trail);
+        if (!(share > 1.0) || clock->stride <= 1)
+            break;
+        TRY(restore_sides(j));
+        clock_adapt(clock, share);
+    }
+    TRY(take(&j->shown, outputs));
+    clock_accept(clock);
+    clock_adapt(clock, share);
+    const int64_t row = ++trail->rows;
+    double *const growth = trail->growth.at + row * count;
+    trail->times.at[row] = clock_now(clock);
+    copy(j->shown.taken.at, trail->outputs.at + row * outputs, outputs);
+    for (int64_t k = 0; k < count; k++)
+        growth[k] = growth[k - count] + j->logs.at[k];
+    trail->trace.at[row] = 0.0;
+    for (int side = 0; side < 2; side++) {
+        const Side *const s = side == 0 ? &j->plant : &j->controller;
+        if (s->states > 0)
+            trail->trace.at[row] += s->frames.taken.at[count * s->states];
+    }
+    return 1;
+}
+
+/* Do up to `most` steps, recorded from row 1 on, row 0 being the last before; GOES_ON, or why the run
+ * ended. */
+API int joint_march(Joint *j, Clock *clock, Trail *trail, int64_t most)
+{
+    int why = GOES_ON;
+    trail->rows = 0;
+    while (why == GOES_ON && !clock_done(clock) && trail->rows < most) {
+        if (!joint_row(j, clock, trail))
+            why = STEP_FAILED;
+        release(&j->plant.calls, CORRECTION);
+        release(&j->controller.calls, CORRECTION);
+        for (int64_t k = 0; k < j->shown.taken.size && why == GOES_ON; k++) {
+            if (!(fabs(j->shown.taken.at[k]) <= trail->bound.at[k]))
+                why = RUNS_AWAY;
+        }
+    }
+    return why;
 }

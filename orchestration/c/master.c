@@ -2,7 +2,6 @@
 #include "coupling.c"
 
 #include "clock.c"
-#include "joint_step.c"
 
 #include <stdlib.h>
 
@@ -10,6 +9,8 @@
 #define LEAST_SHARE 1e-3 /* of the error that is allowed in all, to any one step */
 
 enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, RUNS_AWAY, CALL_FAILED, OUT_OF_MEMORY };
+
+#include "joint_step.c"
 
 /* A loop with what it records. */
 typedef struct {

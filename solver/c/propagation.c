@@ -55,11 +55,11 @@ static void collocate(const double *jacobians, double h, double *frame, int coun
         for (int i = 0; i < n; i++)
             matrix[(a * n + i) * size + a * n + i] += 1.0;
     }
-    factorize(matrix, work->pivots, NULL, size);
+    factorize(matrix, work->pivots, size);
     for (int k = 0; k < count; k++) {
         for (int a = 0; a < 3; a++)
             memcpy(stages + a * n, frame + k * n, (size_t)n * sizeof *frame);
-        solve_factorized(matrix, work->pivots, NULL, size, stages);
+        solve_factorized(matrix, work->pivots, size, stages);
         memcpy(frame + k * n, stages + 2 * n, (size_t)n * sizeof *frame);
     }
 }
@@ -123,11 +123,11 @@ static void exponential(const double *a, double *e, int n, const Propagation *wo
         }
         sign = -sign;
     }
-    factorize(below, work->pivots, NULL, n);
+    factorize(below, work->pivots, n);
     for (int j = 0; j < n; j++) {
         for (int i = 0; i < n; i++)
             work->column[i] = e[i * n + j];
-        solve_factorized(below, work->pivots, NULL, n, work->column);
+        solve_factorized(below, work->pivots, n, work->column);
         for (int i = 0; i < n; i++)
             e[i * n + j] = work->column[i];
     }

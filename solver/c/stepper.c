@@ -2,8 +2,6 @@
 
 #include <string.h>
 
-#include "factorize.h"
-
 #define GAMMA 0.21193756319429014
 #define FEW 6    /* states, whose matrices hardly have zeros to look for */
 #define INSIDE 4 /* parts of a step at whose ends a crossing is looked for */
@@ -48,7 +46,8 @@ static void lay_work(Work *work, int n, int events, double *memory)
     double *next = memory;
     work->jacobian = next;
     work->w = next += n * n;
-    work->k = next += n * n;
+    work->sparse.lower = (Term *)(next += n * n);
+    work->k = next += 2 * n * n;
     work->stage = next += STAGES * n;
     work->slope = next += n;
     work->by_time = next += n;
@@ -58,9 +57,12 @@ static void lay_work(Work *work, int n, int events, double *memory)
     work->middle = next += n;
     work->g = next += n;
     work->before = next += events;
-    work->pivots = (int32_t *)(next += events);
-    work->ends = work->pivots + n;
-    work->fired = work->ends + 2 * n;
+    work->left = next += events;
+    work->sparse.inverse = next += n;
+    work->pivots = work->sparse.rows = (int32_t *)(next += n);
+    work->sparse.counts = work->pivots + n;
+    work->sparse.below = work->sparse.counts + n;
+    work->fired = work->sparse.below + n;
     work->found = -1;
     work->note = NULL;
 }
@@ -69,14 +71,15 @@ static void lay_work(Work *work, int n, int events, double *memory)
 INLINED double attempt_of(const System *s, double t, double h, const double *x, const double *u,
                           const double *p, const double *atol, double rtol, Work *work, const int n)
 {
-    int32_t *const ends = n > FEW ? work->ends : NULL;
+    const int sparse = n > FEW;
     const double diagonal = 1.0 / (GAMMA * h), per_time = 1.0 / h;
     double *const stage = work->stage;
     for (int i = 0; i < n * n; i++)
         work->w[i] = -work->jacobian[i];
     for (int i = 0; i < n; i++)
         work->w[i * n + i] += diagonal;
-    if (!factorize(work->w, work->pivots, ends, n))
+    if (!(sparse ? factorize_sparse(work->w, &work->sparse, n)
+                 : factorize(work->w, work->pivots, n)))
         return HUGE_VAL;
     for (int r = 0; r < STAGES; r++) {
         double *const now = work->k + r * n;
@@ -97,7 +100,12 @@ INLINED double attempt_of(const System *s, double t, double h, const double *x, 
                 now[i] += weight * k[i];
         }
         memcpy(work->slope, now, (size_t)n * sizeof *now);
-        solve_factorized(work->w, work->pivots, ends, n, now);
+        if (sparse) {
+            memcpy(work->left, now, (size_t)n * sizeof *now);
+            solve_sparse(&work->sparse, n, work->left, now);
+        } else {
+            solve_factorized(work->w, work->pivots, n, now);
+        }
         for (int i = 0; i < n; i++) {
             if (work->alone[i] > 0.0)
                 now[i] = work->slope[i] * GAMMA * h;
@@ -300,11 +308,10 @@ static double locate(const System *s, double t, double h, const double *x, const
 static void find_alone(int n, Work *work)
 {
     for (int i = 0; i < n; i++) {
-        work->alone[i] = 1.0;
-        for (int j = 0; j < n; j++) {
-            if (work->jacobian[i * n + j] != 0.0)
-                work->alone[i] = 0.0;
-        }
+        int j = 0;
+        while (j < n && work->jacobian[i * n + j] == 0.0)
+            j++;
+        work->alone[i] = j == n;
     }
 }
 

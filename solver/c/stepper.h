@@ -4,7 +4,7 @@
 #ifndef STEPPER_H
 #define STEPPER_H
 
-#include "system.h"
+#include "factorize.h"
 
 #define STAGES 8
 #define MOST_AT_ONCE 64 /* events at one instant */
@@ -40,7 +40,9 @@ typedef struct {
     double *k;            /* a row per stage */
     double *stage, *slope, *by_time, *alone, *end, *first, *middle;
     double *g, *before; /* as many as events */
-    int32_t *pivots, *ends, *fired;
+    double *left;
+    Sparse sparse;
+    int32_t *pivots, *fired;
     int32_t found; /* the event that ends a step; -1 if none does */
     Note *note;    /* null where nobody asks */
 } Work;
@@ -52,7 +54,7 @@ typedef struct {
     void *owner;
 } Watcher;
 
-#define WORK_DOUBLES(n, events) (2 * (n) * (n) + (STAGES + 9) * (n) + 3 * (events) + 2)
+#define WORK_DOUBLES(n, events) (4 * (n) * (n) + (STAGES + 11) * (n) + 3 * (events) + 2)
 
 /* Hermite's cubic through both ends of a step of length h, at the share q of it. */
 INLINED void hermite(int n, double q, double h, const double *first, const double *slope0,

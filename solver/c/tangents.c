@@ -75,7 +75,7 @@ static void place(const Step *step, int n, double q, double h)
 /* Logarithm of the size of a matrix' determinant; the matrix is overwritten. */
 static double log_determinant(double *matrix, int32_t *pivots, int n)
 {
-    if (!factorize(matrix, pivots, NULL, n))
+    if (!factorize(matrix, pivots, n))
         return -HUGE_VAL;
     double total = 0.0;
     for (int i = 0; i < n; i++)
