@@ -35,9 +35,12 @@ typedef struct {
 
 static double square(double x) { return x * x; }
 
+/* The bell exp(-s^2), which takes long to be the nothing it is far out. */
+static double fading(double s) { return square(s) < 746.0 ? exp(-square(s)) : 0.0; }
+
 static double stribeck(double v, double fc, double fs, double vs)
 {
-    return fc + (fs - fc) * exp(-square(v / vs));
+    return fc + (fs - fc) * fading(v / vs);
 }
 
 /* LuGre's curve; with two more parameters, one more bend of it at low speed. */
@@ -45,25 +48,44 @@ static double bent(const Law *law, double v, const double *q)
 {
     double g = stribeck(v, q[3], q[4], q[5]);
     if (law->count > LUGRE_PARAMETERS)
-        g += q[LUGRE_PARAMETERS] * exp(-square(v / q[LUGRE_PARAMETERS + 1]));
+        g += q[LUGRE_PARAMETERS] * fading(v / q[LUGRE_PARAMETERS + 1]);
     return g;
 }
 
-/* Friction at a sample [N]. */
-static double friction_at(const Law *law, const double *state, double v)
+/* A velocity [m/s], and the law's curve there [N], which costs most and is asked for again. */
+typedef struct {
+    double v, curve;
+} Pace;
+
+static Pace pace_of(const Law *law, double v)
 {
+    const double *const q = v > 0.0 ? law->forwards : law->backwards;
+    const double *const last = q + 2 * ELEMENTS;
+    switch (law->kind) {
+    case DAHL:
+    case BLIMAN_SORINE: return (Pace){v, 0.0};
+    case MAXWELL_SLIP: return (Pace){v, stribeck(v, last[2], last[3], last[4])};
+    case CLASSICAL: return (Pace){v, stribeck(v, q[1], q[2], q[3])};
+    default: return (Pace){v, bent(law, v, q)};
+    }
+}
+
+/* Friction at a sample [N]. */
+static double friction_at(const Law *law, const double *state, Pace pace)
+{
+    const double v = pace.v;
     const double *const q = v > 0.0 ? law->forwards : law->backwards;
     switch (law->kind) {
     case DAHL: return state[0];
     case BLIMAN_SORINE: return state[0] + state[1];
     case MAXWELL_SLIP:
         return state[0] + state[1] + state[2] + state[3] + q[2 * ELEMENTS + 1] * v;
-    case CLASSICAL: return (v > 0.0 ? 1.0 : -1.0) * stribeck(v, q[1], q[2], q[3]) + q[0] * v;
+    case CLASSICAL: return (v > 0.0 ? 1.0 : -1.0) * pace.curve + q[0] * v;
     default: break;
     }
     const double z = state[0];
     const double *const b = z > 0.0 ? law->forwards : law->backwards;
-    const double g = bent(law, v, q);
+    const double g = pace.curve;
     double rate = v - b[0] * fabs(v) * z / g;
     if (law->sharpness > 0.0) {
         const double s = 2.0 / PI * atan(law->sharpness * v);
@@ -92,10 +114,14 @@ static void wear(const Law *law, double *state, double way, double v)
     }
 }
 
-/* A displacement d [m] in h [s], between two velocities [m/s]. */
+/* A displacement d [m] in h [s], between two velocities. */
 typedef struct {
-    double d, h, before, after;
+    double d, h;
+    Pace before, after;
 } Move;
+
+/* Whether a move goes one way all along: its curve is then that of both ends. */
+static int goes_on(const Move *m) { return m->before.v * m->d > 0.0 && m->after.v * m->d > 0.0; }
 
 /* Where a state that tends to a rest comes, while the rest moves evenly from `begin` to `end`. */
 static double towards(double state, double begin, double end, double run)
@@ -133,9 +159,9 @@ static void move_bristles(const Law *law, double *state, const Move *m)
     if (law->sharpness > 0.0 && m->h < HUGE_VAL)
         s = 2.0 / PI * atan(law->sharpness * w);
     double first, last;
-    if (m->before * d > 0.0 && m->after * d > 0.0) {
-        first = bent(law, m->before, q);
-        last = bent(law, m->after, q);
+    if (goes_on(m)) {
+        first = m->before.curve;
+        last = m->after.curve;
     } else {
         first = last = bent(law, w, q);
     }
@@ -163,9 +189,9 @@ static void move_elements(const double *q, double *state, const Move *m)
     const double attraction = q[2 * ELEMENTS], fc = q[2 * ELEMENTS + 2];
     const double fs = q[2 * ELEMENTS + 3], vs = q[2 * ELEMENTS + 4];
     double first, last;
-    if (m->before * d > 0.0 && m->after * d > 0.0) {
-        first = stribeck(m->before, fc, fs, vs);
-        last = stribeck(m->after, fc, fs, vs);
+    if (goes_on(m)) {
+        first = m->before.curve;
+        last = m->after.curve;
     } else {
         first = last = stribeck(d / h, fc, fs, vs);
     }
@@ -194,7 +220,7 @@ static void move_elements(const double *q, double *state, const Move *m)
     }
 }
 
-static void move(const Law *law, double *state, double d, double h, double before, double after)
+static void move(const Law *law, double *state, double d, double h, Pace before, Pace after)
 {
     const Move m = {d, h, before, after};
     const double *const q = d > 0.0 ? law->forwards : law->backwards;
@@ -218,13 +244,17 @@ API void friction_along(const Law *law, const double *x, const double *v, const 
         const double h = step[r];
         memset(state, 0, sizeof state);
         /* slow, as far as the law is concerned: no sample saw it */
-        move(law, state, shifts[r], HUGE_VAL, 0.0, 0.0);
+        const Pace still = {0.0, 0.0};
+        move(law, state, shifts[r], HUGE_VAL, still, still);
+        Pace now = pace_of(law, v[starts[r]]);
         for (int64_t k = starts[r]; k < starts[r + 1]; k++) {
-            friction[k] = friction_at(law, state, v[k]);
+            friction[k] = friction_at(law, state, now);
             if (k + 1 == starts[r + 1])
                 break;
+            const Pace next = pace_of(law, v[k + 1]);
             wear(law, state, shaking[r] * h, v[k]);
-            move(law, state, x[k + 1] - x[k], h, v[k], v[k + 1]);
+            move(law, state, x[k + 1] - x[k], h, now, next);
+            now = next;
         }
     }
 }
@@ -251,14 +281,16 @@ static double pace_at(const Between *b, double s) { return b->v + s * b->change;
 API void mean_friction_along(const Law *law, const double *x, const double *v, int64_t n,
                              double step, int parts, double *friction)
 {
-    double state[STATES] = {0.0}, place = x[0], pace = v[0];
+    double state[STATES] = {0.0}, place = x[0];
+    Pace pace = pace_of(law, v[0]);
     const double h = step / parts;
     for (int64_t k = 0; k < n - 1; k++) {
         const Between b = between(x + k, v + k, step);
         double total = 0.5 * friction_at(law, state, pace);
         for (int j = 1; j <= parts; j++) {
             const double s = (double)j / parts;
-            const double after = place_at(&b, s), then = pace_at(&b, s);
+            const double after = place_at(&b, s);
+            const Pace then = pace_of(law, pace_at(&b, s));
             move(law, state, after - place, h, pace, then);
             place = after;
             pace = then;
@@ -272,7 +304,8 @@ API void mean_friction_along(const Law *law, const double *x, const double *v, i
 API void force_behind_spring(const Law *law, const double *x, const double *v, int64_t n,
                              double step, double stiffness, double mass, double *force)
 {
-    double state[STATES] = {0.0}, block = x[0], speed = v[0];
+    double state[STATES] = {0.0}, block = x[0];
+    Pace speed = pace_of(law, v[0]);
     const double damping = 0.2 * sqrt(stiffness * mass), rate = sqrt(stiffness / mass);
     const int parts = (int)fmax(4.0, ceil(step * rate / SPRING_STEP));
     const double h = step / parts;
@@ -282,14 +315,16 @@ API void force_behind_spring(const Law *law, const double *x, const double *v, i
         for (int j = 0; j < parts; j++) {
             const double s = (j + 1.0) / parts;
             const double place = place_at(&b, s), pace = pace_at(&b, s);
-            const double friction = friction_at(law, state, speed), before = speed;
+            const double friction = friction_at(law, state, speed), v0 = speed.v;
             /* implicit in what joins the two: stable however stiff */
-            const double pull = stiffness * (place - block - h * speed) + damping * (pace - speed);
-            speed += h * ((pull - friction) / (mass + h * damping + h * h * stiffness));
-            const double d = h * speed;
-            move(law, state, d, h, before, speed);
+            const double pull = stiffness * (place - block - h * v0) + damping * (pace - v0);
+            const double heavy = mass + h * damping + h * h * stiffness;
+            const Pace then = pace_of(law, v0 + h * ((pull - friction) / heavy));
+            const double d = h * then.v;
+            move(law, state, d, h, speed, then);
             block += d;
-            total += stiffness * (place - block) + damping * (pace - speed);
+            total += stiffness * (place - block) + damping * (pace - then.v);
+            speed = then;
         }
         force[k - 1] = total / parts;
     }
@@ -299,7 +334,8 @@ API void force_behind_spring(const Law *law, const double *x, const double *v, i
 API void force_behind_gap(const Law *law, const double *x, const double *v, int64_t n, double step,
                           double gap, double mass, double *force)
 {
-    double state[STATES] = {0.0}, block = x[0], speed = 0.0, side = 0.0;
+    double state[STATES] = {0.0}, block = x[0], side = 0.0;
+    Pace speed = pace_of(law, 0.0);
     const double h = step / GAP_PARTS;
     for (int64_t k = 0; k < n - 1; k++) {
         const Between b = between(x + k, v + k, step);
@@ -307,11 +343,12 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
         double total = 0.0;
         for (int j = 1; j <= GAP_PARTS; j++) {
             const double s = (double)j / GAP_PARTS;
-            const double push = place_at(&b, s), pushed = pace_at(&b, s), before = speed;
+            const double push = place_at(&b, s), pushed = pace_at(&b, s);
+            const Pace before = speed;
             double place;
             if (side != 0.0) {
                 place = push - side * 0.5 * gap;
-                speed = pushed;
+                speed = pace_of(law, pushed);
                 move(law, state, place - block, h, before, speed);
                 block = place;
                 double contact = mass * pull + friction_at(law, state, speed);
@@ -320,15 +357,16 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
                 total += contact;
                 continue;
             }
-            speed -= h / mass * friction_at(law, state, speed);
-            place = block + h * speed;
+            double slid = speed.v - h / mass * friction_at(law, state, speed);
+            place = block + h * slid;
             const double off = push - place;
             if (fabs(off) > 0.5 * gap) {
                 side = off > 0.0 ? 1.0 : -1.0;
                 place = push - side * 0.5 * gap;
-                total += mass * (pushed - speed) / h;
-                speed = pushed;
+                total += mass * (pushed - slid) / h;
+                slid = pushed;
             }
+            speed = pace_of(law, slid);
             move(law, state, place - block, h, before, speed);
             block = place;
         }
