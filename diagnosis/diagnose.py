@@ -48,7 +48,7 @@ from .next_experiment import UNNAMED, motion_for, reach_of, trial_for
 from .plausibility import at_ends, crossed
 from .regression import Added, filters, responses, whitened
 from .residuals import Residual, floor, repetition, residual
-from .rivals import rivals
+from .rivals import LIVES
 from .search import Found, Situation, added_by, only_first, search
 from .search import adjusted as values_adjusted
 from .selection import (
@@ -242,7 +242,6 @@ def _concluded(
     if cell is None and any("force" in r.signals for r in records):
         notes.append("the load cell's `force` is not used: the model does not say where it sits")
     predicted = np.concatenate([opposing(c, believed) for c in courses])
-    lives = {r.name: r.lives for r in rivals(courses[:1], situation.model)}
     curves = Curves(
         time=np.concatenate([c.time for c in courses]),
         record=np.repeat(np.arange(len(courses)), [len(c.x) for c in courses]),
@@ -261,7 +260,7 @@ def _concluded(
     strongest = strongest_alone(problem)
     return Diagnosis(
         verdict=verdict,
-        where=_where(found, verdict, _level(baseline), lowest, lives),
+        where=_where(found, verdict, _level(baseline), lowest),
         floor=lowest,
         baseline_residual=_level(baseline),
         adjusted_residual=adjusted,
@@ -270,7 +269,7 @@ def _concluded(
         held_out=held.parts,
         causes=causes,
         not_named=holds_up.refused,
-        unnamed=tuple(lives[m.name] for m in free),
+        unnamed=tuple(LIVES[m.name] for m in free),
         out_of_reach=_out_of_reach(courses, situation.model, problem, best),
         next_experiment=_next_experiment(holds_up.refused, bool(free), courses, model),
         believed=believed,
@@ -482,15 +481,13 @@ def _log_spread(situation: Situation, problem: Problem, best: Explanation, k: in
     return 1.0 / math.sqrt(max(information, 1e-12))
 
 
-def _where(
-    found: Found, verdict: str, baseline: Level, lowest: Level, lives: Mapping[str, str]
-) -> str:
+def _where(found: Found, verdict: str, baseline: Level, lowest: Level) -> str:
     """Where the residual lives, and how large it is, in one sentence."""
     size = (
         f"{baseline.force:.3g} N rms in force (noise alone: {lowest.force:.3g} N) and "
         f"{_length(baseline.position)} in position over a second ({_length(lowest.position)})"
     )
-    alone = {n: g for n, g in found.first_alone.items() if n in lives}
+    alone = {n: g for n, g in found.first_alone.items() if n in LIVES}
     if verdict == NONE or not alone:
         return (
             f"The model as believed leaves {size}; none of it has a structure beyond noise and "
@@ -499,7 +496,7 @@ def _where(
     best = max(alone, key=lambda n: alone[n])
     return (
         f"The model as believed leaves {size}; what noise does not explain of it lives "
-        f"{lives[best]}."
+        f"{LIVES[best]}."
     )
 
 

@@ -16,7 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.optimize import lsq_linear
 
 Vector = npt.NDArray[np.float64]
@@ -125,6 +126,22 @@ class Fitted:
     covariance: Matrix
 
 
+def _cholesky(system: Matrix) -> Matrix:
+    """The lower triangle; what is above it is not to be read.
+
+    Systems are small and many: what SciPy checks of each would take longer than to solve it.
+    """
+    factor, failed = dpotrf(system, lower=True, clean=False)
+    if failed:
+        raise np.linalg.LinAlgError("a system of products is not positive definite")
+    return np.asarray(factor)
+
+
+def _solved(factor: Matrix, right: Matrix) -> Matrix:
+    """The solution of a system that `_cholesky` took apart, of the same shape."""
+    return np.asarray(dpotrs(factor, right, lower=True)[0]).reshape(right.shape)
+
+
 def fit(products: Matrix, priors: Sequence[Prior]) -> Fitted:
     """Amplitudes of a model made of groups.
 
@@ -133,6 +150,15 @@ def fit(products: Matrix, priors: Sequence[Prior]) -> Fitted:
     products : ndarray, shape (columns, columns)
     priors : sequence of Prior
     """
+    columns, amplitude, scale, factor = _most_likely(products, priors)
+    covariance = scale[:, None] * _solved(factor, np.diag(scale))
+    return Fitted(columns, amplitude, covariance)
+
+
+def _most_likely(
+    products: Matrix, priors: Sequence[Prior]
+) -> tuple[npt.NDArray[np.int64], Vector, Vector, Matrix]:
+    """Columns, their amplitudes, and by what these were scaled in the system that was solved."""
     columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
     mean = np.concatenate([p.mean for p in priors])
     precision = np.concatenate([p.spread for p in priors]) ** -2.0
@@ -141,10 +167,8 @@ def fit(products: Matrix, priors: Sequence[Prior]) -> Fitted:
     # scaled by the prior: precisions differ by many powers of ten
     scale = 1.0 / np.sqrt(precision)
     system = np.eye(len(columns)) + scale[:, None] * inner * scale
-    factor = cho_factor(system, lower=True)
-    amplitude = scale * cho_solve(factor, scale * wanted)
-    covariance = scale[:, None] * cho_solve(factor, np.diag(scale))
-    return Fitted(columns, amplitude, covariance)
+    factor = _cholesky(system)
+    return columns, scale * _solved(factor, scale * wanted), scale, factor
 
 
 def fit_within(products: Matrix, priors: Sequence[Prior], low: Vector, high: Vector) -> Vector:
@@ -155,10 +179,9 @@ def fit_within(products: Matrix, priors: Sequence[Prior], low: Vector, high: Vec
     low, high : ndarray, shape (columns of the first group,)
     """
     count = len(low)
-    amplitude = fit(products, priors).amplitude[:count]
-    if np.all((amplitude >= low) & (amplitude <= high)):
-        return np.asarray(amplitude)
-    columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
+    columns, amplitude, _, _ = _most_likely(products, priors)
+    if np.all((amplitude[:count] >= low) & (amplitude[:count] <= high)):
+        return np.asarray(amplitude[:count])
     mean = np.concatenate([p.mean for p in priors])
     scale = np.concatenate([p.spread for p in priors])
     system = np.eye(len(columns)) + scale[:, None] * products[np.ix_(columns, columns)] * scale
@@ -214,15 +237,15 @@ def conditioned(products: Matrix, priors: Sequence[Prior]) -> Conditioned:
     mean = np.concatenate([p.mean for p in priors])
     scale = np.concatenate([p.spread for p in priors])
     inner = products[np.ix_(columns, columns)]
-    factor = cho_factor(np.eye(len(columns)) + scale[:, None] * inner * scale, lower=True)
+    factor = _cholesky(np.eye(len(columns)) + scale[:, None] * inner * scale)
     rows = products[columns, :]
     signal = products[0] - mean @ rows
     signal[0] += mean @ inner @ mean - mean @ rows[:, 0]
     cross = scale[:, None] * rows
     cross[:, 0] = scale * signal[columns]
-    solved = cho_solve(factor, cross)
+    solved = _solved(factor, cross)
     squares = float(signal[0] - cross[:, 0] @ solved[:, 0])
-    evidence = -0.5 * squares - float(np.sum(np.log(np.diag(factor[0]))))
+    evidence = -0.5 * squares - float(np.sum(np.log(np.diag(factor))))
     return Conditioned(products, signal, cross, solved, evidence)
 
 
@@ -246,8 +269,8 @@ def volume(products: Matrix, priors: Sequence[Prior]) -> float:
     columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
     scale = np.concatenate([p.spread for p in priors])
     inner = products[np.ix_(columns, columns)]
-    factor = cho_factor(np.eye(len(columns)) + scale[:, None] * inner * scale, lower=True)
-    return float(np.sum(np.log(np.diag(factor[0]))))
+    factor = _cholesky(np.eye(len(columns)) + scale[:, None] * inner * scale)
+    return float(np.sum(np.log(np.diag(factor))))
 
 
 def gain(inner: Matrix, signal: Vector, mean: Vector, spread: Vector) -> float:
@@ -261,11 +284,11 @@ def gain(inner: Matrix, signal: Vector, mean: Vector, spread: Vector) -> float:
         Of its prior.
     """
     moved = signal - inner @ mean
-    factor = cho_factor(np.eye(len(mean)) + spread[:, None] * inner * spread, lower=True)
+    factor = _cholesky(np.eye(len(mean)) + spread[:, None] * inner * spread)
     scaled = spread * moved
     before = float(2.0 * mean @ signal - mean @ inner @ mean)
-    after = float(scaled @ cho_solve(factor, scaled))
-    return 0.5 * (before + after) - float(np.sum(np.log(np.diag(factor[0]))))
+    after = float(scaled @ _solved(factor, scaled))
+    return 0.5 * (before + after) - float(np.sum(np.log(np.diag(factor))))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from scipy.optimize import nnls
 from .causes.cause import Shape
 from .course import Course, Doubt, doubts, mean_current, sluggishness, true_current, voltage_scale
 from .drive_model import DriveModel
-from .threads import in_threads
 from .weak_form import acceleration, averaged, lagged, rate, windows
 
 Vector = npt.NDArray[np.float64]
@@ -267,7 +266,7 @@ def sensitivities(courses: Sequence[Course], model: DriveModel, added: Added) ->
         )
         return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
 
-    columns = in_threads(of_value, model.adjustable)
+    columns = [of_value(name) for name in model.adjustable]
     columns += [of_calibration(name) for name in calibrated(courses)]
     return [np.stack(record, axis=2) for record in zip(*columns, strict=True)]
 

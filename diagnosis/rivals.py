@@ -29,20 +29,32 @@ _SLOWEST_SWING = 5.0  # [Hz]
 REVERSAL = 5e-6  # way back that makes a reversal [m]
 
 
+LIVES = {
+    "friction over time": "in time",
+    "force over time": "in time",
+    "friction over position": "with position",
+    "force over position": "with position",
+    "viscous friction over time": "in time",
+    "viscous friction over position": "with position",
+    "friction after reversals": "at reversals",
+    "friction over speed": "with speed",
+    "force over speed": "with speed and one direction",
+    "force swinging in time": "in time, swinging",
+}
+"""Where the structure of each lives, for a sentence."""
+
+
 @dataclass(frozen=True)
 class Rival:
     """One of the shapeless explanations.
 
     Attributes
     ----------
-    lives : str
-        Where such structure lives, for a sentence.
     shapes : list of Shape
         The same at different fineness.
     """
 
     name: str
-    lives: str
     shapes: list[Shape]
 
 
@@ -75,20 +87,20 @@ def rivals(courses: Sequence[Course], model: DriveModel) -> list[Rival]:
     in_time = [max(5, min(round(lasts / _TIME_KNOT), _MOST)), 12]
     in_place = [max(6, min(round(travel / _PLACE_KNOT), 60)), 24, 10]
     made = []
-    for name, lives, signal, carrier, counts in (
-        ("friction over time", "in time", time, sign, in_time),
-        ("force over time", "in time", time, one, in_time),
-        ("friction over position", "with position", place, sign, in_place),
-        ("force over position", "with position", place, one, in_place),
-        ("viscous friction over time", "in time", time, pace, [12]),
-        ("viscous friction over position", "with position", place, pace, [10]),
-        ("friction after reversals", "at reversals", logway, sign, [10]),
-        ("friction over speed", "with speed", speed, sign, [8]),
-        ("force over speed", "with speed and one direction", speed, one, [8]),
+    for name, signal, carrier, counts in (
+        ("friction over time", time, sign, in_time),
+        ("force over time", time, one, in_time),
+        ("friction over position", place, sign, in_place),
+        ("force over position", place, one, in_place),
+        ("viscous friction over time", time, pace, [12]),
+        ("viscous friction over position", place, pace, [10]),
+        ("friction after reversals", logway, sign, [10]),
+        ("friction over speed", speed, sign, [8]),
+        ("force over speed", speed, one, [8]),
     ):
         shapes = [_splines(signal, carrier, count) for count in sorted(set(counts))]
-        made.append(Rival(name, lives, shapes))
-    made.append(Rival("force swinging in time", "in time, swinging", _swings(courses, time)))
+        made.append(Rival(name, shapes))
+    made.append(Rival("force swinging in time", _swings(courses, time)))
     return made
 
 

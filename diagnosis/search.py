@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +45,6 @@ from .selection import (
     state_problem,
     with_one_value,
 )
-from .threads import in_threads
 
 Vector = npt.NDArray[np.float64]
 
@@ -184,8 +182,8 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
             choice = _kept(problem, choice, best.explanation)
             break
         tried |= {_key(e) for e in contenders}
-        taken = partial(_step, situation, problem, believed)
-        steps = [s for s in in_threads(taken, contenders) if s.stands]
+        steps = [_step(situation, problem, believed, e) for e in contenders]
+        steps = [s for s in steps if s.stands]
         if not best:
             single = _best_single(steps)
             if single:

@@ -41,7 +41,6 @@ from .regression import (
     whitened,
 )
 from .rivals import rivals
-from .threads import in_threads
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -138,14 +137,14 @@ def state_problem(
     ]
     before = [(CAUSES[c.name], c.shape.values) for c in found or () if not c.shape.freed]
     asked += [one for one in before if one not in asked]
-    shapes = in_threads(lambda one: one[0].at(courses, model, one[1]), asked)
+    shapes = [cause.at(courses, model, values) for cause, values in asked]
     named = [
         (cause.name, s, False)
         for (cause, _), s in zip(asked, shapes, strict=True)
         if set(s.freed) <= set(names)  # a value that is certain is no cause
     ]
     named += [(r.name, shape, True) for r in rivals(courses, model) for shape in r.shapes]
-    shown = in_threads(lambda n: None if n[1].freed else responses(courses, model, n[1]), named)
+    shown = [None if s.freed else responses(courses, model, s) for _, s, _ in named]
     candidates = []
     at = 1 + len(names) + len(calibrated(courses))
     for (name, shape, is_rival), part in zip(named, shown, strict=True):
@@ -164,7 +163,7 @@ def state_problem(
         count = int(np.searchsorted(np.cumsum([p[0].shape[2] for p in parts]), last + 1)) + 1
         noise = _least_noise(courses, model, noise, parts[:count], prior, own)
     made = filters(courses, noise)
-    blocks = tuple(in_threads(lambda part: whitened(made, part), parts))
+    blocks = tuple(whitened(made, part) for part in parts)
     return Problem(
         Columns(blocks, tuple(edges(courses))),
         model,
@@ -206,7 +205,7 @@ def _least_noise(
         Those with columns of their own.
     """
     plain = filters(courses, replace(noise, weights=np.zeros_like(noise.weights)))
-    columns = np.column_stack(in_threads(lambda part: whitened(plain, part), parts))
+    columns = np.column_stack([whitened(plain, part) for part in parts])
     products = columns.T @ columns
     values = len(model.adjustable)
     spread = prior.spread.copy()

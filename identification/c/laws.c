@@ -46,19 +46,41 @@ static inline double bent(const Law *law, const double *q, double v)
     return law->count > LUGRE_PARAMETERS ? g + lugre_bend(q, v) : g;
 }
 
-/* Friction at a sample [N]. */
-static double friction_at(const Law *law, const double *state, double v)
+static inline double curve(const Law *law, const double *q, double v)
 {
+    switch (law->kind) {
+    case DAHL:
+    case BLIMAN_SORINE: return 0.0; /* they have none */
+    case MAXWELL_SLIP: return maxwell_slip_curve(q, v);
+    case CLASSICAL: return classical_curve(q, v);
+    default: return bent(law, q, v);
+    }
+}
+
+/* A velocity [m/s], and the law's curve there [N], which costs most and is asked for again. */
+typedef struct {
+    double v, curve;
+} Pace;
+
+static inline Pace pace_of(const Law *law, double v)
+{
+    return (Pace){v, curve(law, towards_side(law, v), v)};
+}
+
+/* Friction at a sample [N]. */
+static double friction_at(const Law *law, const double *state, Pace pace)
+{
+    const double v = pace.v;
     const double *const q = towards_side(law, v);
     switch (law->kind) {
     case DAHL: return dahl_friction(state);
     case BLIMAN_SORINE: return bliman_sorine_friction(state);
     case MAXWELL_SLIP: return maxwell_slip_friction(state, q, v);
-    case CLASSICAL: return classical_friction(q, sign_of(v), v, classical_curve(q, v));
+    case CLASSICAL: return classical_friction(q, sign_of(v), v, pace.curve);
     default: break;
     }
     const double s = law->sharpness > 0.0 ? lugre_sign(v, law->sharpness) : sign_of(v);
-    return lugre_friction(state, q, towards_side(law, state[0]), s, v, bent(law, q, v));
+    return lugre_friction(state, q, towards_side(law, state[0]), s, v, pace.curve);
 }
 
 /* What going `way` to and fro [m] leaves of the deflection. */
@@ -82,9 +104,10 @@ static void wear(const Law *law, double *state, double way, double v)
     }
 }
 
-/* A displacement d [m] in h [s], between two velocities [m/s]. */
+/* A displacement d [m] in h [s], between two velocities. */
 typedef struct {
-    double d, h, before, after;
+    double d, h;
+    Pace before, after;
 } Move;
 
 /* The law's curve where a move begins and ends: the same where it does not go one way throughout. */
@@ -92,15 +115,10 @@ typedef struct {
     double first, last, mean;
 } Curve;
 
-static inline double curve(const Law *law, const double *q, double v)
-{
-    return law->kind == MAXWELL_SLIP ? maxwell_slip_curve(q, v) : bent(law, q, v);
-}
-
 static inline Curve curve_over(const Law *law, const double *q, const Move *m)
 {
-    if (m->before * m->d > 0.0 && m->after * m->d > 0.0) {
-        const double first = curve(law, q, m->before), last = curve(law, q, m->after);
+    if (m->before.v * m->d > 0.0 && m->after.v * m->d > 0.0) {
+        const double first = m->before.curve, last = m->after.curve;
         return (Curve){first, last, 0.5 * (first + last)};
     }
     const double g = curve(law, q, m->d / m->h);
@@ -195,7 +213,7 @@ static void move_elements(const Law *law, double *state, const Move *m)
     }
 }
 
-static void move(const Law *law, double *state, double d, double h, double before, double after)
+static void move(const Law *law, double *state, double d, double h, Pace before, Pace after)
 {
     const Move m = {d, h, before, after};
     if (d == 0.0)
@@ -218,13 +236,17 @@ API void friction_along(const Law *law, const double *x, const double *v, const 
         const double h = step[r];
         memset(state, 0, sizeof state);
         /* slow, as far as the law is concerned: no sample saw it */
-        move(law, state, shifts[r], HUGE_VAL, 0.0, 0.0);
+        const Pace still = {0.0, 0.0};
+        move(law, state, shifts[r], HUGE_VAL, still, still);
+        Pace now = pace_of(law, v[starts[r]]);
         for (int64_t k = starts[r]; k < starts[r + 1]; k++) {
-            friction[k] = friction_at(law, state, v[k]);
+            friction[k] = friction_at(law, state, now);
             if (k + 1 == starts[r + 1])
                 break;
+            const Pace next = pace_of(law, v[k + 1]);
             wear(law, state, shaking[r] * h, v[k]);
-            move(law, state, x[k + 1] - x[k], h, v[k], v[k + 1]);
+            move(law, state, x[k + 1] - x[k], h, now, next);
+            now = next;
         }
     }
 }
@@ -251,14 +273,16 @@ static double pace_at(const Between *b, double s) { return b->v + s * b->change;
 API void mean_friction_along(const Law *law, const double *x, const double *v, int64_t n,
                              double step, int parts, double *friction)
 {
-    double state[STATES] = {0.0}, place = x[0], pace = v[0];
+    double state[STATES] = {0.0}, place = x[0];
+    Pace pace = pace_of(law, v[0]);
     const double h = step / parts;
     for (int64_t k = 0; k < n - 1; k++) {
         const Between b = between(x + k, v + k, step);
         double total = 0.5 * friction_at(law, state, pace);
         for (int j = 1; j <= parts; j++) {
             const double s = (double)j / parts;
-            const double after = place_at(&b, s), then = pace_at(&b, s);
+            const double after = place_at(&b, s);
+            const Pace then = pace_of(law, pace_at(&b, s));
             move(law, state, after - place, h, pace, then);
             place = after;
             pace = then;
@@ -272,7 +296,8 @@ API void mean_friction_along(const Law *law, const double *x, const double *v, i
 API void force_behind_spring(const Law *law, const double *x, const double *v, int64_t n,
                              double step, double stiffness, double mass, double *force)
 {
-    double state[STATES] = {0.0}, block = x[0], speed = v[0];
+    double state[STATES] = {0.0}, block = x[0];
+    Pace speed = pace_of(law, v[0]);
     const double damping = 0.2 * sqrt(stiffness * mass), rate = sqrt(stiffness / mass);
     const int parts = (int)fmax(4.0, ceil(step * rate / SPRING_STEP));
     const double h = step / parts;
@@ -282,14 +307,16 @@ API void force_behind_spring(const Law *law, const double *x, const double *v, i
         for (int j = 0; j < parts; j++) {
             const double s = (j + 1.0) / parts;
             const double place = place_at(&b, s), pace = pace_at(&b, s);
-            const double friction = friction_at(law, state, speed), before = speed;
+            const double friction = friction_at(law, state, speed), v0 = speed.v;
             /* implicit in what joins the two: stable however stiff */
-            const double pull = stiffness * (place - block - h * speed) + damping * (pace - speed);
-            speed += h * ((pull - friction) / (mass + h * damping + h * h * stiffness));
-            const double d = h * speed;
-            move(law, state, d, h, before, speed);
+            const double pull = stiffness * (place - block - h * v0) + damping * (pace - v0);
+            const double heavy = mass + h * damping + h * h * stiffness;
+            const Pace then = pace_of(law, v0 + h * ((pull - friction) / heavy));
+            const double d = h * then.v;
+            move(law, state, d, h, speed, then);
             block += d;
-            total += stiffness * (place - block) + damping * (pace - speed);
+            total += stiffness * (place - block) + damping * (pace - then.v);
+            speed = then;
         }
         force[k - 1] = total / parts;
     }
@@ -299,7 +326,8 @@ API void force_behind_spring(const Law *law, const double *x, const double *v, i
 API void force_behind_gap(const Law *law, const double *x, const double *v, int64_t n, double step,
                           double gap, double mass, double *force)
 {
-    double state[STATES] = {0.0}, block = x[0], speed = 0.0, side = 0.0;
+    double state[STATES] = {0.0}, block = x[0], side = 0.0;
+    Pace speed = pace_of(law, 0.0);
     const double h = step / GAP_PARTS;
     for (int64_t k = 0; k < n - 1; k++) {
         const Between b = between(x + k, v + k, step);
@@ -307,11 +335,12 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
         double total = 0.0;
         for (int j = 1; j <= GAP_PARTS; j++) {
             const double s = (double)j / GAP_PARTS;
-            const double push = place_at(&b, s), pushed = pace_at(&b, s), before = speed;
+            const double push = place_at(&b, s), pushed = pace_at(&b, s);
+            const Pace before = speed;
             double place;
             if (side != 0.0) {
                 place = push - side * 0.5 * gap;
-                speed = pushed;
+                speed = pace_of(law, pushed);
                 move(law, state, place - block, h, before, speed);
                 block = place;
                 double contact = mass * pull + friction_at(law, state, speed);
@@ -320,15 +349,16 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
                 total += contact;
                 continue;
             }
-            speed -= h / mass * friction_at(law, state, speed);
-            place = block + h * speed;
+            double slid = speed.v - h / mass * friction_at(law, state, speed);
+            place = block + h * slid;
             const double off = push - place;
             if (fabs(off) > 0.5 * gap) {
                 side = off > 0.0 ? 1.0 : -1.0;
                 place = push - side * 0.5 * gap;
-                total += mass * (pushed - speed) / h;
-                speed = pushed;
+                total += mass * (pushed - slid) / h;
+                slid = pushed;
             }
+            speed = pace_of(law, slid);
             move(law, state, place - block, h, before, speed);
             block = place;
         }

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from worlds.compiled import compiled
 from worlds.layout import (
     DELAY,
     LAG,
@@ -20,7 +19,7 @@ from worlds.layout import (
 )
 
 
-@njit(error_model="numpy")
+@compiled
 def command_at(par, commands, t, period):  # type: ignore[no-untyped-def]
     """The command at a time: held, or on a line to the next value."""
     if t <= 0.0:
@@ -32,7 +31,7 @@ def command_at(par, commands, t, period):  # type: ignore[no-untyped-def]
     return commands[k] + (place - k) * (commands[k + 1] - commands[k])
 
 
-@njit(error_model="numpy")
+@compiled
 def integral_at(par, commands, integrals, t, period):  # type: ignore[no-untyped-def]
     """The command's integral from zero to a time (before it, the first value was there)."""
     if t <= 0.0:
@@ -43,7 +42,7 @@ def integral_at(par, commands, integrals, t, period):  # type: ignore[no-untyped
     return integrals[k] + 0.5 * (commands[k] + now) * since
 
 
-@njit(error_model="numpy")
+@compiled
 def late_command(par, commands, integrals, t, period):  # type: ignore[no-untyped-def]
     """The command after a pure delay and a moving mean."""
     t -= par[DELAY]
@@ -53,7 +52,7 @@ def late_command(par, commands, integrals, t, period):  # type: ignore[no-untype
     return (whole - integral_at(par, commands, integrals, t - par[WINDOW], period)) / par[WINDOW]
 
 
-@njit(error_model="numpy")
+@compiled
 def amplify(par, lags, command, current, t, h):  # type: ignore[no-untyped-def]
     """The voltage on the motor; `lags` are the states of the lag."""
     u = command

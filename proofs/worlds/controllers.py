@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from worlds.compiled import compiled
 
 # numbers of a controller
 KIND, POSITION_GAIN, GAIN_P, GAIN_I, GAIN_D, FILTER, MOST, FEEDFORWARD = range(8)
@@ -15,7 +15,7 @@ INTEGRAL, LAST_X, LAST_V, LAST_REFERENCE, STARTED = range(5)
 MEMORY = 5
 
 
-@njit(error_model="numpy")
+@compiled
 def control(numbers, memory, reference, measured, period):  # type: ignore[no-untyped-def]
     """The command of one period from reference and measured position."""
     if memory[STARTED] == 0.0:

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from worlds.compiled import compiled
 from worlds.layout import (
     AGEING,
     AGEING_WAY,
@@ -71,7 +71,7 @@ REVERSAL = 2e-6  # m back: a reversal
 AT_REST = 1e-6  # m/s
 
 
-@njit(error_model="numpy")
+@compiled
 def fall(form: float, speed: float, scale: float) -> float:
     """What is left of the break-away peak at a speed, 1 at rest."""
     r = speed / scale
@@ -84,7 +84,7 @@ def fall(form: float, speed: float, scale: float) -> float:
     return (1.0 - r / 2.0) ** 2 if r < 2.0 else 0.0
 
 
-@njit(error_model="numpy")
+@compiled
 def level(par, v):  # type: ignore[no-untyped-def]
     """Dry friction while sliding."""
     if par[FS] == par[FC]:
@@ -92,7 +92,7 @@ def level(par, v):  # type: ignore[no-untyped-def]
     return par[FC] + (par[FS] - par[FC]) * fall(par[FALL], abs(v), par[VS])
 
 
-@njit(error_model="numpy")
+@compiled
 def progress(form: float, t: float, time: float, duration: float) -> float:
     """A drift's course: linear over the record, exponential, or a step."""
     if form == 0:
@@ -102,7 +102,7 @@ def progress(form: float, t: float, time: float, duration: float) -> float:
     return 1.0 if t > time else 0.0
 
 
-@njit(error_model="numpy")
+@compiled
 def along_travel(form: float, x: float, half: float) -> float:
     """A trend's course along the travel: linear, quadratic, or one end worn."""
     s = x / half
@@ -113,7 +113,7 @@ def along_travel(form: float, x: float, half: float) -> float:
     return 1.0 / (1.0 + math.exp(-8.0 * (s - 0.5)))
 
 
-@njit(error_model="numpy")
+@compiled
 def factors(par, state, x, v, t):  # type: ignore[no-untyped-def]
     """What multiplies the dry level and the viscous force, here and now."""
     dry, viscous = 1.0, 1.0
@@ -145,7 +145,7 @@ def factors(par, state, x, v, t):  # type: ignore[no-untyped-def]
     return max(dry, 0.05), max(viscous, 0.05)
 
 
-@njit(error_model="numpy")
+@compiled
 def viscous_force(par, v):  # type: ignore[no-untyped-def]
     """The part that grows with the speed."""
     speed = abs(v)
@@ -156,7 +156,7 @@ def viscous_force(par, v):  # type: ignore[no-untyped-def]
     return force
 
 
-@njit(error_model="numpy")
+@compiled
 def smooth_sign(par, v):  # type: ignore[no-untyped-def]
     """The sign of the modified LuGre law; a plain sign for the others."""
     if par[LAW] == MODIFIED_LUGRE:
@@ -167,7 +167,7 @@ def smooth_sign(par, v):  # type: ignore[no-untyped-def]
     return 1.0 if v > 0.0 else (-1.0 if v < 0.0 else 0.0)
 
 
-@njit(error_model="numpy")
+@compiled
 def plastic_share(z: float, v: float, full: float) -> float:
     """The elasto-plastic law's share of sliding in a deflection."""
     if z * v <= 0.0 or abs(z) < BREAKAWAY * full:
@@ -178,7 +178,7 @@ def plastic_share(z: float, v: float, full: float) -> float:
     return 0.5 * (1.0 + math.sin(math.pi * (abs(z) - middle) / (full * (1.0 - BREAKAWAY))))
 
 
-@njit(error_model="numpy")
+@compiled
 def rate(par, z, v, dry):  # type: ignore[no-untyped-def]
     """Growth of a bristle's deflection."""
     g = dry * level(par, v)
@@ -191,7 +191,7 @@ def rate(par, z, v, dry):  # type: ignore[no-untyped-def]
     return v - par[SIGMA0] * s * v * z / g
 
 
-@njit(error_model="numpy")
+@compiled
 def dry_force(par, state, v, dry):  # type: ignore[no-untyped-def]
     """Force of the deflections (not of the set-valued law)."""
     if par[LAW] == MAXWELL:
@@ -202,7 +202,7 @@ def dry_force(par, state, v, dry):  # type: ignore[no-untyped-def]
     return par[SIGMA0] * state[0] + par[SIGMA1] * rate(par, state[0], v, dry)
 
 
-@njit(error_model="numpy")
+@compiled
 def decay(a):  # type: ignore[no-untyped-def]
     """exp(-a); by a fraction that is as exact where a is small."""
     if a < 0.02:
@@ -211,7 +211,7 @@ def decay(a):  # type: ignore[no-untyped-def]
     return math.exp(-a)
 
 
-@njit(error_model="numpy")
+@compiled
 def advance(par, state, x, v, dry, h):  # type: ignore[no-untyped-def]
     """Deflections, direction, rest and way after a time at a constant velocity."""
     law = par[LAW]
@@ -248,7 +248,7 @@ def advance(par, state, x, v, dry, h):  # type: ignore[no-untyped-def]
         state[SLID] += abs(v) * h
 
 
-@njit(error_model="numpy")
+@compiled
 def kick(par, state, mass, v, v_mid, force, dry, viscous, h):  # type: ignore[no-untyped-def]
     """Velocity after a step, the dry force along with it.
 

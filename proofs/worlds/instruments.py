@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfiltfilt
 
+from worlds.compiled import compiled
 from worlds.layout import Vector
 from worlds.simulator import read_encoder
 
@@ -45,7 +45,7 @@ class Instruments:
     current_step: float
 
 
-@njit(error_model="numpy")
+@compiled
 def _read_all(axis, x):  # type: ignore[no-untyped-def]
     read = np.empty_like(x)
     for k in range(x.size):

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from worlds import layout as at
 from worlds.axes import BALL_SCREW, TOLERANCE
+from worlds.compiled import compiled
 from worlds.effects import Setting
 from worlds.friction import REVERSAL, STATES, advance, dry_force, level
 from worlds.layout import Vector
@@ -23,7 +23,7 @@ Shape = NDArray[np.float64]
 WAYS = (1e-6, 4e-6, 15e-6, 60e-6, 250e-6, 1e-3)  # m since a reversal
 
 
-@njit(error_model="numpy")
+@compiled
 def dry_along(par, v, period):  # type: ignore[no-untyped-def]
     """Dry friction of a law along a motion given by its mean velocities."""
     state, force = np.zeros(STATES), np.zeros(v.size)
@@ -37,7 +37,7 @@ def dry_along(par, v, period):  # type: ignore[no-untyped-def]
     return force
 
 
-@njit(error_model="numpy")
+@compiled
 def way_since_reversal(x):  # type: ignore[no-untyped-def]
     """How far the motion has gone since it last turned."""
     way, turned, extreme, direction = np.zeros(x.size), x[0], x[0], 0.0

@@ -13,10 +13,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from worlds.amplifier import amplify, late_command
+from worlds.compiled import compiled
 from worlds.controllers import KIND, MEMORY, OPEN, control
 from worlds.friction import (
     STATES,
@@ -163,7 +163,7 @@ def simulate(run: Run) -> Motion:
     return Motion(log, commands)
 
 
-@njit(error_model="numpy")
+@compiled
 def read_encoder(par, x):  # type: ignore[no-untyped-def]
     """Position as a controller reads it."""
     s = x / par[TRAVEL]
@@ -180,7 +180,7 @@ def read_encoder(par, x):  # type: ignore[no-untyped-def]
     return whole * par[RESOLUTION]
 
 
-@njit(error_model="numpy")
+@compiled
 def texture_at(where, tables, phase, x):  # type: ignore[no-untyped-def]
     """Relative friction at a place."""
     if tables.shape[1] < 2:
@@ -193,7 +193,7 @@ def texture_at(where, tables, phase, x):  # type: ignore[no-untyped-def]
     return a * math.cos(phase) + b * math.sin(phase)
 
 
-@njit(error_model="numpy")
+@compiled
 def motor_force(par, x, current, voltage):  # type: ignore[no-untyped-def]
     """Force of the motor on its side, ripple and all."""
     force = par[GAIN] * voltage if par[IS_DRIVE] != 0.0 else par[KT] * current
@@ -204,7 +204,7 @@ def motor_force(par, x, current, voltage):  # type: ignore[no-untyped-def]
     return force
 
 
-@njit(error_model="numpy")
+@compiled
 def outer_force(par, y, burst):  # type: ignore[no-untyped-def]
     """What acts on the block from outside, against +x."""
     x = y[X2]
@@ -217,7 +217,7 @@ def outer_force(par, y, burst):  # type: ignore[no-untyped-def]
     return force
 
 
-@njit(error_model="numpy")
+@compiled
 def spring_force(par, way, speed):  # type: ignore[no-untyped-def]
     """Force of the motor's side on the block, through spring and gap; a contact never pulls."""
     half = 0.5 * par[GAP]
@@ -228,14 +228,14 @@ def spring_force(par, way, speed):  # type: ignore[no-untyped-def]
     return force if half == 0.0 or force * sign > 0.0 else 0.0
 
 
-@njit(error_model="numpy")
+@compiled
 def current_after(par, resistance, current, voltage, v, kept):  # type: ignore[no-untyped-def]
     """Armature current after a time at constant voltage and velocity, which kept a share of it."""
     end = (voltage - par[KE] * v) / resistance
     return end + (current - end) * kept
 
 
-@njit(error_model="numpy")
+@compiled
 def resistance_now(par, y, t, period):  # type: ignore[no-untyped-def]
     """Resistance of the winding; advances its warmth."""
     if par[R_DRIFT] == 0.0:
@@ -247,7 +247,7 @@ def resistance_now(par, y, t, period):  # type: ignore[no-untyped-def]
     return par[R] * (1.0 + par[R_DRIFT] * progress(par[R_FORM], t, par[R_TIME], par[DURATION]))
 
 
-@njit(error_model="numpy")
+@compiled
 def move(par, y, rub, at, h):  # type: ignore[no-untyped-def]
     """The velocities of one substep; `at` is motor's force, burst, dry and viscous factors."""
     rigid = par[SPRING] == 0.0
@@ -275,7 +275,7 @@ def move(par, y, rub, at, h):  # type: ignore[no-untyped-def]
         y[VA] += h / par[RESONATOR] * pull
 
 
-@njit(error_model="numpy")
+@compiled
 def double_friction(double, rub, v_old, v_new, given):  # type: ignore[no-untyped-def]
     """Dry and viscous friction of the faultless double in a substep.
 
@@ -291,7 +291,7 @@ def double_friction(double, rub, v_old, v_new, given):  # type: ignore[no-untype
     return dry_force(double, rub, v, 1.0), viscous
 
 
-@njit(error_model="numpy")
+@compiled
 def half_way(par, y, rub, dry, h):  # type: ignore[no-untyped-def]
     """Positions and deflections over half a substep."""
     y[X1] += h * y[V1]
@@ -303,7 +303,7 @@ def half_way(par, y, rub, dry, h):  # type: ignore[no-untyped-def]
         advance(par, rub, y[X2], y[V2], dry, h)
 
 
-@njit(error_model="numpy")
+@compiled
 def _simulate(  # type: ignore[no-untyped-def]
     par, double, controller, wanted, noise, where, tables, substeps, logged, period
 ):

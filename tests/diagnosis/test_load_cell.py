@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import hidden_effects
 import numpy as np
@@ -16,6 +17,11 @@ from ballscrew.records.drive_record import checked
 
 STEP = 0.089  # N, of the rig's converter
 NOISE = 0.03  # N rms
+
+
+@cache
+def found_with_cell(**hidden):
+    return diagnose_records([record_of(hidden)], nominal())
 
 
 def record_of(hidden, with_cell=True):
@@ -33,13 +39,14 @@ def record_of(hidden, with_cell=True):
     return checked("made", signals | ({"force": read} if with_cell else {}))
 
 
+@pytest.mark.xdist_group("load_cell")
 @pytest.mark.parametrize(
     "hidden",
     [{"load": -0.3}, {"ripple": 0.1, "ripple_n": 2.0}],
     ids=["on the block", "on the screw, which the cell does not feel"],
 )
 def test_the_mended_model_foretells_what_the_cell_reads(hidden):
-    found = diagnose_records([record_of(hidden)], nominal())
+    found = found_with_cell(**hidden)
     (cause,) = found.causes
     floor = math.hypot(NOISE, STEP / math.sqrt(12), 0.02 * NOMINAL["Fc"])
     assert found.load_cell.mended < 1.25 * floor
@@ -48,10 +55,10 @@ def test_the_mended_model_foretells_what_the_cell_reads(hidden):
     assert found.to_dict()["load_cell"]["mended_N"] == found.load_cell.mended
 
 
+@pytest.mark.xdist_group("load_cell")
 def test_the_cell_takes_no_part():
-    with_it, without = (
-        diagnose_records([record_of({"load": -0.3}, cell)], nominal()) for cell in (True, False)
-    )
+    with_it = found_with_cell(load=-0.3)
+    without = diagnose_records([record_of({"load": -0.3}, with_cell=False)], nominal())
     assert without.load_cell is None
     assert with_it.causes == without.causes
     assert with_it.final_residual == without.final_residual

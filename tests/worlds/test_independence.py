@@ -9,7 +9,8 @@ import worlds
 
 PACKAGE = Path(worlds.__file__).parent
 ALLOWED = {
-    "__future__", "collections", "dataclasses", "math", "pathlib", "zlib",
+    "__future__", "collections", "dataclasses", "getpass", "hashlib", "math", "os", "pathlib",
+    "tempfile", "zlib",
     "numba", "numpy", "scipy", "worlds",
 }  # fmt: skip
 
