@@ -171,15 +171,12 @@ def test_expected_information_is_the_variance_of_the_score():
 
 
 def test_intervals_hold_the_truth_on_random_rigs():
-    """A sample of what ``proofs/identification.py`` counts on a hundred rigs a law.
-
-    All twelve intervals of the directional law are asked for on the thesis' trials.
-    """
-    laws = ("modified_lugre", "dahl", "bliman_sorine")
+    """A sample of what ``proofs/identification.py`` counts on a hundred rigs a law."""
+    laws = ("modified_lugre", "dahl", "bliman_sorine", "directional_lugre")
     outcomes = [o for law in laws for o in identify_random_rig(law, 900)]
     missed = [o for o in outcomes if not o.covered]
-    # 5 % of 13 are 0.65
-    assert len(missed) <= 1, missed
+    # 5 % of 25 are 1.3; those of one rig miss together
+    assert len(missed) <= 3, missed
     assert sum(o.identified for o in outcomes) > 0.7 * len(outcomes)
 
 

@@ -36,13 +36,24 @@ def run(controller, step, stop=2.0, **options):
     return run_study(Study(controller, step=step, stop=stop, **options)).run
 
 
-def test_nominal_iol_is_within_the_stated_distance_over_all_twenty_seconds(truth):
+@pytest.fixture
+def run_native(native):
+    """As `run`, over native FMUs, which give the same bits a dozen times as fast."""
+
+    def run_them(controller, step, stop=2.0, **options):
+        plant = str(native("plant"))
+        return run(str(native(controller)), step, stop, plant=plant, **options)
+
+    return run_them
+
+
+def test_nominal_iol_is_within_the_stated_distance_over_all_twenty_seconds(run_native, truth):
     """1e-4 m at 1e-3 s without correction; 1.5e-6 m at 2e-4 s with one."""
     reference = truth("iol", 20.0)
     plain = run("iol", 1e-3, 20.0, coupling=Coupling.TANGENT, corrections=0)
     assert error(plain, reference) < 1e-4
     assert plain.macro_steps == 20_000
-    corrected = run("iol", 2e-4, 20.0, coupling=Coupling.TANGENT, corrections=1)
+    corrected = run_native("iol", 2e-4, 20.0, coupling=Coupling.TANGENT, corrections=1)
     assert error(corrected, reference) < 1.5e-6
     assert corrected.verdict.trusted
     assert corrected.time[-1] == 20.0
@@ -50,18 +61,18 @@ def test_nominal_iol_is_within_the_stated_distance_over_all_twenty_seconds(truth
 
 
 @pytest.mark.parametrize(("corrections", "order"), [(0, 2.0), (1, 2.2)])
-def test_tangent_coupling_of_iol_converges_with_second_order(truth, corrections, order):
+def test_tangent_coupling_of_iol_converges_with_second_order(run_native, truth, corrections, order):
     reference = truth("iol", 2.0)
     steps = np.array([2e-3, 1e-3, 5e-4, 2e-4, 1e-4])
-    errors = [error(run("iol", h, 0.5, corrections=corrections), reference) for h in steps]
+    errors = [error(run_native("iol", h, 0.5, corrections=corrections), reference) for h in steps]
     fitted = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert fitted == pytest.approx(order, abs=0.2)
     if corrections:
         assert errors[1] < 1e-5  # a correction by two thirds of the defect is worth a factor nine
 
 
-def test_held_iol_at_ten_microseconds_is_not_converged():
-    held = run("iol", 1e-5, 0.5, coupling=Coupling.GAUSS_SEIDEL)
+def test_held_iol_at_ten_microseconds_is_not_converged(run_native):
+    held = run_native("iol", 1e-5, 0.5, coupling=Coupling.GAUSS_SEIDEL)
     assert not held.verdict.trusted
     assert abs(held.outputs["x"][50_000] - 0.08 + 0.034736) > 0.03  # it is indeed far off
     assert held.effect_rate_max["i"] > 0.05  # ampere per second, by steps of ten microseconds
@@ -70,9 +81,9 @@ def test_held_iol_at_ten_microseconds_is_not_converged():
 
 
 @pytest.mark.parametrize("coupling", [Coupling.JACOBI, Coupling.GAUSS_SEIDEL, Coupling.TANGENT])
-def test_nctf_comes_out_right_in_each_coupling_and_the_estimate_covers_the_error(truth, coupling):
+def test_nctf_comes_out_right_in_each_coupling_and_the_estimate_covers_the_error(run_native, truth, coupling):
     reference = truth("nctf", 2.0)
-    result = run("nctf", 1e-4, coupling=coupling)
+    result = run_native("nctf", 1e-4, coupling=coupling)
     off = error(result, reference)
     assert off < (2e-8 if coupling is Coupling.TANGENT else 2e-5)
     assert off < 2 * result.verdict.error_estimate["x"] + 1e-9
