@@ -13,7 +13,7 @@ from long_commands import BALLSCREW, COMMANDS, Command, interrupted, seen_in, wr
 
 from ballscrew.orchestration.run_folder import HIDDEN, written_files
 
-LATEST = 4.0  # s of processor time: well into the work of each
+LATEST = 2.0  # s of processor time: well into the work of each
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_an_interrupt_ends_a_command_within_two_seconds_with_one_line(name, data
 
 def test_an_interrupt_says_how_far_the_run_was(data, tmp_path):
     command = Command("run", data, tmp_path)
-    command.wait_until_busy(6.0)
+    command.wait_until_busy(3.0)
     said = interrupted(command, signal.SIGINT).said
     assert " of 4000 s; nothing of this run is kept in " in said
 
