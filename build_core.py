@@ -21,7 +21,7 @@ TOP = Path(__file__).resolve().parent
 LIBRARIES = {
     "solver/c/core.c": "libcore",
     "orchestration/c/master.c": "libmaster",
-    "identification/c/laws.c": "liblaws",
+    "identification/c/identification.c": "libidentification",
 }
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s")

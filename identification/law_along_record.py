@@ -70,7 +70,7 @@ class LawValues:
 
 @cache
 def _library() -> Any:
-    loaded = ct.CDLL(str(Path(__file__).parent / "c" / f"liblaws{SUFFIX}"))
+    loaded = ct.CDLL(str(Path(__file__).parent / "c" / f"libidentification{SUFFIX}"))
     array, number, many = ct.c_void_p, ct.c_double, ct.c_int64
     for name, *types in (
         ("friction_along", array, array, array, array, array, many, array, array, array),
