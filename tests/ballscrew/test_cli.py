@@ -324,7 +324,11 @@ def test_the_wheel_holds_every_module(tmp_path):
     for part in ("fmus/native", "solver", "orchestration", "identification"):
         sources = [p for p in (root / part / "c").iterdir() if p.suffix in (".c", ".h")]
         expected |= {f"ballscrew/{p.relative_to(root)}" for p in sources}
-    for library in ("solver/c/libcore", "orchestration/c/libmaster", "identification/c/libidentification"):
+    for library in (
+        "solver/c/libcore",
+        "orchestration/c/libmaster",
+        "identification/c/libidentification",
+    ):
         expected.add(f"ballscrew/{library}{SUFFIX}")
     assert "-py3-none-" in wheel.name  # for every Python on this platform
     expected |= {f"ballscrew/{p.name}" for p in (root / "ballscrew").glob("*.py")}

@@ -81,7 +81,9 @@ def test_held_iol_at_ten_microseconds_is_not_converged(run_native):
 
 
 @pytest.mark.parametrize("coupling", [Coupling.JACOBI, Coupling.GAUSS_SEIDEL, Coupling.TANGENT])
-def test_nctf_comes_out_right_in_each_coupling_and_the_estimate_covers_the_error(run_native, truth, coupling):
+def test_nctf_comes_out_right_in_each_coupling_and_the_estimate_covers_the_error(
+    run_native, truth, coupling
+):
     reference = truth("nctf", 2.0)
     result = run_native("nctf", 1e-4, coupling=coupling)
     off = error(result, reference)
