@@ -126,11 +126,12 @@ class Fitted:
     covariance: Matrix
 
 
-def _cholesky(system: Matrix) -> Matrix:
-    """The lower triangle; what is above it is not to be read.
+def _cholesky(inner: Matrix, scale: Vector) -> Matrix:
+    """The lower factor of a system of products, in units of its prior; not to be read above.
 
     Systems are small and many: what SciPy checks of each would take longer than to solve it.
     """
+    system = np.eye(len(scale)) + scale[:, None] * inner * scale
     factor, failed = dpotrf(system, lower=True, clean=False)
     if failed:
         raise np.linalg.LinAlgError("a system of products is not positive definite")
@@ -166,8 +167,7 @@ def _most_likely(
     wanted = products[columns, 0] + precision * mean
     # scaled by the prior: precisions differ by many powers of ten
     scale = 1.0 / np.sqrt(precision)
-    system = np.eye(len(columns)) + scale[:, None] * inner * scale
-    factor = _cholesky(system)
+    factor = _cholesky(inner, scale)
     return columns, scale * _solved(factor, scale * wanted), scale, factor
 
 
@@ -237,7 +237,7 @@ def conditioned(products: Matrix, priors: Sequence[Prior]) -> Conditioned:
     mean = np.concatenate([p.mean for p in priors])
     scale = np.concatenate([p.spread for p in priors])
     inner = products[np.ix_(columns, columns)]
-    factor = _cholesky(np.eye(len(columns)) + scale[:, None] * inner * scale)
+    factor = _cholesky(inner, scale)
     rows = products[columns, :]
     signal = products[0] - mean @ rows
     signal[0] += mean @ inner @ mean - mean @ rows[:, 0]
@@ -269,7 +269,7 @@ def volume(products: Matrix, priors: Sequence[Prior]) -> float:
     columns = np.concatenate([p.columns for p in priors]).astype(np.int64)
     scale = np.concatenate([p.spread for p in priors])
     inner = products[np.ix_(columns, columns)]
-    factor = _cholesky(np.eye(len(columns)) + scale[:, None] * inner * scale)
+    factor = _cholesky(inner, scale)
     return float(np.sum(np.log(np.diag(factor))))
 
 
@@ -284,7 +284,7 @@ def gain(inner: Matrix, signal: Vector, mean: Vector, spread: Vector) -> float:
         Of its prior.
     """
     moved = signal - inner @ mean
-    factor = _cholesky(np.eye(len(mean)) + spread[:, None] * inner * spread)
+    factor = _cholesky(inner, spread)
     scaled = spread * moved
     before = float(2.0 * mean @ signal - mean @ inner @ mean)
     after = float(scaled @ _solved(factor, scaled))
