@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import hashlib
 import os
 import shutil
 import sys
@@ -42,7 +43,15 @@ def usual_folder() -> Path | None:
 
 def compiled_path(module: str) -> Path:
     """Where the compiled equations of a module are, if they are anywhere."""
-    return folder() / "equations" / f"{module}.so"
+    return folder() / "equations" / f"{module}_{_way_of_compiling()}.so"
+
+
+@cache
+def _way_of_compiling() -> str:
+    """Hash of what decides how equations are compiled: those of another version are not taken."""
+    here = Path(__file__).parent
+    names = ("c/system.h", "translation.py", "compiled_equations.py", "compilers.py")
+    return hashlib.sha256(b"\0".join((here / n).read_bytes() for n in names)).hexdigest()[:8]
 
 
 def can_be_written(place: Path) -> bool:
