@@ -5,7 +5,12 @@ import pytest
 
 from ballscrew.fmus.catalogue import variational_fmu
 from ballscrew.orchestration.participant import FmuParticipant
-from ballscrew.orchestration.tangents_over_fmus import TangentsImpossible, follow_over_fmus
+from ballscrew.orchestration.tangents_over_fmus import (
+    ACCURACY,
+    RELATIVE,
+    TangentsImpossible,
+    follow_over_fmus,
+)
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow
@@ -67,6 +72,19 @@ def test_every_exponent_converges_with_the_communication_step(over_fmus):
         errors.append(np.abs(run.exponents - reference.exponents))
     assert np.all(errors[1] < 0.5 * errors[0])
     assert np.all(errors[2] < 0.5 * errors[1])
+
+
+def test_the_tolerance_of_the_fmus_adds_less_than_a_hundredth_of_the_stated_error(over_fmus):
+    run = over_fmus("nctf", 0.1, 1e-3)
+    finer = over_fmus(
+        "nctf",
+        0.1,
+        1e-3,
+        plant_values={"solver_tolerance": 1e-10},
+        controller_values={"solver_tolerance": 1e-10},
+    )
+    moved = np.abs(run.growth[-1] - finer.growth[-1])
+    assert np.all(moved < 0.01 * (ACCURACY + RELATIVE * np.abs(finer.growth[-1])))
 
 
 def test_a_controller_without_tangents_is_probed_and_the_loss_is_said(over_fmus):
