@@ -34,7 +34,7 @@ DEPENDS_ON = {
     "variational": (*LOOP, "proofs/variational.py"),
     "diagnosis": ("solver", "plant", "rig", *ESTIMATED, "diagnosis"),
     "diagnosis_worlds": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/worlds"),
-    "reproduction": (*LOOP, "proofs/reproduction.py"),
+    "reproduction": (*LOOP, "proofs/reproduction.py", "proofs/thesis"),
     "emps": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/emps.py"),
     "tro2021": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/tro2021.py"),
     "own_records": ("ballscrew", *LOOP, "rig", *ESTIMATED, "diagnosis", "proofs/own_records.py"),
