@@ -6,23 +6,23 @@ import argparse
 import json
 import os
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .arguments import out_folder
+from .console import Stages
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder
 from .params_option import add_params, bad_parameters, read_params
 from .record_options import add_record_options, read_record_options
-from .supervision import tell
+from .results_folder import prepare_folder, save_results
+from .tables_of_trials import cost_of_averaging, explain_trials
 
 if TYPE_CHECKING:
-    from .diagnosis.averaging_cost import AveragingCost
     from .diagnosis.diagnosis import Diagnosis, Level
     from .diagnosis.diagnosis_report import ClosedLoopSection
-    from .diagnosis.trials import TrialsDiagnosis
     from .orchestration.parameter_file import ParameterFile
     from .solver.component import Component
+
 
 _EXAMPLES = """DATA are CSV, MAT or Parquet files with the columns time [s], u [V] and x [m], or
 v [m/s] where no position was recorded, and i [A] where it was measured; i without u is taken as the
@@ -43,9 +43,17 @@ examples:
   ballscrew diagnose --trials dahl.csv --value sigma --out out/scatter
   ballscrew diagnose --directions stribeck.csv --out out/averaging
 """
+
+
 _FMU, _PARAMETERS, _CURVES = "extended_plant.fmu", "parameters.toml", "curves.parquet"
+
+
 _NEXT = "next_experiment.csv"
+
+
 _FILES = ("diagnosis.json", "report.html", _FMU, _PARAMETERS, _CURVES, _NEXT)
+
+
 _SHARES = {"": "share"}
 
 
@@ -97,7 +105,6 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 def _diagnose(options: argparse.Namespace) -> int:
     # matrices are small here: threads cost more than they bring
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from .cli import BadRequest
 
     tables = {"--trials": options.trials, "--directions": options.directions}
     for table, path in tables.items():
@@ -112,9 +119,9 @@ def _diagnose(options: argparse.Namespace) -> int:
     if options.value is not None and options.trials is None:
         raise BadRequest("--value is for --trials, and there is none")
     if options.trials is not None:
-        return _trials(options)
+        return explain_trials(options)
     if options.directions is not None:
-        return _directions(options)
+        return cost_of_averaging(options)
     if not options.data:
         raise BadRequest(
             "neither DATA nor --trials nor --directions nor --judge; see ballscrew diagnose --help"
@@ -123,7 +130,6 @@ def _diagnose(options: argparse.Namespace) -> int:
 
 
 def _only_with(table: str, options: argparse.Namespace) -> None:
-    from .cli import BadRequest
 
     given = {"DATA": options.data, "--params": options.params, "--law": options.law}
     given |= {"--map": options.map, "--unit": options.unit, "--lead": options.lead}
@@ -136,17 +142,12 @@ def _only_with(table: str, options: argparse.Namespace) -> None:
         raise BadRequest("--trials needs --value COLUMN, whose scatter is to be explained")
 
 
-# -- records ---------------------------------------------------------------------------------
-
-
 def _records(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare
-    from .cli import _save as save_run
 
     columns = read_record_options(options)
     _check_law(options.law)
     _check_overwritten(options)
-    _prepare(options.out, [*options.data, options.params])
+    prepare_folder(options.out, [*options.data, options.params])
     from .diagnosis.believed import believed
     from .diagnosis.corrected import corrected
     from .diagnosis.diagnose import diagnose_records
@@ -159,7 +160,7 @@ def _records(options: argparse.Namespace) -> int:
     told = columns.with_lead(read_params(options))
     with bad_parameters():
         model = believed(told or ParameterFile(), options.law)
-    progress = _Progress()
+    progress = Stages()
     try:
         progress("reading")
         records = read_drive_records(
@@ -175,12 +176,14 @@ def _records(options: argparse.Namespace) -> int:
     progress("running the closed loop; its equations are compiled once for these causes")
     section = _closed_loop(result, extension)
     progress("writing")
-    save_run(options.out, lambda folder: _save(result, extension, section, values, folder))
+    save_results(
+        options.out, lambda folder: _save_diagnosis(result, extension, section, values, folder)
+    )
     progress.finish()
     if options.json:
         print(json.dumps(result.to_dict()))
     else:
-        print(_table(result, extension, section, options.out))
+        print(_diagnosis_table(result, extension, section, options.out))
     notes = [*result.notes, *([extension.because] if extension.because else [])]
     if does_not_hold(result):
         notes.append(DOES_NOT_HOLD)
@@ -190,7 +193,6 @@ def _records(options: argparse.Namespace) -> int:
 
 
 def _check_law(law: str | None) -> None:
-    from .cli import BadRequest
     from .identify_command import NAMES
 
     if law is not None and law not in NAMES:
@@ -203,7 +205,6 @@ def _check_law(law: str | None) -> None:
 
 def _check_overwritten(options: argparse.Namespace) -> None:
     """Results must not take the place of what they were made from."""
-    from .cli import BadRequest
 
     results = {os.path.realpath(options.out / name) for name in _FILES}
     for path in (*options.data, options.params):
@@ -247,7 +248,7 @@ def _closed_loop(result: Diagnosis, extension: _Extension) -> ClosedLoopSection:
         return ClosedLoopSection(None, str(error))
 
 
-def _save(
+def _save_diagnosis(
     result: Diagnosis,
     extension: _Extension,
     section: ClosedLoopSection,
@@ -282,7 +283,7 @@ def _save_curves(result: Diagnosis, folder: Path) -> None:
     write_atomically(folder / _CURVES, stream.getvalue())
 
 
-def _table(
+def _diagnosis_table(
     result: Diagnosis, extension: _Extension, section: ClosedLoopSection, folder: Path
 ) -> str:
     from .diagnosis.diagnosis_report import rig_command, verdict_sentence
@@ -332,119 +333,3 @@ def _table(
         f"report.html, diagnosis.json, {_PARAMETERS}, {_CURVES}, diagnosis.png{plant} in {folder}"
     )
     return "\n".join(lines)
-
-
-# -- tables --------------------------------------------------------------------------------
-
-
-def _trials(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare
-    from .cli import _save as save_run
-    from .diagnosis.trials import BadTable, explain_scatter
-    from .orchestration.closed_loop import finite_or_null
-
-    if os.path.realpath(options.out / "trials.json") == os.path.realpath(options.trials):
-        raise BadRequest(f"{options.trials} would be overwritten by the result")
-    _prepare(options.out, [options.trials])
-    try:
-        result = explain_scatter(options.trials, options.value)
-    except BadTable as error:
-        raise BadRequest(str(error)) from error
-    save_run(options.out, result.save)
-    if options.json:
-        print(json.dumps(finite_or_null(result.to_dict())))
-    else:
-        print(_trials_table(result))
-        print(f"trials.json in {options.out}")
-    told = any(c.explains for c in result.conditions) or all(c.can_tell for c in result.conditions)
-    return TRUSTED if told else NOT_TRUSTED
-
-
-def _trials_table(result: TrialsDiagnosis) -> str:
-    names = [
-        f"{c.name} (as {', '.join(c.same_as)})" if c.same_as else c.name for c in result.conditions
-    ]
-    wide = max(map(len, ["condition", *names]))
-    lines = [
-        result.answer,
-        f"{result.trials} trials, mean {result.mean:.5g}, deviation {result.deviation:.4g}; all "
-        f"conditions together explain {100 * result.explained:.3g} %, less what chance would "
-        f"{100 * result.adjusted:.3g} %",
-        "",
-        f"{'condition':<{wide}}{'share':>8}{'difference':>13}{'effect':>9}{'p':>9}{'corrected':>11}"
-        f"{'smallest':>10}",
-    ]
-    for name, c in zip(names, result.conditions, strict=True):
-        lines.append(
-            f"{name:<{wide}}{100 * c.share:>6.3g} %{c.difference:>13.4g}{c.standardized:>9.3g}"
-            f"{c.p_value:>9.2g}{c.corrected:>11.2g}{c.smallest_corrected:>10.2g}"
-        )
-    if result.conditions:
-        lines.append(
-            "difference between levels, and effect: the same in standard deviations of what is "
-            "left; smallest: corrected p that these trials could have given"
-        )
-    lines += [f"{name}: no condition, {why}" for name, why in result.no_conditions.items()]
-    if result.left_out:
-        lines.append(f"{result.left_out} trials left out: a cell is empty")
-    return "\n".join(lines)
-
-
-def _directions(options: argparse.Namespace) -> int:
-    from .cli import TRUSTED, BadRequest, _prepare
-    from .cli import _save as save_run
-    from .diagnosis.averaging_cost import averaging_cost
-    from .diagnosis.trials import BadTable
-
-    written = options.out / "averaging_cost.json"
-    if os.path.realpath(written) == os.path.realpath(options.directions):
-        raise BadRequest(f"{options.directions} would be overwritten by the result")
-    _prepare(options.out, [options.directions])
-    try:
-        cost = averaging_cost(options.directions)
-    except BadTable as error:
-        raise BadRequest(str(error)) from error
-    save_run(options.out, cost.save)
-    print(written.read_text(encoding="utf-8") if options.json else _averaging_table(cost))
-    if not options.json:
-        print(f"{written.name} in {options.out}")
-    return TRUSTED
-
-
-def _averaging_table(cost: AveragingCost) -> str:
-    rows = {
-        "average less forwards": cost.forwards,
-        "average less backwards": cost.backwards,
-        "what one curve for both leaves at least": cost.unavoidable,
-        "averaged parameters less averaged forces": cost.of_parameters,
-    }
-    lines = [
-        f"One averaged friction curve for both directions is {cost.forwards.rms:.3g} N rms off "
-        f"forwards and {cost.backwards.rms:.3g} N backwards, from rest to "
-        f"{1e3 * cost.fastest:g} mm/s.",
-        "",
-        f"{'':<44}{'rms [N]':>9}{'share':>9}{'largest [N]':>13}{'at [mm/s]':>11}",
-    ]
-    lines += [
-        f"{name:<44}{e.rms:>9.3g}{100 * e.share:>7.3g} %{e.largest:>13.3g}{1e3 * e.at_speed:>11.3g}"
-        for name, e in rows.items()
-    ]
-    return "\n".join(lines)
-
-
-class _Progress:
-    """One line on standard error, rewritten; silent where nobody watches."""
-
-    def __init__(self) -> None:
-        self.started = time.monotonic()
-        self.active = sys.stderr.isatty()
-
-    def __call__(self, doing: str) -> None:
-        tell(doing)
-        if self.active:
-            seconds = time.monotonic() - self.started
-            print(f"\r\033[K{seconds:.0f} s: {doing} ...", end="", file=sys.stderr, flush=True)
-
-    def finish(self) -> None:
-        if self.active:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)

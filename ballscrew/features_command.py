@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .arguments import out_folder
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder
+from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
 if TYPE_CHECKING:
@@ -55,7 +56,6 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _features(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare, _save
     from .plant import LAWS
 
     for name in options.laws or ():
@@ -67,7 +67,7 @@ def _features(options: argparse.Namespace) -> int:
             raise BadRequest(f"{path} is of {law}, which is not among --laws")
         if [other for other, _ in read].count(law) > 1:
             raise BadRequest(f"{path}: another file is of {law}, too; give one for each law")
-    _prepare(options.out, options.identified)
+    prepare_folder(options.out, options.identified)
     from .rig.bench import BadRig
     from .rig.features import feature_table
     from .solver.kernel import IntegrationError
@@ -78,7 +78,7 @@ def _features(options: argparse.Namespace) -> int:
         raise BadRequest(f"--identified: {error}") from error
     except IntegrationError as error:
         raise BadRequest(f"{error}; this law cannot take part") from error
-    _save(options.out, table.save)
+    save_results(options.out, table.save)
     if options.json:
         print(json.dumps(table.to_dict(), indent=1))
     else:
@@ -91,7 +91,6 @@ def _features(options: argparse.Namespace) -> int:
 
 def _read_identified(path: Path) -> tuple[str, Identified]:
     """A law's name and what a file of `ballscrew identify` says was identified of it."""
-    from .cli import BadRequest
     from .rig.features import Identified
 
     try:
@@ -111,8 +110,6 @@ def _read_identified(path: Path) -> tuple[str, Identified]:
 
 def _known(option: str, name: str, laws: dict[str, str]) -> None:
     import difflib
-
-    from .cli import BadRequest
 
     if name not in laws:
         near = difflib.get_close_matches(name, laws, n=1, cutoff=0.5)

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .arguments import out_folder
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder, read_named, read_number
 from .params_option import add_params, bad_parameters, read_params
 from .record_options import add_record_options, read_record_options
+from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
 if TYPE_CHECKING:
@@ -87,7 +88,6 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _identify(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _number, _prepare, _save
 
     if options.law not in NAMES:
         import difflib
@@ -96,7 +96,7 @@ def _identify(options: argparse.Namespace) -> int:
         hint = f", did you mean {near[0]}?" if near else ""
         raise BadRequest(f"--law {options.law!r} is none of {', '.join(NAMES)}{hint}")
     columns = read_record_options(options)
-    mass = None if options.mass is None else _number("--mass", options.mass)
+    mass = None if options.mass is None else read_number("--mass", options.mass)
     from .diagnosis.believed import believed
     from .records.bad_record import BadRecord
     from .records.force_record import read_records
@@ -120,14 +120,14 @@ def _identify(options: argparse.Namespace) -> int:
         )
     except BadRecord as error:
         raise BadRequest(str(error)) from error
-    _prepare(options.out, [*options.data, options.params])
+    prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
     result = identify(records, options.law, told, fixed, options.offset)
-    _save(options.out, result.save)
+    save_results(options.out, result.save)
     if options.json:
         print(json.dumps(result.to_dict()))
     else:
-        print(_table(result))
+        print(_intervals_table(result))
         print(f"identified.json, parameters.toml, friction_map and residuals in {options.out}")
     for note in result.notes:
         print(f"note: {note}", file=sys.stderr)
@@ -146,10 +146,9 @@ def _identify(options: argparse.Namespace) -> int:
 
 def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]:
     """Values of ``--fix``; those without one are of the parameter file."""
-    from .cli import BadRequest, _named, _number
 
-    given = _named("--fix", [t for t in texts if "=" in t], "NAME=VALUE")
-    fixed = {name: _number(f"--fix {name}", text) for name, text in given.items()}
+    given = read_named("--fix", [t for t in texts if "=" in t], "NAME=VALUE")
+    fixed = {name: read_number(f"--fix {name}", text) for name, text in given.items()}
     for name in (t for t in texts if "=" not in t):
         if name in fixed:
             raise BadRequest(f"--fix {name} is given twice; expected once")
@@ -162,7 +161,7 @@ def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]
     return fixed
 
 
-def _table(result: Identification) -> str:
+def _intervals_table(result: Identification) -> str:
     lines = [f"{'parameter':<14}{'value':>13}  {'95 % interval':<28}{'unit':<8}"]
     for name, i in result.parameters.items():
         word = "held" if name in result.fixed else "" if i.identified else "not identified"

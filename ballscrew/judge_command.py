@@ -7,8 +7,10 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
+from .options import TRUSTED, BadRequest
 from .params_option import bad_parameters
 from .record_options import read_record_options
+from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
     from .diagnosis.blocks import Estimate
@@ -25,8 +27,6 @@ def judged(options: argparse.Namespace) -> int:
     ------
     BadRequest
     """
-    from .cli import TRUSTED, BadRequest, _prepare
-    from .cli import _save as save_run
 
     given = {"DATA": options.data, "--law": options.law, "--value": options.value}
     for name, value in given.items():
@@ -36,7 +36,7 @@ def judged(options: argparse.Namespace) -> int:
         raise BadRequest("--judge needs --params, the parameters.toml that a diagnosis wrote")
     columns = read_record_options(options)
     if options.out is not None:
-        _prepare(options.out, [*options.judge, options.params])
+        prepare_folder(options.out, [*options.judge, options.params])
     from .diagnosis.judge import judge_records
     from .orchestration.closed_loop import finite_or_null
     from .orchestration.parameter_file import read_parameters
@@ -53,7 +53,7 @@ def judged(options: argparse.Namespace) -> int:
         except BadRecord as error:
             raise BadRequest(str(error)) from error
     if options.out is not None:
-        save_run(options.out, result.save)
+        save_results(options.out, result.save)
     print(json.dumps(finite_or_null(result.to_dict())) if options.json else table(result))
     for note in result.notes:
         print(f"note: {note}", file=sys.stderr)

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from .named_loop import add_loop_options, read_loop
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, check_steps, guarded, read_number
+from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
 _EXAMPLES = """examples:
@@ -46,23 +48,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _lyapunov(options: argparse.Namespace) -> int:
-    from .cli import (
-        NOT_TRUSTED,
-        TRUSTED,
-        BadRequest,
-        _guarded,
-        _number,
-        _prepare,
-        _save,
-        check_steps,
-    )
 
     if options.step is not None and options.via != "fmu":
         raise BadRequest("--step is for --via fmu; the equations have a solver that chooses steps")
     if options.tolerance is not None and options.via == "fmu":
         raise BadRequest("--tolerance is for --via model; FMUs have a solver of their own")
     asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
-    _prepare(options.out, [options.params])
+    prepare_folder(options.out, [options.params])
     from .orchestration.closed_loop import finite_or_null
     from .orchestration.lyapunov import NoExponents, loop_lyapunov
 
@@ -78,11 +70,11 @@ def _lyapunov(options: argparse.Namespace) -> int:
         if options.via == "fmu":
             from .orchestration.lyapunov import loop_lyapunov_over_fmus
 
-            step = _number("--step", options.step or "1e-3")
+            step = read_number("--step", options.step or "1e-3")
             if not 0 < step <= stop:
                 raise BadRequest(f"--step is {options.step}, expected more than 0, at most --stop")
             check_steps(stop, step)
-            result = _guarded(
+            result = guarded(
                 lambda: loop_lyapunov_over_fmus(asked.controller, stop, step=step, **loop)
             )
         else:
@@ -94,7 +86,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
         asked.parameters().save(folder)
         result.save(folder)
 
-    _save(options.out, save)
+    save_results(options.out, save)
     figures = result.figures()
     if options.json:
         print(json.dumps(finite_or_null(figures)))

@@ -10,7 +10,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .console import print_notes
+from .loop_options import read_settings
 from .named_loop import add_loop_options, read_loop
+from .options import TRUSTED, BadRequest, read_whole_number
+from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
 
 if TYPE_CHECKING:
@@ -68,13 +72,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _map(options: argparse.Namespace) -> int:
-    from .cli import TRUSTED, BadRequest, _prepare, _tell_notes, _whole
 
     usual = TOLERANCE_OF_EXPONENTS if options.exponents else TOLERANCE
     asked = read_loop(options, usual, finest=1e-12, coarsest=1e-4)
     count = os.cpu_count() or 1
     if options.workers is not None:
-        count = _whole("--workers", options.workers, 1, MOST_WORKERS)
+        count = read_whole_number("--workers", options.workers, 1, MOST_WORKERS)
     from .orchestration.memory import NotEnoughMemory
     from .orchestration.stability_map import BadMap, MapStudy, make_map, read_axis
     from .orchestration.workers import Dask, Processes, WorkersLost
@@ -90,7 +93,7 @@ def _map(options: argparse.Namespace) -> int:
             **{name: value for name, value in vars(asked).items() if name != "told"},
         )
         study.check()
-        _prepare(options.out, [options.params])
+        prepare_folder(options.out, [options.params])
         workers = Dask(options.dask) if options.dask else Processes(count)
         progress = _MapProgress()
         summary = make_map(
@@ -111,7 +114,7 @@ def _map(options: argparse.Namespace) -> int:
             f"cannot write{where}: {error.strerror or error}; what is done is kept, go on with "
             "--resume"
         ) from error
-    _tell_notes(summary.notes)
+    print_notes(summary.notes)
     figures = summary.figures()
     if options.json:
         print(json.dumps(figures))
@@ -122,9 +125,8 @@ def _map(options: argparse.Namespace) -> int:
 
 def _only_once(axis: Axis, options: argparse.Namespace) -> None:
     """Refuse ``--set`` of what an axis goes through: it would do nothing."""
-    from .cli import BadRequest, _settings
 
-    plant, controllers = _settings(options, [options.controller])
+    plant, controllers = read_settings(options, [options.controller])
     fixed = {"plant": plant, "controller": controllers[options.controller]}
     if axis.parameter in fixed.get(axis.side, {}):
         raise BadRequest(f"{axis.name} is given a value and is an axis; expected one of them")

@@ -7,7 +7,8 @@ import difflib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .arguments import out_folder
+from .loop_options import read_settings
+from .options import BadRequest, guarded, out_folder, read_length, read_number
 from .params_option import add_params, params_values, read_params
 
 if TYPE_CHECKING:
@@ -93,27 +94,26 @@ def read_loop(
     ------
     BadRequest
     """
-    from .cli import BadRequest, _guarded, _number, _settings, length
     from .controllers import CONTROLLERS
     from .plant import PLANTS
 
     _check_known("--controller", options.controller, CONTROLLERS)
     if options.plant is not None:
         _check_known("--plant", options.plant, PLANTS)
-    stop = length("--stop", options.stop)
-    number = _number("--tolerance", options.tolerance or tolerance)
+    stop = read_length("--stop", options.stop)
+    number = read_number("--tolerance", options.tolerance or tolerance)
     if not finest <= number <= coarsest:
         raise BadRequest(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
-    setpoint = _number("--setpoint", options.setpoint or "0.08")
-    given, given_to = _settings(options, [options.controller])
+    setpoint = read_number("--setpoint", options.setpoint or "0.08")
+    given, given_to = read_settings(options, [options.controller])
     told = read_params(options)
     plant, told_plant, told_of = params_values(told, options.plant, [options.controller])
     plant_values = told_plant | given
     controller_values = told_of[options.controller] | given_to[options.controller]
     from .orchestration.closed_loop import check_named
 
-    _guarded(lambda: check_named("plant", plant, plant_values))
-    _guarded(lambda: check_named("controller", options.controller, controller_values))
+    guarded(lambda: check_named("plant", plant, plant_values))
+    guarded(lambda: check_named("controller", options.controller, controller_values))
     return NamedLoop(
         options.controller,
         plant,
@@ -128,7 +128,6 @@ def read_loop(
 
 def _check_known(option: str, name: str, known: dict[str, str]) -> None:
     """Refuse what is not one of ours, an FMU too: exponents need the equations."""
-    from .cli import BadRequest
 
     if name in known:
         return

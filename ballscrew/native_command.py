@@ -11,7 +11,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from .console import tell_export
+from .options import BAD_REQUEST, TRUSTED, BadRequest
 from .params_option import bad_parameters, baked
+from .results_folder import write_or_refuse
 
 if TYPE_CHECKING:
     from .fmus.native.sources import NativeModel
@@ -39,7 +42,6 @@ def add_options(add: Any) -> None:
 
 def check(options: argparse.Namespace) -> None:
     """Refuse options that make no sense together, before any work is done."""
-    from .cli import BadRequest
     from .solver.compilers import PLATFORMS
 
     for option in ("fmi", "platforms"):
@@ -58,7 +60,6 @@ def export(
     options: argparse.Namespace, names: Sequence[str], tangents: int, told: ParameterFile | None
 ) -> int:
     """Write the FMUs, with the start values of a parameter file, and print their paths."""
-    from .cli import BAD_REQUEST, TRUSTED, BadRequest, _write, tell_export
     from .fmus.catalogue import loop, loop_fmu_kernel
     from .fmus.native.export import NativeFmu, write_native
     from .fmus.native.sources import catalogued_model, stored_model, variational_model, with_kernel
@@ -87,7 +88,7 @@ def export(
                 version = int(options.fmi or 2)
                 written.append(write_native(model, target, version, _platforms(options)))
 
-            _write(make)
+            write_or_refuse(make)
             if not options.variational:
                 add_reference(model.kernel, target)
         except (ContractError, UnsupportedComponent) as error:
@@ -106,7 +107,6 @@ def export(
 
 def add_reference(kernel: Kernel, fmu: Path) -> None:
     """Write the reference files beside an FMU, or say why there are none."""
-    from .cli import _write
     from .fmus.reference_files import reference_files, write_reference_files
     from .solver.kernel import IntegrationError
 
@@ -115,14 +115,13 @@ def add_reference(kernel: Kernel, fmu: Path) -> None:
     except (ArithmeticError, IntegrationError, ValueError) as error:
         print(f"note: {fmu}: no reference solution beside it: {error}", file=sys.stderr)
         return
-    _write(partial(write_reference_files, files, fmu))
+    write_or_refuse(partial(write_reference_files, files, fmu))
 
 
 def export_systems(
     options: argparse.Namespace, names: Sequence[str], told: ParameterFile | None
 ) -> int:
     """Write one .ssp per closed loop, with the values of a parameter file, and print its path."""
-    from .cli import BAD_REQUEST, TRUSTED, _write
     from .fmus.native.export import NativeFmu, write_native
     from .fmus.native.sources import catalogued_model, with_kernel
     from .fmus.system_export import export_system
@@ -142,7 +141,9 @@ def export_systems(
             for name in names:
                 target = options.out / f"{name}.ssp"
                 controller = write(name)
-                _write(partial(export_system, plant.path, controller.path, target, name=name))
+                write_or_refuse(
+                    partial(export_system, plant.path, controller.path, target, name=name)
+                )
                 print(target)
                 if controller.note:
                     print(f"note: {replace(controller, path=target).note}", file=sys.stderr)

@@ -10,6 +10,8 @@ from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .options import BadRequest, guarded
+
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile, Values
     from .solver.kernel import Kernel
@@ -25,7 +27,6 @@ def add_params(
 @contextlib.contextmanager
 def bad_parameters() -> Iterator[None]:
     """Turn a parameter file that makes no sense into one line for the user."""
-    from .cli import BadRequest
     from .orchestration.parameter_file import BadParameters
 
     try:
@@ -44,7 +45,6 @@ def read_params(options: argparse.Namespace) -> ParameterFile | None:
     """
     if options.params is None:
         return None
-    from .cli import BadRequest
     from .orchestration.parameter_file import FILE_NAME, read_parameters
 
     if os.path.realpath(options.out / FILE_NAME) == os.path.realpath(options.params):
@@ -70,14 +70,13 @@ def params_values(
     ------
     BadRequest
     """
-    from .cli import _guarded
 
     if told is None:
         return plant or "plant", {}, {name: {} for name in controllers}
     with bad_parameters():
         plant = plant or told.plant_name
-        values = _guarded(lambda: _plant_values(told, plant))
-        values_of = {n: _guarded(lambda n=n: _controller_values(told, n)) for n in controllers}
+        values = guarded(lambda: _plant_values(told, plant))
+        values_of = {n: guarded(lambda n=n: _controller_values(told, n)) for n in controllers}
     _note_strangers(told, controllers)
     return plant, values, values_of
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from .options import BadRequest, read_named, read_number
 from .params_option import bad_parameters
 
 if TYPE_CHECKING:
@@ -78,11 +79,10 @@ def read_record_options(options: argparse.Namespace) -> RecordOptions:
     ------
     BadRequest
     """
-    from .cli import BadRequest, _named, _number
 
-    mapping = _named("--map", options.map, "THEIRS=OURS")
-    units = _named("--unit", options.unit, "OURS=UNIT")
-    lead = None if options.lead is None else _number("--lead", options.lead)
+    mapping = read_named("--map", options.map, "THEIRS=OURS")
+    units = read_named("--unit", options.unit, "OURS=UNIT")
+    lead = None if options.lead is None else read_number("--lead", options.lead)
     if lead is not None and not 0 < lead < math.inf:
         raise BadRequest(f"--lead is {options.lead}, expected a number of metres above 0")
     return RecordOptions(mapping, units, lead)

@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .arguments import out_folder
+from .console import Progress
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder, read_named, read_number
 from .params_option import add_params, note_aside, read_params
+from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
     from .rig.trials import Trial
@@ -72,7 +74,6 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _rig(options: argparse.Namespace) -> int:
-    from .cli import NOT_TRUSTED, TRUSTED, BadRequest, _prepare, _Progress, _save
 
     if options.list:
         for name in ("trials", "law", "set", "seed", "params", "export", "out"):
@@ -94,7 +95,7 @@ def _rig(options: argparse.Namespace) -> int:
     law = options.law or (told and told.law) or DEFAULT_LAW
     if options.export and len(trials) > 1:
         raise BadRequest(f"--export takes one TRIAL, as in 2.4/7; these are {len(trials)}")
-    _prepare(options.out, [options.params])
+    prepare_folder(options.out, [options.params])
     from .orchestration.parameter_file import BadParameters
     from .plant.law import UnknownLaw
     from .rig.bench import BadRig, run_trial
@@ -110,12 +111,12 @@ def _rig(options: argparse.Namespace) -> int:
             names.extend(path.relative_to(folder) for path in paths)
 
         try:
-            _save(options.out, export)
+            save_results(options.out, export)
         except (BadRig, BadParameters, UnknownLaw, UnsupportedComponent) as error:
             raise BadRequest(str(error)) from error
         print(*(options.out / name for name in names), sep="\n")
         return TRUSTED
-    progress = _Progress(sum(t.duration for t in trials))
+    progress = Progress(sum(t.duration for t in trials))
     notes: dict[str, Sequence[str]] = {}
 
     def record(folder: Path) -> None:
@@ -137,7 +138,7 @@ def _rig(options: argparse.Namespace) -> int:
         progress.finish()
 
     try:
-        _save(options.out, record)
+        save_results(options.out, record)
     except (BadRig, BadParameters, UnknownLaw, UnsupportedComponent) as error:
         raise BadRequest(str(error)) from error
     except IntegrationError as error:
@@ -151,7 +152,6 @@ def _rig(options: argparse.Namespace) -> int:
 
 
 def _trials(names: list[str]) -> list[Trial]:
-    from .cli import BadRequest
     from .rig.trials import UnknownTrial, trials_named
 
     try:
@@ -162,20 +162,18 @@ def _trials(names: list[str]) -> list[Trial]:
 
 
 def _values(texts: list[str]) -> dict[str, float]:
-    from .cli import BadRequest, _named, _number
 
     values = {}
-    for name, value in _named("--set", texts, "PART.NAME=VALUE").items():
+    for name, value in read_named("--set", texts, "PART.NAME=VALUE").items():
         if "." not in name:
             raise BadRequest(
                 f"--set {name}={value}: expected PART.NAME=VALUE, as in plant.sigma0=6e4"
             )
-        values[name] = _number(f"--set {name}", value)
+        values[name] = read_number(f"--set {name}", value)
     return values
 
 
 def _seed(text: str) -> int:
-    from .cli import BadRequest
 
     if not text.isascii() or not text.isdigit() or len(text) > MOST_DIGITS:
         raise BadRequest(

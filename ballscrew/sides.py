@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .controllers import CONTROLLERS
+from .options import BadRequest, guarded, read_named
 
 
 def mappings(options: argparse.Namespace, controllers: Sequence[str]) -> dict[str, dict[str, str]]:
     """What ``--map`` says to each controller, ``plant.PORT`` and ``controller.PORT`` among it."""
-    from .cli import BadRequest, _named
 
-    texts = _named("--map", options.map, "THEIRS=OURS")
+    texts = read_named("--map", options.map, "THEIRS=OURS")
     found: dict[str, dict[str, str]] = {name: {} for name in controllers}
     for theirs, ours in texts.items():
         side, port = sided(theirs, controllers)
@@ -35,20 +35,18 @@ def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
     """Controllers whose loops have a port of this name; where none has, wiring will say so."""
     if len(controllers) == 1:
         return controllers
-    from .cli import _guarded
     from .orchestration.parts import part_of
 
     def has(name: str) -> bool:
         part = part_of(name)
         return port in part.inputs or port in part.outputs
 
-    owners = [name for name in controllers if _guarded(lambda n=name: has(n))]
-    return controllers if not owners or _guarded(lambda: has(plant)) else owners
+    owners = [name for name in controllers if guarded(lambda n=name: has(n))]
+    return controllers if not owners or guarded(lambda: has(plant)) else owners
 
 
 def check_labels(controllers: Sequence[str]) -> None:
     """Refuse two files of one name: options, tables and files could not tell them apart."""
-    from .cli import BadRequest
 
     seen: dict[str, str] = {}
     for name in controllers:

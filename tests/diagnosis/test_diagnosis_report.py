@@ -370,9 +370,9 @@ def test_what_a_stranger_s_file_says_does_not_become_part_of_the_page():
 
 @pytest.mark.parametrize("trial", sorted(set(TRIALS_FOR.values())))
 def test_the_rig_knows_every_trial_that_is_asked_for(trial):
-    from ballscrew.cli import _parser
+    from ballscrew.cli import command_parser
 
-    options = _parser().parse_args(rig_command(trial).split()[1:])
+    options = command_parser().parse_args(rig_command(trial).split()[1:])
     from ballscrew.rig.trials import trials_named
 
     assert trials_named(options.trials[0])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from synthetic_records import record_of, sine_velocity
 
-from ballscrew.cli import BadRequest
 from ballscrew.identify_command import NAMES, add_parser
+from ballscrew.options import BadRequest
 from ballscrew.orchestration.parameter_file import read_parameters
 
 DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}

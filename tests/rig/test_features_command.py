@@ -8,13 +8,13 @@ import sys
 import pytest
 
 from ballscrew import features_command
-from ballscrew.cli import BadRequest, _Parser
+from ballscrew.options import BadRequest, Parser
 
 
 def features(*arguments):
     """Exit code of the command; a bad request is raised as the command line's `main` gets it."""
-    parser = _Parser(prog="ballscrew")
-    features_command.add_parser(parser.add_subparsers(parser_class=_Parser), _Parser)
+    parser = Parser(prog="ballscrew")
+    features_command.add_parser(parser.add_subparsers(parser_class=Parser), Parser)
     options = parser.parse_args(["features", *map(str, arguments)])
     return options.action(options)
 
@@ -119,7 +119,7 @@ def test_help_loads_nothing_heavy():
 
 
 def test_help_shows_examples():
-    parser = _Parser(prog="ballscrew")
-    features_command.add_parser(parser.add_subparsers(parser_class=_Parser), _Parser)
+    parser = Parser(prog="ballscrew")
+    features_command.add_parser(parser.add_subparsers(parser_class=Parser), Parser)
     (commands,) = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
     assert "ballscrew features --out out/features" in commands.choices["features"].format_help()

@@ -6,14 +6,14 @@ import json
 import pytest
 
 from ballscrew import rig_command
-from ballscrew.cli import BadRequest, _Parser
+from ballscrew.options import BadRequest, Parser
 from ballscrew.rig.trials import TRIALS
 
 
 def rig(*arguments):
     """Exit code of the command; a bad request is raised as the command line's `main` gets it."""
-    parser = _Parser(prog="ballscrew")
-    rig_command.add_parser(parser.add_subparsers(parser_class=_Parser), _Parser)
+    parser = Parser(prog="ballscrew")
+    rig_command.add_parser(parser.add_subparsers(parser_class=Parser), Parser)
     options = parser.parse_args(["rig", *map(str, arguments)])
     return options.action(options)
 

@@ -1,0 +1,162 @@
+"""``ballscrew export``: components, loops and systems as files."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from . import native_command
+from .console import tell_export
+from .controllers import CONTROLLERS
+from .options import TRUSTED, BadRequest, out_folder, read_whole_number
+from .params_option import add_params, bad_parameters, baked, read_params
+from .plant import PLANTS
+from .results_folder import prepare_folder, write_or_refuse
+
+if TYPE_CHECKING:
+    from .orchestration.parameter_file import ParameterFile
+
+
+def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
+    """Add this command to those of the program."""
+    parser = commands.add_parser(
+        "export",
+        help="write the components as FMUs",
+        epilog="examples:\n  ballscrew export --out fmus --only plant iol\n"
+        "  ballscrew export --ssp --out loops\n"
+        "  ballscrew export --native --platforms linux64,win64 --out native\n"
+        "  ballscrew export --loop iol --native --out loops\n",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--out", required=True, type=out_folder, metavar="DIR")
+    parser.add_argument(
+        "--only", nargs="+", metavar="NAME", help=f"some of {', '.join([*PLANTS, *CONTROLLERS])}"
+    )
+    parser.add_argument(
+        "--ssp",
+        action="store_true",
+        help="instead, write one .ssp per closed loop: both FMUs, wired, with a parameter set; "
+        "with --native, of native FMUs",
+    )
+    parser.add_argument(
+        "--loop",
+        metavar="NAME",
+        help="instead, write one FMU of the whole closed loop with this controller, set-point in "
+        f"and signals out: one of {', '.join(CONTROLLERS)}",
+    )
+    parser.add_argument(
+        "--variational",
+        action="store_true",
+        help="instead, write FMUs that carry tangent vectors, for exponents over FMUs",
+    )
+    parser.add_argument(
+        "--tangents",
+        metavar="N",
+        help="with --variational: tangents, as many as the loop has states (default 5)",
+    )
+    native_command.add_options(parser.add_argument)
+    add_params(parser.add_argument, "its values become the FMUs' start values")
+    parser.set_defaults(action=export)
+
+
+def export(options: argparse.Namespace) -> int:
+    whole = options.ssp or options.loop is not None
+    known = [*CONTROLLERS] if whole else [*PLANTS, *CONTROLLERS]
+    if options.loop is not None:
+        for other in ("only", "ssp", "variational"):
+            if getattr(options, other):
+                raise BadRequest(f"--loop and --{other}: expected one of them")
+    told = read_params(options)
+    names = _names(options, told, known)
+    for name in names:
+        if name not in known:
+            what = "closed loop" if whole else "component"
+            raise BadRequest(f"no {what} {name!r}; there are {', '.join(known)}")
+    if options.variational and options.ssp:
+        raise BadRequest("--variational and --ssp: expected one of them")
+    if options.tangents is not None and not options.variational:
+        raise BadRequest("--tangents makes no sense without --variational")
+    tangents = read_whole_number("--tangents", options.tangents or "5", 1, 12)
+    native_command.check(options)
+    prepare_folder(options.out)
+    if options.native and options.ssp:
+        return native_command.export_systems(options, names, told)
+    if options.native:
+        return native_command.export(options, names, tangents, told)
+    from .solver.component import ContractError
+    from .solver.tape import UnsupportedComponent
+
+    for name in names:
+        tell_export(names, name)
+        kind = "_variational" if options.variational else "_loop" if options.loop else ""
+        target = options.out / (f"{name}.ssp" if options.ssp else f"{name}{kind}.fmu")
+        try:
+            _export_one(options, name, tangents, told, target)
+        except (ContractError, UnsupportedComponent) as error:
+            if options.only or options.loop:
+                raise BadRequest(str(error)) from error
+            print(f"left out: {error}", file=sys.stderr)
+            continue
+        print(target)
+    return TRUSTED
+
+
+def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[str]) -> list[str]:
+    """What to export; of a parameter file the one plant that it describes, if none is named."""
+    if options.loop is not None:
+        return [options.loop]
+    if options.only:
+        return list(options.only)
+    if told is None or options.ssp:
+        return known
+    with bad_parameters():
+        return [told.plant_name, *CONTROLLERS]
+
+
+def _export_one(
+    options: argparse.Namespace,
+    name: str,
+    tangents: int,
+    told: ParameterFile | None,
+    target: Path,
+) -> None:
+    """Write one FMU or .ssp with the start values of a parameter file, or the nominal ones."""
+    from .fmus import catalogue
+    from .fmus.export import export_kernel
+    from .fmus.system_export import export_system
+    from .solver.kernel_cache import write_atomically
+
+    with bad_parameters():
+        plant = told.plant_name if told and (options.ssp or options.loop) else "plant"
+    if options.ssp:
+        with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
+
+            def side(part: str) -> Path:
+                if told is None:
+                    return catalogue.fmu(part)
+                kernel = baked(told, part, catalogue.fmu_kernel(part))
+                return export_kernel(kernel, Path(folder) / f"{part}.fmu")
+
+            write_or_refuse(partial(export_system, side(plant), side(name), target, name=name))
+        return
+    if options.variational:
+        kernel = catalogue.variational_kernel(name, tangents)
+    elif options.loop:
+        kernel = catalogue.loop_fmu_kernel(name, plant)
+    else:
+        kernel = catalogue.fmu_kernel(name)
+    if told:
+        kernel = baked(told, name, kernel, loop=bool(options.loop))
+        write_or_refuse(lambda: export_kernel(kernel, target))
+    else:
+        if options.variational:
+            made = catalogue.variational_fmu(name, tangents)
+        else:
+            made = catalogue.loop_fmu(name) if options.loop else catalogue.fmu(name)
+        write_or_refuse(partial(write_atomically, target, made.read_bytes()))
+    if not options.variational:
+        native_command.add_reference(kernel, target)

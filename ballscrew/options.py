@@ -1,0 +1,131 @@
+"""Reading and checking of single options; what makes no sense becomes one line for the user."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+# A word that begins as a number does is a value, also where argparse takes it for an option: -3e-2.
+NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
+TRUSTED, NOT_TRUSTED, BAD_REQUEST = 0, 1, 2
+
+
+SHORTEST = 1e-9  # motion [s]
+
+
+class BadRequest(ValueError):
+    """Something on the command line makes no sense; the message is one line for the user."""
+
+
+class Parser(argparse.ArgumentParser):
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._negative_number_matcher = NEGATIVE_NUMBER
+
+    def error(self, message: str) -> NoReturn:
+        raise BadRequest(f"{message}; see {self.prog} --help")
+
+
+def read_length(option: str, text: str) -> float:
+    """How long a motion is to be [s]; what is nearly nothing has no steps."""
+    stop = read_number(option, text)
+    if stop <= 0:
+        raise BadRequest(f"{option} is {text} s, expected more than 0")
+    if stop < SHORTEST:
+        raise BadRequest(f"{option} is {text} s, expected at least {SHORTEST:g} s")
+    return stop
+
+
+def check_steps(stop: float, step: float) -> None:
+    """Refuse steps [s] that are so short that no run of so many would end."""
+    if stop / step > 1e9:
+        raise BadRequest(f"--step {step:g} makes {stop / step:.3g} steps; use a larger one")
+
+
+def check_part(option: str, name: str, known: dict[str, str]) -> None:
+    if name in known or Path(name).suffix == ".fmu" or os.path.exists(name):
+        return
+    import difflib
+
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f", did you mean {near[0]}?" if near else ""
+    raise BadRequest(
+        f"{option} {name!r} is neither one of {', '.join(known)} nor the path of an FMU{hint}"
+    )
+
+
+def read_pair(option: str, text: str, form: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip() or not value.strip():
+        raise BadRequest(f"{option} {text!r} is not of the form {form}")
+    return name.strip(), value.strip()
+
+
+def read_named(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
+    """What repeated options say of each name; to say it twice would leave the first without use."""
+    pairs = [read_pair(option, text, form) for text in texts]
+    named = dict(pairs)
+    for name in named:
+        values = [value for other, value in pairs if other == name]
+        if len(values) > 1:
+            raise BadRequest(f"{option} {name} is given as {' and as '.join(values)}; expected one")
+    return named
+
+
+def read_whole_number(option: str, text: str, least: int, most: int | None = None) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if value < least or (most is not None and value > most):
+        range_ = f"from {least} on" if most is None else f"from {least} to {most}"
+        raise BadRequest(f"{option} is {text!r}, expected a whole number {range_}")
+    return value
+
+
+def read_number(option: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise BadRequest(f"{option} is {text!r}, expected a number") from None
+    if not math.isfinite(value):
+        raise BadRequest(f"{option} is {text}, expected a finite number")
+    return value
+
+
+def out_folder(text: str) -> Path:
+    """The folder of ``--out``; an empty name would mean the folder that the user is in."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("is empty, expected a folder; '.' is the present one")
+    return Path(text)
+
+
+def guarded(action: Any) -> Any:
+    """Run and turn what the user can mend into one line."""
+    from .fmus.catalogue import UnknownComponent
+    from .fmus.reading import FmuError
+    from .fmus.system_reading import BadSystem
+    from .orchestration.closed_loop import BadParameter
+    from .orchestration.master import CouplingError
+    from .orchestration.memory import NotEnoughMemory
+    from .orchestration.participant import StepFailed
+    from .orchestration.wiring import WiringError
+
+    try:
+        return action()
+    except (
+        FmuError,
+        BadSystem,
+        WiringError,
+        CouplingError,
+        NotEnoughMemory,
+        BadParameter,
+        UnknownComponent,
+        StepFailed,
+    ) as error:
+        raise BadRequest(str(error)) from error

@@ -1,0 +1,60 @@
+"""The folder of ``--out``: made before the work, written after it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from .console import print_notes
+from .options import BadRequest
+from .supervision import tell, tell_folder
+
+
+def write_or_refuse(action: Any) -> None:
+    try:
+        action()
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        raise BadRequest(f"cannot write{where}: {error.strerror or error}") from error
+
+
+def save_results(folder: Path, save: Callable[[Path], None]) -> None:
+    """Write the results of a run, in place of those of the run before."""
+    from .orchestration.run_folder import write_run
+
+    tell("writing the results")
+    notes: list[str] = []
+    write_or_refuse(lambda: notes.extend(write_run(folder, save)))
+    print_notes(notes)
+
+
+def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
+    """Make the output folder before any work is done, so that a bad one costs nothing.
+
+    What is read must not be a result in there that this run's results would take the place of.
+    """
+    if os.path.exists(folder) and not os.path.isdir(folder):  # False for names that are too long
+        raise BadRequest(f"--out {folder} is a file, expected a folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadRequest(f"--out {folder} cannot be made: {error.strerror}") from error
+    if not os.access(folder, os.W_OK):
+        raise BadRequest(f"--out {folder} cannot be written")
+    tell_folder(folder)
+    from .orchestration.run_folder import settle, written_files
+
+    write_or_refuse(lambda: print_notes(settle(folder)))
+    listed: list[str] = []
+    write_or_refuse(lambda: listed.extend(written_files(folder)))
+    # realpath, since resolve raises where links lead in a circle
+    results = {Path(os.path.realpath(folder / name)) for name in listed}
+    for path in filter(None, inputs):
+        own = Path(os.path.realpath(path))
+        if own in results or any(own in result.parents for result in results):
+            raise BadRequest(
+                f"{path} is a result in --out {folder}, and a new run takes the place of the one "
+                "before; choose another folder"
+            )

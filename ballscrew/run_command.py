@@ -1,0 +1,78 @@
+"""``ballscrew run``: one closed loop."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from .console import Progress, print_figures
+from .controllers import CONTROLLERS
+from .loop_options import add_closed_loop_options, read_studies, read_system_study
+from .options import NOT_TRUSTED, TRUSTED, guarded
+from .results_folder import prepare_folder, save_results
+
+_EXAMPLES = """examples:
+  ballscrew run --controller nctf --out out
+  ballscrew run --controller iol --set controller.sigma0_hat=66966.331 --out out
+  ballscrew run --controller mine.fmu --map position=x --map voltage=u --out out
+  ballscrew run --controller iol --coupling monolithic --out reference
+  ballscrew run --system loop.ssp --set plant.sigma0=6e4 --out out
+  ballscrew run --controller pid --params out/identified/parameters.toml --out out/pid
+"""
+
+
+def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
+    """Add this command to those of the program."""
+    parser = commands.add_parser(
+        "run",
+        help="run a closed loop",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "--controller",
+        metavar="NAME|FMU",
+        help=f"{', '.join(CONTROLLERS)}, or the path of an FMU",
+    )
+    what.add_argument(
+        "--system", type=Path, metavar="SSP", help="an .ssp with a plant and what commands it"
+    )
+    add_closed_loop_options(parser)
+    parser.set_defaults(action=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    study = (
+        read_system_study(options)
+        if options.system
+        else read_studies(options, [options.controller])[0]
+    )
+    prepare_folder(options.out, [options.params, options.reference])
+    from .orchestration.closed_loop import Study, finite_or_null, run_study
+
+    if isinstance(study, Study):
+        progress = Progress(study.stop)
+        result = guarded(lambda: run_study(study, progress))
+    else:
+        from .orchestration.system import run_system
+
+        progress = Progress(study.stop)
+        result = guarded(lambda: run_system(study, progress))
+    progress.finish()
+    save_results(options.out, result.save)
+    figures = result.figures()
+    if options.json:
+        print(json.dumps(finite_or_null(figures)))
+    else:
+        print_figures(figures, options.out)
+    for note in result.notes:
+        print(f"note: {note}", file=sys.stderr)
+    if not result.trusted:
+        print(f"{figures['verdict']}: {figures['verdict_reason']}", file=sys.stderr)
+        if figures["advice"]:
+            print(figures["advice"], file=sys.stderr)
+    return TRUSTED if result.trusted else NOT_TRUSTED

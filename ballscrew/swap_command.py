@@ -1,0 +1,61 @@
+"""``ballscrew swap``: several controllers on one plant."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import Any
+
+from .console import Progress, comparison_table
+from .controllers import CONTROLLERS
+from .loop_options import add_closed_loop_options, read_studies
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, check_part, guarded
+from .results_folder import prepare_folder, save_results
+from .sides import check_labels
+
+
+def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
+    """Add this command to those of the program."""
+    parser = commands.add_parser(
+        "swap",
+        help="run several controllers on the same plant and compare them",
+        epilog="example:\n  ballscrew swap --controllers iol nctf mine.fmu --out out/swap\n",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--controllers", required=True, nargs="+", metavar="NAME|FMU")
+    add_closed_loop_options(parser)
+    parser.set_defaults(action=swap_controllers)
+
+
+def swap_controllers(options: argparse.Namespace) -> int:
+    for name in options.controllers:
+        check_part("--controllers", name, CONTROLLERS)
+        if options.controllers.count(name) > 1:
+            raise BadRequest(f"--controllers has {name} twice; expected each once")
+    check_labels(options.controllers)
+    studies = read_studies(options, options.controllers)
+    prepare_folder(options.out, [options.params, options.reference])
+    from .orchestration.closed_loop import finite_or_null
+    from .orchestration.swap import swap
+
+    progress = Progress(studies[0].stop)
+    result = guarded(lambda: swap(studies, lambda name, t: progress(t, name)))
+    progress.finish()
+    save_results(options.out, result.save)
+    if options.json:
+        print(json.dumps(finite_or_null([r.figures() for r in result.results])))
+    else:
+        print(comparison_table([r.figures() for r in result.results]))
+        files = ["comparison.csv", "comparison.json", "comparison.png", "parameters.toml"]
+        print(f"{', '.join([*files, *result.trajectories])} in {options.out}")
+    for r in result.results:
+        for note in r.notes:
+            print(f"note: {r.study.label}: {note}", file=sys.stderr)
+        if not r.trusted:
+            figures = r.figures()
+            print(
+                f"{figures['controller']}: {figures['verdict']}: {figures['verdict_reason']}",
+                file=sys.stderr,
+            )
+    return TRUSTED if result.trusted else NOT_TRUSTED
