@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..controllers.nctf import design
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.kernel_cache import write_atomically
 from ..solver.spectrum import follow, follow_returns
@@ -250,6 +249,8 @@ def _model(study: MapStudy, x: float, y: float, tolerance: float) -> Model:
             head = PLANT if axis.side == "plant" else CONTROLLER
             values[head + axis.parameter] = value
     if designed:
+        from ..controllers.nctf import design  # SymPy takes seconds, in every process
+
         found = design({**study.plant_values, **designed}).parameters()
         values = {CONTROLLER + k: v for k, v in found.items()} | values
     model = Model(_kernel(study), values, tolerance)
