@@ -298,7 +298,7 @@ def run_cell(study: MapStudy, x: float, y: float, tolerance: float) -> Cell:
         lost, away, at = run.failure, run.ran_away, begin
         frame, growth = run.frame, float(run.growth[-1, 0])
     else:
-        passes = follow_returns(model, 0.0, begin, 0, np.inf, 1)
+        passes = follow_returns(model, 0.0, begin, 0, np.inf, 0)
         lost, away, at = passes.failure, passes.ran_away, passes.end
     if not lost:
         last = model.x.copy()

@@ -266,6 +266,8 @@ def follow_returns(
         Its state and mode are moved on.
     coordinate, level : int, float
         The plane: where this state has this value.
+    most : int
+        0: no plane is looked for, and steps are as long as the tolerance lets them be.
     """
     n = len(model.x)
     bound = RUNAWAY * model.kernel.nominal

@@ -358,12 +358,13 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
     const size_t size = (size_t)n * sizeof(double);
     double *const before = memory, *const again = before + n, *const held = again + n;
     double *const mode = held + s->held;
-    const double longest = (c->t1 - c->t0) / STRIDES;
+    const double longest = c->most ? (c->t1 - c->t0) / STRIDES : c->t1 - c->t0;
     double t = c->t0;
     int found = 0;
     memcpy(c->low, c->x, size);
     memcpy(c->high, c->x, size);
-    for (int round = 0; round < c->max_steps && t < c->t1 && found < c->most; round++) {
+    for (int round = 0; round < c->max_steps && t < c->t1 && (found < c->most || !c->most);
+         round++) {
         memcpy(before, c->x, size);
         memcpy(held, c->u, (size_t)s->held * sizeof(double));
         const int status = walk(s, t, smaller(c->t1, t + longest), c->x, c->u, c->p, c->atol,
