@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..solver.core import System
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.kernel_cache import write_atomically
 from ..solver.spectrum import follow, follow_returns
@@ -235,7 +236,9 @@ def _kernel(study: MapStudy) -> Kernel:
     return _loop(study.plant, study.controller)
 
 
-def _model(study: MapStudy, x: float, y: float, tolerance: float) -> Model:
+def _model(
+    study: MapStudy, x: float, y: float, tolerance: float, system: System | None = None
+) -> Model:
     values = {PLANT + k: v for k, v in study.plant_values.items()}
     values |= {CONTROLLER + k: v for k, v in study.controller_values.items()}
     setpoint = study.setpoint
@@ -253,7 +256,7 @@ def _model(study: MapStudy, x: float, y: float, tolerance: float) -> Model:
 
         found = design({**study.plant_values, **designed}).parameters()
         values = {CONTROLLER + k: v for k, v in found.items()} | values
-    model = Model(_kernel(study), values, tolerance)
+    model = Model(_kernel(study), values, tolerance, system)
     for signal in _kernel(study).inputs:
         if signal.role == "reference":
             model.set_input(signal.name, setpoint)
@@ -281,10 +284,12 @@ class Cell:
     oscillation: float
 
 
-def run_cell(study: MapStudy, x: float, y: float, tolerance: float) -> Cell:
-    """Run one loop of a map."""
+def run_cell(
+    study: MapStudy, x: float, y: float, tolerance: float, system: System | None = None
+) -> Cell:
+    """Run one loop of a map, with the equations of a cell before it if they are given."""
     try:
-        model = _model(study, x, y, tolerance)
+        model = _model(study, x, y, tolerance, system)
     except ValueError:  # no controller can be designed on this plant
         return Cell(Kind.UNDECIDED, math.nan, math.nan, math.nan)
     setpoint = next(
@@ -331,9 +336,10 @@ def run_chunk(study: MapStudy, cells: Sequence[int], tolerance: float) -> Column
         "lambda1_bits_per_s": [],
         "oscillation_amplitude": [],
     }
+    system = _kernel(study).system()
     for cell in cells:
         x, y = study.point(cell)
-        found = run_cell(study, x, y, tolerance)
+        found = run_cell(study, x, y, tolerance, system)
         row = (x, y, found.verdict.value, found.final_error, found.lambda1, found.oscillation)
         for name, value in zip(list(columns)[1:], row, strict=True):
             unknown = isinstance(value, float) and math.isnan(value)

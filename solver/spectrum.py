@@ -132,10 +132,11 @@ def _may_be_explicit(model: Model, t: float) -> bool:
     """Whether the rates of a model's motion look near enough to each other for an explicit pair.
 
     Looked at are the Jacobian where the motion begins and at its states' magnitudes to either side.
-    Where it stands still exponentials are exact, and nothing else is asked for.
+    Where it stands still exponentials are exact, and nothing else is asked for. What was stiff once
+    is not looked at again.
     """
     kernel = model.kernel
-    if kernel.modes:
+    if kernel.modes or model.stiff:
         return False
     nominal = kernel.nominal
     seen = []
@@ -148,6 +149,7 @@ def _may_be_explicit(model: Model, t: float) -> bool:
         rates = np.abs(np.linalg.eigvals(matrix))
         moving = rates[rates > ZERO * rates.max()]
         if len(moving) and moving.max() > APART * moving.min():
+            model.stiff = True
             return False
         seen.append(matrix)
     return any(np.any(matrix != seen[0]) for matrix in seen)
