@@ -214,7 +214,7 @@ def _complex(value: complex) -> str:
 def _plane(model: Model, time: float, span: float) -> tuple[int, float, Returns]:
     """The plane that the motion crosses widest: a state, and the middle of its range."""
     nominal = model.kernel.nominal
-    seen = follow_returns(model, time, time + span, 0, np.inf, 1)
+    seen = follow_returns(model, time, time + span, 0, np.inf, 0)
     widest = int(np.argmax((seen.high - seen.low) / nominal))
     return widest, float(0.5 * (seen.high + seen.low)[widest]), seen
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..controllers.nctf import design
+from ..solver.core import System
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.kernel_cache import write_atomically
 from ..solver.spectrum import follow, follow_returns
@@ -236,7 +236,9 @@ def _kernel(study: MapStudy) -> Kernel:
     return _loop(study.plant, study.controller)
 
 
-def _model(study: MapStudy, x: float, y: float, tolerance: float) -> Model:
+def _model(
+    study: MapStudy, x: float, y: float, tolerance: float, system: System | None = None
+) -> Model:
     values = {PLANT + k: v for k, v in study.plant_values.items()}
     values |= {CONTROLLER + k: v for k, v in study.controller_values.items()}
     setpoint = study.setpoint
@@ -250,9 +252,11 @@ def _model(study: MapStudy, x: float, y: float, tolerance: float) -> Model:
             head = PLANT if axis.side == "plant" else CONTROLLER
             values[head + axis.parameter] = value
     if designed:
+        from ..controllers.nctf import design  # SymPy takes seconds, in every process
+
         found = design({**study.plant_values, **designed}).parameters()
         values = {CONTROLLER + k: v for k, v in found.items()} | values
-    model = Model(_kernel(study), values, tolerance)
+    model = Model(_kernel(study), values, tolerance, system)
     for signal in _kernel(study).inputs:
         if signal.role == "reference":
             model.set_input(signal.name, setpoint)
@@ -280,10 +284,12 @@ class Cell:
     oscillation: float
 
 
-def run_cell(study: MapStudy, x: float, y: float, tolerance: float) -> Cell:
-    """Run one loop of a map."""
+def run_cell(
+    study: MapStudy, x: float, y: float, tolerance: float, system: System | None = None
+) -> Cell:
+    """Run one loop of a map, with the equations of a cell before it if they are given."""
     try:
-        model = _model(study, x, y, tolerance)
+        model = _model(study, x, y, tolerance, system)
     except ValueError:  # no controller can be designed on this plant
         return Cell(Kind.UNDECIDED, math.nan, math.nan, math.nan)
     setpoint = next(
@@ -297,7 +303,7 @@ def run_cell(study: MapStudy, x: float, y: float, tolerance: float) -> Cell:
         lost, away, at = run.failure, run.ran_away, begin
         frame, growth = run.frame, float(run.growth[-1, 0])
     else:
-        passes = follow_returns(model, 0.0, begin, 0, np.inf, 1)
+        passes = follow_returns(model, 0.0, begin, 0, np.inf, 0)
         lost, away, at = passes.failure, passes.ran_away, passes.end
     if not lost:
         last = model.x.copy()
@@ -330,9 +336,10 @@ def run_chunk(study: MapStudy, cells: Sequence[int], tolerance: float) -> Column
         "lambda1_bits_per_s": [],
         "oscillation_amplitude": [],
     }
+    system = _kernel(study).system()
     for cell in cells:
         x, y = study.point(cell)
-        found = run_cell(study, x, y, tolerance)
+        found = run_cell(study, x, y, tolerance, system)
         row = (x, y, found.verdict.value, found.final_error, found.lambda1, found.oscillation)
         for name, value in zip(list(columns)[1:], row, strict=True):
             unknown = isinstance(value, float) and math.isnan(value)

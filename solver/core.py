@@ -57,6 +57,7 @@ class _Work(ct.Structure):
             )
         ),
         ("found", ct.c_int32),
+        ("known", ct.c_int32),
         ("note", _At),
     )
 

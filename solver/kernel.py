@@ -178,6 +178,13 @@ class Model:
         Parameters by name, and initial states, discrete ones too, as ``<state>_start``.
     tolerance : float
         Relative tolerance; the absolute one is this times each state's nominal value.
+    system : core.System, optional
+        The kernel's, of another model that is done with it.
+
+    Attributes
+    ----------
+    stiff : bool
+        Whether its rates have been found too far apart for an explicit solver.
 
     Raises
     ------
@@ -190,9 +197,11 @@ class Model:
         kernel: Kernel,
         values: Mapping[str, float] | None = None,
         tolerance: float = DEFAULT_TOLERANCE,
+        system: core.System | None = None,
     ) -> None:
         self.kernel = kernel
-        self.system = kernel.system()
+        self.system = system or kernel.system()
+        self.stiff = False
         self.p = np.array([p.default for p in kernel.parameters])
         self.x = np.array([s.start for s in kernel.states])
         held = [i.start for i in kernel.inputs] + [d.start for d in kernel.discrete]

@@ -132,10 +132,11 @@ def _may_be_explicit(model: Model, t: float) -> bool:
     """Whether the rates of a model's motion look near enough to each other for an explicit pair.
 
     Looked at are the Jacobian where the motion begins and at its states' magnitudes to either side.
-    Where it stands still exponentials are exact, and nothing else is asked for.
+    Where it stands still exponentials are exact, and nothing else is asked for. What was stiff once
+    is not looked at again.
     """
     kernel = model.kernel
-    if kernel.modes:
+    if kernel.modes or model.stiff:
         return False
     nominal = kernel.nominal
     seen = []
@@ -148,6 +149,7 @@ def _may_be_explicit(model: Model, t: float) -> bool:
         rates = np.abs(np.linalg.eigvals(matrix))
         moving = rates[rates > ZERO * rates.max()]
         if len(moving) and moving.max() > APART * moving.min():
+            model.stiff = True
             return False
         seen.append(matrix)
     return any(np.any(matrix != seen[0]) for matrix in seen)
@@ -266,6 +268,8 @@ def follow_returns(
         Its state and mode are moved on.
     coordinate, level : int, float
         The plane: where this state has this value.
+    most : int
+        0: no plane is looked for, and steps are as long as the tolerance lets them be.
     """
     n = len(model.x)
     bound = RUNAWAY * model.kernel.nominal

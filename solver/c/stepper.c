@@ -64,6 +64,7 @@ static void lay_work(Work *work, int n, int events, double *memory)
     work->sparse.below = work->sparse.counts + n;
     work->fired = work->sparse.below + n;
     work->found = -1;
+    work->known = 0;
     work->note = NULL;
 }
 
@@ -91,6 +92,8 @@ INLINED double attempt_of(const System *s, double t, double h, const double *x, 
                 stage[i] += weight * k[i];
         }
         s->rhs(s, t + NODES[r] * h, stage, u, p, work->slope);
+        if (r == 0)
+            memcpy(work->first, work->slope, (size_t)n * sizeof *stage);
         for (int i = 0; i < n; i++)
             now[i] = work->slope[i] + h * BY_TIME[r] * work->by_time[i];
         for (int j = 0; j < r; j++) {
@@ -258,7 +261,6 @@ static double locate(const System *s, double t, double h, const double *x, const
     look_before(s, t, x, u, p, work->before);
     /* Hermite's cubic through both ends shows crossings that come and go within the step. */
     memcpy(work->end, work->stage, size);
-    s->rhs(s, t, x, u, p, work->first);
     s->rhs(s, t + h, work->end, u, p, work->slope);
     double high = -1.0;
     for (int part = 1; part < INSIDE; part++) {
@@ -360,8 +362,9 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
             h = 0.5 * remaining;
         }
         if (fresh) {
-            s->jac(s, t, x, u, p, work->jacobian, work->by_time);
-            fresh = 0;
+            if (!work->known)
+                s->jac(s, t, x, u, p, work->jacobian, work->by_time);
+            fresh = work->known = 0;
             find_alone(n, work);
         }
         double error = attempt(s, t, h, x, u, p, atol, rtol, work);

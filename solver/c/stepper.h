@@ -38,12 +38,14 @@ typedef struct {
 typedef struct {
     double *jacobian, *w; /* n x n */
     double *k;            /* a row per stage */
-    double *stage, *slope, *by_time, *alone, *end, *first, *middle;
+    double *stage, *slope, *by_time, *alone, *end, *middle;
+    double *first; /* rate of the state where the last step began */
     double *g, *before; /* as many as events */
     double *left;
     Sparse sparse;
     int32_t *pivots, *fired;
     int32_t found; /* the event that ends a step; -1 if none does */
+    int32_t known; /* whether the Jacobian is already that where the next integration begins */
     Note *note;    /* null where nobody asks */
 } Work;
 

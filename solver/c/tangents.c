@@ -23,13 +23,14 @@ typedef struct {
     double *first, *last, *slope0, *slope1; /* states at both ends, and their rates */
     double *by_time, *at, *logs, *changes;
     double *j1, *j2, *omega, *mean; /* n x n */
+    double *at_end;                 /* n x n: the Jacobian there */
     double *radau;                  /* 3 x n x n */
     double *slow;                   /* count x n */
     Propagation propagation;
     double rate; /* nats per second between first and last tangent */
 } Step;
 
-#define STEP_DOUBLES(n) (8 * (n) * (n) + 8 * (n) + PROPAGATION_DOUBLES(n))
+#define STEP_DOUBLES(n) (9 * (n) * (n) + 8 * (n) + PROPAGATION_DOUBLES(n))
 #define NOTE_DOUBLES(n) (3 * (n) * (n) + 4 * (n))
 
 static void lay_step(Step *step, int n, double *memory)
@@ -47,6 +48,7 @@ static void lay_step(Step *step, int n, double *memory)
     step->j2 = next += n * n;
     step->omega = next += n * n;
     step->mean = next += n * n;
+    step->at_end = next += n * n;
     step->radau = next += n * n;
     step->slow = next += 3 * n * n;
     lay_propagation(&step->propagation, n, next + n * n);
@@ -102,28 +104,25 @@ static double jump(const System *s, double t, const Walk *w, const double *x, do
     return log_determinant(step->omega, step->propagation.pivots, n);
 }
 
-/* Jacobians over a step from t by h: their mean, and those at Gauss' points. Returns how far two
- * rules' integrals are apart: the stepper sees what moves the state; tangents may feel more. */
-static double look_at_step(const System *s, const Walk *w, double t, double h, Step *step)
+/* Jacobians over a step from t by h: their mean, and those at Gauss' points and at the end. Returns
+ * how far two rules' integrals are apart: the stepper sees what moves the state; tangents may feel
+ * more. `work` still holds rate and Jacobian where the step began. */
+static double look_at_step(const System *s, const Walk *w, double t, double h, const Work *work,
+                           Step *step)
 {
     const int n = s->states;
-    s->rhs(s, t, step->first, w->u, w->p, step->slope0);
+    memcpy(step->slope0, work->first, (size_t)n * sizeof(double));
     s->rhs(s, t + h, step->last, w->u, w->p, step->slope1);
+    const double places[] = {GAUSS, 1.0 - GAUSS, 0.5, 1.0};
+    double *const jacobians[] = {step->j1, step->j2, step->omega, step->at_end};
+    for (int k = 0; k < 4; k++) {
+        place(step, n, places[k], h);
+        s->jac(s, t + places[k] * h, step->at, w->u, w->p, jacobians[k], step->by_time);
+    }
     /* Simpson's rule for the trace: other points than the propagator's */
-    memset(step->mean, 0, (size_t)(n * n) * sizeof(double));
-    for (int part = 0; part < 3; part++) {
-        const double q = 0.5 * part, weight = (part == 1 ? 4.0 : 1.0) / 6.0;
-        place(step, n, q, h);
-        s->jac(s, t + q * h, step->at, w->u, w->p, step->omega, step->by_time);
-        for (int at = 0; at < n * n; at++)
-            step->mean[at] += weight * step->omega[at];
-    }
-    for (int part = 0; part < 2; part++) {
-        const double q = part == 0 ? GAUSS : 1.0 - GAUSS;
-        place(step, n, q, h);
-        s->jac(s, t + q * h, step->at, w->u, w->p, part == 0 ? step->j1 : step->j2,
-               step->by_time);
-    }
+    for (int at = 0; at < n * n; at++)
+        step->mean[at] = 1.0 / 6.0 * work->jacobian[at] + 4.0 / 6.0 * step->omega[at] +
+                         1.0 / 6.0 * step->at_end[at];
     double apart = 0.0;
     for (int i = 0; i < n; i++) {
         for (int j = 0; j < n; j++) {
@@ -170,6 +169,10 @@ static void collocate_leading(const System *s, const Walk *w, double t, double h
     for (int part = 0; part < parts; part++) {
         for (int stage = 0; stage < 3; stage++) {
             const double q = (part + RADAU_NODES[stage]) / parts;
+            if (q == 1.0) {
+                memcpy(step->radau + stage * n * n, step->at_end, (size_t)(n * n) * sizeof(double));
+                continue;
+            }
             place(step, n, q, h);
             s->jac(s, t + q * h, step->at, w->u, w->p, step->radau + stage * n * n,
                    step->by_time);
@@ -238,6 +241,7 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
             *trace += jump(s, t, w, x, growth, note, 0, step);
     }
     int taken = 0;
+    work->known = 0;
     while (t < goal) {
         memcpy(step->first, x, size);
         const double mode_before = mode ? *mode : 0.0;
@@ -252,6 +256,7 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
             return TOO_MANY_STEPS;
         if (ran_away(x, w->bound, n))
             return RAN_AWAY;
+        work->known = !note; /* nothing but a step has moved the state or will move it */
         if (info->accepted == accepted)
             continue;
         const double h = info->reached - t;
@@ -261,7 +266,7 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
             const double mode_after = mode ? *mode : 0.0;
             if (mode)
                 *mode = mode_before;
-            const double apart = look_at_step(s, w, t, h, step);
+            const double apart = look_at_step(s, w, t, h, work, step);
             if (apart > doubt && h > SHORTEST * larger(fabs(t), fabs(goal))) {
                 memcpy(x, step->first, size);
                 until = t + 0.5 * h;
@@ -269,6 +274,8 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
                 continue;
             }
             until = goal;
+            memcpy(work->jacobian, step->at_end, size * n);
+            memcpy(work->by_time, step->by_time, size);
             move_tangents(s, w, t, h, growth, trace, step);
             if (mode)
                 *mode = mode_after;
@@ -358,12 +365,13 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
     const size_t size = (size_t)n * sizeof(double);
     double *const before = memory, *const again = before + n, *const held = again + n;
     double *const mode = held + s->held;
-    const double longest = (c->t1 - c->t0) / STRIDES;
+    const double longest = c->most ? (c->t1 - c->t0) / STRIDES : c->t1 - c->t0;
     double t = c->t0;
     int found = 0;
     memcpy(c->low, c->x, size);
     memcpy(c->high, c->x, size);
-    for (int round = 0; round < c->max_steps && t < c->t1 && found < c->most; round++) {
+    for (int round = 0; round < c->max_steps && t < c->t1 && (found < c->most || !c->most);
+         round++) {
         memcpy(before, c->x, size);
         memcpy(held, c->u, (size_t)s->held * sizeof(double));
         const int status = walk(s, t, smaller(c->t1, t + longest), c->x, c->u, c->p, c->atol,

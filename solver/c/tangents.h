@@ -47,7 +47,7 @@ typedef struct {
     int32_t max_steps;
     int32_t coordinate; /* the plane: where x[coordinate] is `level` */
     double level;
-    int32_t most;   /* crossings */
+    int32_t most;   /* crossings; 0: none is looked for, and steps are not cut short */
     double *times;  /* most */
     double *states; /* most x n */
     double *low, *high; /* n: of the states at the ends of steps */
