@@ -43,20 +43,22 @@ def fmus() -> dict[str, Path]:
 
 @pytest.fixture(scope="session")
 def native(tmp_path_factory) -> Callable[..., Path]:
-    """``native(name, fmi=2)`` is the path of the native FMU of a component of the catalogue."""
+    """``native(name, fmi=2)`` is the path of the native FMU of a component of the catalogue.
+
+    All workers take the one that is made first: each is compiled once.
+    """
     from ballscrew.fmus.native.export import write_native
     from ballscrew.fmus.native.sources import catalogued_model
     from ballscrew.solver.compilers import compiler_for, own_platform
 
     if not own_platform() or not compiler_for(own_platform()):
         pytest.skip("needs x86-64 and a C compiler; install one, or the package ziglang")
-    folder = tmp_path_factory.mktemp("native")
-    made: dict[tuple[str, int], Path] = {}
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "native"
+    folder.mkdir(exist_ok=True)
 
     def get(name: str, fmi: int = 2) -> Path:
-        if (name, fmi) not in made:
-            path = folder / f"{name}-{fmi}.fmu"
-            made[name, fmi] = write_native(catalogued_model(name), path, fmi).path
-        return made[name, fmi]
+        path = folder / f"{name}-{fmi}.fmu"  # written whole or not at all
+        return path if path.is_file() else write_native(catalogued_model(name), path, fmi).path
 
     return get

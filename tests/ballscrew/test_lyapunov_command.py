@@ -51,8 +51,8 @@ def test_exponents_and_maps_are_the_same_bits_without_a_compiler(tmp_path):
         cache = tmp_path / f"cache_{name}"
         environment = os.environ | {"BALLSCREW_CACHE": str(cache)} | changes
         for command, more in (
-            ("lyapunov", ("--stop", "1")),
-            ("map", ("--x", "plant.Fc=1:2:2", "--y", "plant.Fs=2.2:3:2", "--stop", "1")),
+            ("lyapunov", ("--stop", "0.5")),
+            ("map", ("--x", "plant.Fc=1:2:2", "--y", "plant.Fs=2.2:3:2", "--stop", "0.5")),
         ):
             out = ("--out", str(tmp_path / name / command))
             told = [sys.executable, "-m", "ballscrew", command, "--controller", "pid", *more, *out]

@@ -107,16 +107,21 @@ def test_the_rise_time_of_an_exponential_is_known():
 # -- the laws themselves -----------------------------------------------------------------------
 
 
+of_the_table = pytest.mark.xdist_group("laws_table")  # nobody waits for who makes it
+
+
 @pytest.fixture(scope="module")
 def table(once):
     return once("table of all laws", lambda: feature_table(processes=2))
 
 
+@of_the_table
 def test_every_law_is_in_the_table(table):
     assert list(table.cells) == list(LAWS)
     assert table.notes == []
 
 
+@of_the_table
 def test_the_table_is_the_thesis_except_where_the_reason_is_known(table):
     """LuGre's presliding: 59 % too far at 1.5 N with the stiffness that the thesis identified."""
     differing = {
@@ -132,6 +137,7 @@ def test_the_table_is_the_thesis_except_where_the_reason_is_known(table):
     assert "Eq. 2.14" in table.differences[0]
 
 
+@of_the_table
 def test_lugre_moves_before_sliding_as_its_equations_say(table):
     """Loaded slowly, x = -Fs/sigma0 ln(1 - F/Fs): 13, 31 and 60 % beyond F/sigma0."""
     seen = table.observations["lugre"]
@@ -140,6 +146,7 @@ def test_lugre_moves_before_sliding_as_its_equations_say(table):
     np.testing.assert_allclose(x, -fs / sigma0 * np.log(1 - force / fs), rtol=0.02)
 
 
+@of_the_table
 def test_laws_lag_and_vary_if_and_only_if_they_claim_to(table):
     for law, row in table.cells.items():
         promised = claims(law)
@@ -148,6 +155,7 @@ def test_laws_lag_and_vary_if_and_only_if_they_claim_to(table):
         assert (row["varying_breakaway_force"].decision == YES) == varies, law
 
 
+@of_the_table
 def test_break_away_of_bliman_and_sorine_is_the_peak_from_rest(table):
     """Eq. 2.18 with its exponent mended: 2.277 N for row 6."""
     f1, f2, eta = 19.875, 17.8227, 0.9063
@@ -155,6 +163,7 @@ def test_break_away_of_bliman_and_sorine_is_the_peak_from_rest(table):
     assert table.observations["bliman_sorine"].forwards.force == pytest.approx(peak, rel=1e-3)
 
 
+@of_the_table
 def test_the_thesis_own_figures_stand_beside_those_found_here(table):
     first, *others = table.named_figures
     assert first.values["Fs_over_measured"] == pytest.approx(2.35 / 2.2 - 1)
@@ -166,6 +175,7 @@ def test_the_thesis_own_figures_stand_beside_those_found_here(table):
         )
 
 
+@of_the_table
 def test_what_is_written_says_for_every_cell_why(table, tmp_path):
     table.save(tmp_path)
     written = json.loads((tmp_path / "features.json").read_text())
@@ -186,6 +196,7 @@ def test_what_is_written_says_for_every_cell_why(table, tmp_path):
     assert len(list(tmp_path.iterdir())) == 7
 
 
+@of_the_table
 def test_the_printed_table_has_both_decisions(table):
     (line,) = [line for line in table.text().splitlines() if line.startswith("dahl ")]
     assert "conditional (conditional)" in line

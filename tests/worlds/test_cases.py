@@ -15,6 +15,9 @@ from worlds.layout import TRAVEL, blank
 SEED = 7
 
 
+of_the_cases = pytest.mark.xdist_group("worlds_cases")  # which are drawn once
+
+
 @pytest.fixture(scope="module")
 def cases():
     """One case of every world, each with another effect."""
@@ -30,6 +33,7 @@ def test_there_are_four_worlds_or_more_and_six_effects_outside():
         assert len(outside) >= 6
 
 
+@of_the_cases
 def test_records_move_both_ways_and_stay_in_range(cases):
     for case in cases.values():
         x, half = case.record["x"], case.conditions.axis.travel
@@ -52,6 +56,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path: Pa
     assert first[0] != written(SEED + 1, "c")[0]
 
 
+@of_the_cases
 def test_files_say_what_is_believed_and_nothing_of_the_truth(cases, tmp_path: Path):
     for world, case in cases.items():
         (folder := tmp_path / world).mkdir()
