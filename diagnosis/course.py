@@ -119,6 +119,27 @@ class Course:
         length = max(round(_LONGEST_REST / self.step), 2)
         return np.asarray(binary_opening(slow, np.ones(length, dtype=bool)))
 
+    @cached_property
+    def resting(self) -> Vector:
+        """Share of each window in which the drive rests for long, shape (windows,)."""
+        return averaged(self.rests.astype(float), self.width)
+
+    @cached_property
+    def moved_v(self) -> Vector:
+        """Velocity as the recorded positions have it, on average over each interval, shape (n,)."""
+        moved = np.diff(self.record.x) / self.step
+        return np.append(moved, moved[-1])
+
+    @cached_property
+    def measured_a(self) -> Vector:
+        """Acceleration as the recorded positions have it, in each window, shape (windows,)."""
+        return acceleration(self.record.x, self.step, self.width)
+
+    @cached_property
+    def next_change(self) -> Vector:
+        """By how much the next sample's command is another one, shape (n,)."""
+        return np.append(self.u[1:], self.u[-1]) - self.u
+
     @property
     def middle_x(self) -> Vector:
         """Position in the middle of the interval after each sample [m]."""

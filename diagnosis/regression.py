@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from .causes.cause import Shape
 from .course import Course, Doubt, doubts, mean_current, sluggishness, true_current, voltage_scale
 from .drive_model import DriveModel
-from .weak_form import acceleration, averaged, lagged, rate, windows
+from .weak_form import averaged, lagged, rate, windows
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -89,9 +89,8 @@ def balance(
         What is in the model beside its own equations.
     """
     width, step = course.width, course.step
-    v = midway_velocity(course)
-    after = np.append(course.u[1:], course.u[-1])
-    u = course.u + course.calibration["command_shift"] * (after - course.u) + command
+    v = course.moved_v
+    u = course.u + course.calibration["command_shift"] * course.next_change + command
     opposed = averaged(friction + force + model.linear_friction * v, width) + course.own_offset
     if not model.has_motor:
         driven = model.values["gain"] * averaged(u, width)
@@ -118,14 +117,8 @@ def _forces(course: Course, model: DriveModel, acting: Vector) -> Vector:
     masses are all too small would leave less than the true one. So what is left counts by how
     far it moves the drive within a window.
     """
-    measured = acceleration(course.record.x, course.step, course.width)
-    return course.inertia * (acting - model.inertia * measured) / sluggishness(course, model)
-
-
-def midway_velocity(course: Course) -> Vector:
-    """Velocity as the recorded positions have it, on average over each interval, shape (n,)."""
-    moved = np.diff(course.record.x) / course.step
-    return np.append(moved, moved[-1])
+    acting = acting - model.inertia * course.measured_a
+    return course.inertia * acting / sluggishness(course, model)
 
 
 def shown(course: Course, model: DriveModel, shape: Shape, record: int) -> npt.NDArray[np.float64]:
@@ -179,7 +172,7 @@ class Filter:
 
 def telling(course: Course, order: int = _ORDER) -> Vector:
     """Weights of the windows, shape (windows,): zero where one rests, or remembers a rest."""
-    rests = averaged(course.rests.astype(float), course.width) > 0.0
+    rests = course.resting > 0.0
     remembered = np.convolve(rests, np.ones(order + 1))[: len(rests)] > 0.0
     remembered[:order] = True
     return (~remembered).astype(float)

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from .course import Course, position_noise
 from .drive_model import DriveModel
 from .regression import Added, balance
-from .weak_form import acceleration, averaged, centres
+from .weak_form import acceleration, centres
 
 Vector = npt.NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def residual(courses: Sequence[Course], model: DriveModel, added: Added) -> Resi
         rests = np.interp(
             np.arange(len(c.x)),
             centres(len(c.x), c.width),
-            averaged(c.rests.astype(float), c.width),
+            c.resting,
         )
         telling.append(rests == 0.0)
     return Residual(np.concatenate(forces), np.concatenate(positions), np.concatenate(telling))

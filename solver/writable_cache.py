@@ -18,8 +18,10 @@ from . import kernel_cache
 def ready() -> None:
     """Name a folder to matplotlib that it can write; to be called before it is used.
 
-    It is named in the environment, so that processes which this one starts share it.
+    It is named in the environment, so that processes which this one starts share it. So is how much
+    SymPy remembers: deriving a component asks for more than its usual thousand results again.
     """
+    os.environ.setdefault("SYMPY_CACHE_SIZE", "20000")
     if not os.environ.get("MPLCONFIGDIR") and not _matplotlib_has_folders():
         _name("MPLCONFIGDIR", kernel_cache.folder() / "matplotlib")
     if kernel_cache.usual_folder() is None:
