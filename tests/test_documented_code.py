@@ -44,7 +44,7 @@ def commands() -> list[str]:
 
 @pytest.mark.parametrize("command", commands())
 def test_a_command_on_a_page_is_one_that_the_program_takes(command):
-    assert cli._parser().parse_args(shlex.split(command, comments=True)).action
+    assert cli.command_parser().parse_args(shlex.split(command, comments=True)).action
 
 
 def run_block(code: str, folder: Path) -> str:
