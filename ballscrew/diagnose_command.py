@@ -276,7 +276,7 @@ def _save_curves(result: Diagnosis, folder: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from .solver.kernel_cache import write_atomically
+    from .solver.files import write_atomically
 
     stream = io.BytesIO()
     pq.write_table(pa.table(asdict(result.curves)), stream)

@@ -128,7 +128,7 @@ def _export_one(
     from .fmus import catalogue
     from .fmus.export import export_kernel
     from .fmus.system_export import export_system
-    from .solver.kernel_cache import write_atomically
+    from .solver.files import write_atomically
 
     with bad_parameters():
         plant = told.plant_name if told and (options.ssp or options.loop) else "plant"

@@ -38,10 +38,10 @@ def judged(options: argparse.Namespace) -> int:
     if options.out is not None:
         prepare_folder(options.out, [*options.judge, options.params])
     from .diagnosis.judge import judge_records
-    from .orchestration.closed_loop import finite_or_null
     from .orchestration.parameter_file import read_parameters
     from .records.bad_record import BadRecord
     from .records.drive_record import read_drive_records
+    from .solver.files import finite_or_null
 
     with bad_parameters():
         told = read_parameters(options.params)

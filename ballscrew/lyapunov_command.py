@@ -55,8 +55,8 @@ def _lyapunov(options: argparse.Namespace) -> int:
         raise BadRequest("--tolerance is for --via model; FMUs have a solver of their own")
     asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
     prepare_folder(options.out, [options.params])
-    from .orchestration.closed_loop import finite_or_null
     from .orchestration.lyapunov import NoExponents, loop_lyapunov
+    from .solver.files import finite_or_null
 
     stop = asked.stop
     loop: dict[str, Any] = {

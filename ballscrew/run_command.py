@@ -52,7 +52,8 @@ def run(options: argparse.Namespace) -> int:
         else read_studies(options, [options.controller])[0]
     )
     prepare_folder(options.out, [options.params, options.reference])
-    from .orchestration.closed_loop import Study, finite_or_null, run_study
+    from .orchestration.closed_loop import Study, run_study
+    from .solver.files import finite_or_null
 
     if isinstance(study, Study):
         progress = Progress(study.stop)

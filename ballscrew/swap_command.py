@@ -36,8 +36,8 @@ def swap_controllers(options: argparse.Namespace) -> int:
     check_labels(options.controllers)
     studies = read_studies(options, options.controllers)
     prepare_folder(options.out, [options.params, options.reference])
-    from .orchestration.closed_loop import finite_or_null
     from .orchestration.swap import swap
+    from .solver.files import finite_or_null
 
     progress = Progress(studies[0].stop)
     result = guarded(lambda: swap(studies, lambda name, t: progress(t, name)))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def explain_trials(options: argparse.Namespace) -> int:
     from .diagnosis.trials import BadTable, explain_scatter
-    from .orchestration.closed_loop import finite_or_null
+    from .solver.files import finite_or_null
 
     if os.path.realpath(options.out / "trials.json") == os.path.realpath(options.trials):
         raise BadRequest(f"{options.trials} would be overwritten by the result")

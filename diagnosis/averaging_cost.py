@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..identification.stribeck_fit import stribeck_curve
-from ..orchestration.closed_loop import write_json
+from ..solver.files import write_json
 from .trials import BadTable, number, read_columns
 
 Vector = npt.NDArray[np.float64]

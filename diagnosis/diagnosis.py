@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..solver.kernel_cache import write_atomically
+from ..solver.files import write_atomically
 from .drive_model import DriveModel
 from .faultless import RecordKind
 from .load_cell import Witness

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from ..solver.kernel_cache import write_atomically
+from ..solver.files import write_atomically
 from .causes import CAUSES
 from .closed_loop_effect import CONTROLLER, SETPOINT, STOP, ClosedLoopEffect, LoopCourse
 from .diagnose import UNITS

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ..orchestration.closed_loop import write_json
 from ..orchestration.parameter_file import (
     BadParameters,
     Diagnosed,
@@ -20,6 +19,7 @@ from ..orchestration.parameter_file import (
 from ..records.bad_record import BadRecord
 from ..records.drive_record import CURRENT, DriveRecord, read_drive_records
 from ..records.tellable import check_tellable
+from ..solver.files import write_json
 from .believed import believed
 from .blocks import Blocks, Estimate
 from .causes import CAUSES

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..solver.kernel_cache import write_atomically
+from ..solver.files import write_atomically
 from .course import Course
 from .drive_model import DriveModel
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.closed_loop import write_json
+from ..solver.files import write_json
 
 Vector = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

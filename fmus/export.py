@@ -13,10 +13,10 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 from .. import __version__
-from ..solver import kernel_cache
 from ..solver.codegen import generate, hashed_name
 from ..solver.component import Component
 from ..solver.core import LIBRARY
+from ..solver.files import write_atomically
 from ..solver.kernel import Kernel
 from .accompanying import accompanying, licence
 from .archive import packed
@@ -116,7 +116,7 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
             "modelDescription.xml": model_description(kernel, interface, __version__),
             "documentation/licenses/pythonfmu.txt": licence("pythonfmu"),
         }
-        kernel_cache.write_atomically(path, _normalized(built, ours))
+        write_atomically(path, _normalized(built, ours))
     remember(path)
     return path
 

@@ -10,13 +10,14 @@ import hashlib
 from pathlib import Path
 
 from ..solver import kernel_cache
+from ..solver.files import write_atomically
 
 
 def remember(path: Path) -> None:
     """Note that this program wrote the FMU."""
     # not noted, it runs in a process of its own: slower, and as right
     with contextlib.suppress(OSError):
-        kernel_cache.write_atomically(_note(path), b"")
+        write_atomically(_note(path), b"")
 
 
 def is_ours(path: Path) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..solver import kernel_cache
+from ..solver.files import write_atomically
 from ..solver.kernel import Kernel, Model
 from .model_description import STEP_SIZE
 
@@ -25,7 +26,7 @@ def write_reference_files(files: Mapping[str, str], fmu: Path) -> None:
         If a file cannot be written.
     """
     for suffix, text in files.items():
-        kernel_cache.write_atomically(fmu.with_name(fmu.stem + suffix), text.encode())
+        write_atomically(fmu.with_name(fmu.stem + suffix), text.encode())
 
 
 def reference_files(kernel: Kernel) -> dict[str, str]:
@@ -51,7 +52,7 @@ def reference_files(kernel: Kernel) -> dict[str, str]:
         pass  # missing, or half a file from a full disk
     files = _computed(kernel)
     try:
-        kernel_cache.write_atomically(path, json.dumps(files).encode())
+        write_atomically(path, json.dumps(files).encode())
     except OSError:
         return files  # a read-only home costs time, not results
     return files

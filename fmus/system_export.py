@@ -13,8 +13,8 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from .. import __version__
+from ..solver.files import write_atomically
 from ..solver.kernel import DEFAULT_TOLERANCE
-from ..solver.kernel_cache import write_atomically
 from .archive import packed
 from .law_ports import gain_port, rate_port, reference_port
 from .reading import NumberVariable, unpack

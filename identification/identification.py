@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from ..orchestration.closed_loop import write_json
 from ..orchestration.parameter_file import DRIVE, ParameterFile, Value
 from ..plant.law import law as friction_law
 from ..records.force_record import Record
 from ..records.table import near
 from ..records.velocity import INTEGRATED
 from ..solver.component import ForceTerm, symbol
+from ..solver.files import write_json
 from .along_record import LAWS, OFFSET, Course, Fit, fit_along, lay_out
 from .bliman_sorine_map import NoSolution, map_points, read_points
 from .dahl_fit import fit_dahl

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-import json
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +17,7 @@ from ..fmus.catalogue import fmu, fmu_kernel
 from ..fmus.interface import TOLERANCE, interface_of
 from ..plant import PLANTS
 from ..plant.supply import NOMINAL_VOLTAGE, UNLIMITED
-from ..solver.kernel_cache import write_atomically
+from ..solver.files import write_atomically, write_json
 from .coupling import Coupling
 from .isolated import TIME_LIMIT, IsolatedParticipant, open_fmu
 from .master import CouplingError, LoopRun, Progress, run_loop
@@ -33,8 +31,14 @@ from .whole_loop import run_monolithic
 from .wiring import CONTROLLER, SET_POINT, Wiring, names_on, wire
 
 LIMIT = "voltage_limit"  # the plant's parameter
+
+
 ROWS = 10_000  # of a table that are text in memory at a time
+
+
 _Fmu = FmuParticipant | IsolatedParticipant
+
+
 FIRST_COLUMNS = ("x", "v", "z", "i", "u")
 
 
@@ -176,20 +180,6 @@ def _csv_rows(rows: Iterable[Iterable[str]]) -> bytes:
     stream = io.StringIO()
     csv.writer(stream, lineterminator="\n").writerows(rows)
     return stream.getvalue().encode()
-
-
-def write_json(path: Path, data: Any) -> None:
-    """Write strict JSON: numbers that are not finite become null."""
-    write_atomically(path, (json.dumps(finite_or_null(data), indent=2) + "\n").encode())
-
-
-def finite_or_null(data: Any) -> Any:
-    """The same data with None for every number that strict JSON cannot write."""
-    if isinstance(data, dict):
-        return {key: finite_or_null(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [finite_or_null(value) for value in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
 def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResult:

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..solver.files import write_atomically, write_json
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
-from ..solver.kernel_cache import write_atomically
 from ..solver.spectrum import Spectrum, follow
-from .closed_loop import write_json
 from .motion import Kind, Motion, judge
 from .whole_loop import loop_kernel
 

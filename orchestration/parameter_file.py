@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ..fmus.interface import START, TOLERANCE
 from ..fmus.units import base_exponents
 from ..plant import LAWS
-from ..solver.kernel_cache import write_atomically
+from ..solver.files import write_atomically
 
 if TYPE_CHECKING:
     from ..solver.component import Parameter

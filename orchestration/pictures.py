@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..solver.kernel_cache import write_atomically
+from ..solver.files import write_atomically
 from .thinning import rows_over_plane, rows_over_time
 
 if TYPE_CHECKING:

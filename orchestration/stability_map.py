@@ -20,10 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..solver.core import System
+from ..solver.files import write_atomically, write_json
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
-from ..solver.kernel_cache import write_atomically
 from ..solver.spectrum import follow, follow_returns
-from .closed_loop import write_json
 from .memory import check_memory
 from .motion import Kind, Motion, judge
 from .run_folder import write_run

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..solver.kernel_cache import write_atomically
-from .closed_loop import ClosedLoopResult, Study, run_study, write_json
+from ..solver.files import write_atomically, write_json
+from .closed_loop import ClosedLoopResult, Study, run_study
 from .parameter_file import ParameterFile
 
 COLUMNS = (

@@ -46,8 +46,8 @@ from hidden_trials import (  # noqa: E402
 from provenance import git, provenance  # noqa: E402
 from resumed_trials import read_rows, run_all  # noqa: E402
 
-from ballscrew.orchestration.closed_loop import write_json  # noqa: E402
 from ballscrew.orchestration.pictures import STYLE, new_figure, write_figure  # noqa: E402
+from ballscrew.solver.files import write_json  # noqa: E402
 
 GENERATOR = [f"tests/support/hidden_{n}.py" for n in ("effects", "signal", "excitations", "cases")]
 OFTEN = 20  # trials after which the file is written anew

@@ -51,7 +51,7 @@ from worlds_trials import (  # noqa: E402
 
 import ballscrew  # noqa: E402
 from ballscrew.diagnosis.faultless import RecordKind, share_alike  # noqa: E402
-from ballscrew.orchestration.closed_loop import write_json  # noqa: E402
+from ballscrew.solver.files import write_json  # noqa: E402
 from diagnosis import draw_confusion, wilson  # noqa: E402
 
 OFTEN = 20  # trials after which the file is written anew

@@ -28,7 +28,7 @@ from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.records.drive_record import read_drive_records
-from ballscrew.solver.kernel_cache import write_atomically
+from ballscrew.solver.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "emps.json"

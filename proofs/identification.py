@@ -32,7 +32,7 @@ from random_rigs import (  # noqa: E402
 )
 
 from ballscrew.identification.along_record import LAWS  # noqa: E402
-from ballscrew.orchestration.closed_loop import write_json  # noqa: E402
+from ballscrew.solver.files import write_json  # noqa: E402
 
 STATED = 0.95
 OFTEN = 10  # rigs after which the file is written anew

@@ -29,7 +29,7 @@ from provenance import provenance
 from ballscrew.cli import main as ballscrew
 from ballscrew.diagnosis.diagnose import diagnose
 from ballscrew.rig.trials import trials_named
-from ballscrew.solver.kernel_cache import write_atomically
+from ballscrew.solver.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "own_records.json"

@@ -25,7 +25,7 @@ from thesis.systems import spectra, system_claims
 from thesis.tables import exponent_tables, table_claims, tables
 from thesis.undecided import undecided
 
-from ballscrew.orchestration.closed_loop import finite_or_null
+from ballscrew.solver.files import finite_or_null
 
 ROOT = Path(__file__).resolve().parents[1]
 

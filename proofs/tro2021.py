@@ -32,7 +32,7 @@ from ballscrew.identification.identification import Identification, identify
 from ballscrew.orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.force_record import Record, read_record
-from ballscrew.solver.kernel_cache import write_atomically
+from ballscrew.solver.files import write_atomically
 
 Vector = npt.NDArray[np.float64]
 

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.closed_loop import write_json
 from ..orchestration.end_with_parent import pool
 from ..plant import LAWS
 from ..plant.law import UnknownLaw
+from ..solver.files import write_json
 from .bench import plant_kernel, program_kernel, run_trial
 from .feature_criteria import (
     CRITERIA,

@@ -11,11 +11,10 @@ import numpy.typing as npt
 
 from ..fmus.export import export
 from ..fmus.interface import TOLERANCE as SOLVER_TOLERANCE
-from ..orchestration.closed_loop import write_json
 from ..orchestration.parameter_file import ParameterFile
 from ..orchestration.participant import FmuParticipant
 from ..plant import law as laws
-from ..solver.kernel_cache import write_atomically
+from ..solver.files import write_atomically, write_json
 from .bench import TOLERANCE, Noise, Setup, finish, one_trial, set_up
 from .instruments import SAMPLE_TIME
 from .plant import rig_plant

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.closed_loop import write_json
 from ..orchestration.parameter_file import ParameterFile
-from ..solver.kernel_cache import write_atomically
+from ..solver.files import write_atomically, write_json
 from .calibration import Calibration
 from .trials import Trial
 

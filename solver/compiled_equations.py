@@ -11,6 +11,7 @@ from importlib import resources
 from . import kernel_cache
 from .compilers import CompilerFailed, compiled, compiler_for, own_platform
 from .core import FUNCTIONS
+from .files import write_atomically
 from .tape import functions
 from .translation import in_c
 
@@ -49,7 +50,7 @@ def compile_equations(module: str, source: str, states: int) -> bool:
     text = "\n".join(['#include "system.h"\n', *parts, _TAIL % filled])
     try:
         data = compiled(platform, {"system.h": head, "equations.c": text}, "equations.c", module)
-        kernel_cache.write_atomically(path, data)
+        write_atomically(path, data)
     except (CompilerFailed, OSError):
         return False  # slower, with the same numbers
     return True

@@ -1,4 +1,4 @@
-"""A per-user folder for what need not be made twice, and files that are written whole or not."""
+"""A per-user folder for what need not be made twice."""
 
 from __future__ import annotations
 
@@ -8,12 +8,8 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-
-_UMASK = os.umask(0o022)
-os.umask(_UMASK)
 
 
 def folder() -> Path:
@@ -74,20 +70,3 @@ def _private_folder() -> Path:
 def _remove(place: Path, owner: int) -> None:
     if os.getpid() == owner:
         shutil.rmtree(place, ignore_errors=True)
-
-
-def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write beside, then rename: a reader sees the old content or the new, never half.
-
-    What is large may come in pieces.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.writelines([data] if isinstance(data, bytes) else data)
-        os.chmod(name, 0o666 & ~_UMASK)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import kernel_cache
+from .files import write_atomically
 from .kernel import Kernel
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def stored_kernel(name: str, make: Callable[[], Component]) -> Kernel:
 
     kernel = generate(make())
     try:
-        kernel_cache.write_atomically(path, kernel.to_json().encode())
+        write_atomically(path, kernel.to_json().encode())
     except OSError:
         return kernel  # a read-only home costs time, not results
     return kernel

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ... import __version__
-from ...solver import kernel_cache
 from ...solver.compilers import PLATFORMS, compiled, compiler_for, own_platform
 from ...solver.component import Component
+from ...solver.files import write_atomically
 from ..accompanying import accompanying
 from ..archive import packed
 from ..export import with_law_ports
@@ -103,7 +103,7 @@ def write_native(
         files[f"binaries/{kind.folder[fmi]}/{stem}{kind.suffix}"] = library
     files |= accompanying(model.kernel, model.interface, fmi)
     files |= {f"sources/{name}": text.encode() for name, text in sorted(texts.items())}
-    kernel_cache.write_atomically(path, packed(files))
+    write_atomically(path, packed(files))
     remember(path)
     return NativeFmu(path, able, tuple(name for name in wanted if name not in able))
 
