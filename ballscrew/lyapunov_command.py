@@ -55,8 +55,8 @@ def _lyapunov(options: argparse.Namespace) -> int:
         raise BadRequest("--tolerance is for --via model; FMUs have a solver of their own")
     asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
     prepare_folder(options.out, [options.params])
-    from .orchestration.lyapunov import NoExponents, loop_lyapunov
     from .solver.files import finite_or_null
+    from .stability.lyapunov import NoExponents, loop_lyapunov
 
     stop = asked.stop
     loop: dict[str, Any] = {
@@ -68,7 +68,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
     }
     try:
         if options.via == "fmu":
-            from .orchestration.lyapunov import loop_lyapunov_over_fmus
+            from .stability.lyapunov import loop_lyapunov_over_fmus
 
             step = read_number("--step", options.step or "1e-3")
             if not 0 < step <= stop:

@@ -18,7 +18,7 @@ from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
 
 if TYPE_CHECKING:
-    from .orchestration.stability_map import Axis
+    from .stability.stability_map import Axis
 
 _EXAMPLES = """examples:
   ballscrew map --controller iol --x sigma0_hat=66965.89:66969.24:68 \\
@@ -79,8 +79,8 @@ def _map(options: argparse.Namespace) -> int:
     if options.workers is not None:
         count = read_whole_number("--workers", options.workers, 1, MOST_WORKERS)
     from .orchestration.memory import NotEnoughMemory
-    from .orchestration.stability_map import BadMap, MapStudy, make_map, read_axis
     from .orchestration.workers import Dask, Processes, WorkersLost
+    from .stability.stability_map import BadMap, MapStudy, make_map, read_axis
 
     try:
         axes = [read_axis(text, asked.plant, asked.controller) for text in (options.x, options.y)]

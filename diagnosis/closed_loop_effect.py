@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.catalogue import component
-from ..orchestration.motion import judge
 from ..solver.codegen import generate
 from ..solver.component import Component, ContractError, symbol
 from ..solver.connect import connect
 from ..solver.kernel import IntegrationError, Kernel, Model
 from ..solver.tape import UnsupportedComponent
+from ..stability.attractor import judge
 
 Vector = npt.NDArray[np.float64]
 

@@ -22,10 +22,10 @@ from provenance import provenance
 
 from ballscrew.fmus.catalogue import variational_fmu
 from ballscrew.orchestration.participant import FmuParticipant
-from ballscrew.orchestration.tangents_over_fmus import TangentRun, follow_over_fmus
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import Spectrum, follow
+from ballscrew.stability.tangents_over_fmus import TangentRun, follow_over_fmus
 
 Vector = npt.NDArray[np.float64]
 

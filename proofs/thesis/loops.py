@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ballscrew.orchestration.lyapunov import LyapunovRun, loop_maker, loop_order
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.kernel import IntegrationError
 from ballscrew.solver.spectrum import follow, follow_returns
+from ballscrew.stability.lyapunov import LyapunovRun, loop_maker, loop_order
 from thesis.printed import BITS, SETPOINT, STOP
 
 Figures = dict[str, Any]

@@ -8,13 +8,13 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ballscrew.controllers.nctf import STEP_VOLTAGE, STOPPED_SPEED, design
-from ballscrew.orchestration.lyapunov import loop_maker
 from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.plant.axis import axis
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow
 from ballscrew.solver.stored import stored_kernel
+from ballscrew.stability.lyapunov import loop_maker
 from thesis.claim import Claim, number
 from thesis.loops import Figures, loop_run
 from thesis.printed import (

@@ -154,7 +154,7 @@ def test_no_dask_scheduler_at_an_address_is_one_line_and_soon(folder, capsys):
 
 
 def test_a_map_whose_chunk_lost_its_end_computes_it_again(folder, capsys, monkeypatch):
-    from ballscrew.orchestration import stability_map
+    from ballscrew.stability import stability_map
 
     with monkeypatch.context() as patch:
         patch.setattr(stability_map, "_merge", lambda *_: 1 / 0)

@@ -164,7 +164,7 @@ def test_map_answers_bad_input_with_one_line(arguments, words, tmp_path, capsys)
 
 
 def test_a_full_disk_keeps_what_is_done_and_says_how_to_go_on(tmp_path, capsys, monkeypatch):
-    from ballscrew.orchestration import stability_map
+    from ballscrew.stability import stability_map
 
     def full(path, data):
         raise OSError(28, "No space left on device", str(path))

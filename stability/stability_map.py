@@ -19,19 +19,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..orchestration.memory import check_memory
+from ..orchestration.run_folder import write_run
+from ..orchestration.whole_loop import loop_kernel
 from ..solver.core import System
 from ..solver.files import write_atomically, write_json
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.spectrum import follow, follow_returns
-from .memory import check_memory
-from .motion import Kind, Motion, judge
-from .run_folder import write_run
-from .whole_loop import loop_kernel
+from .attractor import Kind, Motion, judge
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from .workers import Workers
+    from ..orchestration.workers import Workers
 
 Vector = npt.NDArray[np.float64]
 Columns = dict[str, list[Any]]
@@ -251,7 +251,7 @@ def _model(
             head = PLANT if axis.side == "plant" else CONTROLLER
             values[head + axis.parameter] = value
     if designed:
-        from ..controllers.nctf import design  # SymPy takes seconds, in every process
+        from ..controllers.nctf import design
 
         found = design({**study.plant_values, **designed}).parameters()
         values = {CONTROLLER + k: v for k, v in found.items()} | values

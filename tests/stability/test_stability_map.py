@@ -11,9 +11,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from ballscrew.orchestration import stability_map
-from ballscrew.orchestration.motion import Kind
-from ballscrew.orchestration.stability_map import (
+from ballscrew.orchestration.workers import Processes
+from ballscrew.stability import stability_map
+from ballscrew.stability.attractor import Kind
+from ballscrew.stability.stability_map import (
     BadMap,
     MapStudy,
     make_map,
@@ -21,7 +22,6 @@ from ballscrew.orchestration.stability_map import (
     run_cell,
     stuck_growth,
 )
-from ballscrew.orchestration.workers import Processes
 
 SIGMA0, SIGMA1 = 66967.231, 344.56
 
@@ -103,8 +103,8 @@ def test_the_stuck_regime_s_boundary_is_that_of_the_cubic():
 
 
 def test_the_exponent_of_a_cell_is_that_of_the_whole_run():
-    from ballscrew.orchestration.lyapunov import loop_maker
     from ballscrew.solver.spectrum import follow
+    from ballscrew.stability.lyapunov import loop_maker
 
     values = {"sigma0_hat": 66966.0, "sigma1_hat": 350.0}
     study = gamma(exponents=True, stop=2.0)

@@ -5,15 +5,15 @@ import pytest
 
 from ballscrew.fmus.catalogue import variational_fmu
 from ballscrew.orchestration.participant import FmuParticipant
-from ballscrew.orchestration.tangents_over_fmus import (
+from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.solver.kernel import Model
+from ballscrew.solver.spectrum import follow
+from ballscrew.stability.tangents_over_fmus import (
     ACCURACY,
     RELATIVE,
     TangentsImpossible,
     follow_over_fmus,
 )
-from ballscrew.orchestration.whole_loop import loop_kernel
-from ballscrew.solver.kernel import Model
-from ballscrew.solver.spectrum import follow
 
 TANGENTS = 5
 GOAL = 0.08

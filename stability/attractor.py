@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..solver.kernel import IntegrationError, Model
 from ..solver.spectrum import Returns, follow, follow_returns
-from .rest import Equilibrium, equilibrium_near
+from .equilibria import Equilibrium, equilibrium_near
 
 Vector = npt.NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from known_systems import (
 )
 from scipy.integrate import solve_ivp
 
-from ballscrew.orchestration.lyapunov import lyapunov
-from ballscrew.orchestration.motion import Kind
+from ballscrew.stability.attractor import Kind
+from ballscrew.stability.lyapunov import lyapunov
 
 pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
 

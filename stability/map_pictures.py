@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .motion import Kind
-from .pictures import STYLE, new_figure, write_figure
+from ..orchestration.pictures import STYLE, new_figure, write_figure
+from .attractor import Kind
 
 if TYPE_CHECKING:
     from .stability_map import MapStudy

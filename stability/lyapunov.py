@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..orchestration.whole_loop import loop_kernel
 from ..solver.files import write_atomically, write_json
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.spectrum import Spectrum, follow
-from .motion import Kind, Motion, judge
-from .whole_loop import loop_kernel
+from .attractor import Kind, Motion, judge
 
 Vector = npt.NDArray[np.float64]
 Maker = Callable[[float], Model]
@@ -359,8 +359,8 @@ def loop_lyapunov_over_fmus(
         If the loop cannot be followed so.
     """
     from ..fmus.catalogue import variational_fmu
+    from ..orchestration.participant import FmuParticipant
     from ..solver.tape import UnsupportedComponent
-    from .participant import FmuParticipant
     from .tangents_over_fmus import TangentsImpossible, follow_over_fmus
 
     given = (setpoint, plant, plant_values, controller_values)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
 
 if TYPE_CHECKING:
     from .lyapunov import LyapunovRun

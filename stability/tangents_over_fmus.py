@@ -34,13 +34,22 @@ from ..fmus.tangent_ports import (
     tangent_port,
     tangent_states,
 )
-from .clock import Clock
-from .compiled import ASKED_ADVANCE, ASKED_LAW, GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
-from .coupling import Answer, ControllerSide
-from .fmi_calls import Bound, failure_of
-from .participant import Participant, StepFailed
-from .structs import Struct, struct
-from .wiring import Wiring, wire
+from ..orchestration.clock import Clock
+from ..orchestration.compiled import (
+    ASKED_ADVANCE,
+    ASKED_LAW,
+    GOES_ON,
+    JOINT,
+    STEP_FAILED,
+    TRAIL,
+    USES,
+    library,
+)
+from ..orchestration.coupling import Answer, ControllerSide
+from ..orchestration.fmi_calls import Bound, failure_of
+from ..orchestration.participant import Participant, StepFailed
+from ..orchestration.structs import Struct, struct
+from ..orchestration.wiring import Wiring, wire
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
