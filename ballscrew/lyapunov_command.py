@@ -56,7 +56,8 @@ def _lyapunov(options: argparse.Namespace) -> int:
     asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
     prepare_folder(options.out, [options.params])
     from .solver.files import finite_or_null
-    from .stability.lyapunov import NoExponents, loop_lyapunov
+    from .stability.loop_lyapunov import loop_lyapunov
+    from .stability.lyapunov import NoExponents
 
     stop = asked.stop
     loop: dict[str, Any] = {
@@ -68,7 +69,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
     }
     try:
         if options.via == "fmu":
-            from .stability.lyapunov import loop_lyapunov_over_fmus
+            from .stability.loop_lyapunov import loop_lyapunov_over_fmus
 
             step = read_number("--step", options.step or "1e-3")
             if not 0 < step <= stop:

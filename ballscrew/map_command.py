@@ -18,7 +18,7 @@ from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
 
 if TYPE_CHECKING:
-    from .stability.stability_map import Axis
+    from .stability.study import Axis
 
 _EXAMPLES = """examples:
   ballscrew map --controller iol --x sigma0_hat=66965.89:66969.24:68 \\
@@ -80,7 +80,8 @@ def _map(options: argparse.Namespace) -> int:
         count = read_whole_number("--workers", options.workers, 1, MOST_WORKERS)
     from .orchestration.memory import NotEnoughMemory
     from .orchestration.workers import Dask, Processes, WorkersLost
-    from .stability.stability_map import BadMap, MapStudy, make_map, read_axis
+    from .stability.stability_map import make_map
+    from .stability.study import BadMap, MapStudy, read_axis
 
     try:
         axes = [read_axis(text, asked.plant, asked.controller) for text in (options.x, options.y)]

@@ -11,7 +11,7 @@ from ..orchestration.pictures import STYLE, new_figure, write_figure
 from .attractor import Kind
 
 if TYPE_CHECKING:
-    from .stability_map import MapStudy
+    from .study import MapStudy
 
 # Okabe and Ito's colours, the same verdict always the same one
 COLOUR = {
@@ -87,7 +87,7 @@ def save_map_picture(study: MapStudy, folder: Path) -> None:
 
 
 def _label(study: MapStudy, name: str) -> str:
-    from .stability_map import axis_unit
+    from .study import axis_unit
 
     unit = axis_unit(study, name)
     return f"{name} [{unit}]" if unit not in ("", "1") else name
@@ -97,7 +97,8 @@ def _draw_boundary(axes: Any, study: MapStudy) -> list[Any]:
     """The line on which the loop, while stuck, neither falls nor grows."""
     from matplotlib.lines import Line2D
 
-    from .stability_map import DESIGN, stuck_growth
+    from .cell import stuck_growth
+    from .study import DESIGN
 
     if DESIGN in (study.x.side, study.y.side):
         return []  # a design for each of its points would take longer than the map

@@ -17,55 +17,31 @@ signals moved along each tangent. That reaches no state of its own but through i
 
 from __future__ import annotations
 
-import ctypes as ct
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.tangent_ports import (
-    FRAME,
-    TRACE,
-    is_tangent_port,
-    set_port,
-    tangent_port,
-    tangent_states,
-)
+from ..fmus.tangent_ports import tangent_port
 from ..orchestration.clock import Clock
-from ..orchestration.compiled import (
-    ASKED_ADVANCE,
-    ASKED_LAW,
-    GOES_ON,
-    JOINT,
-    STEP_FAILED,
-    TRAIL,
-    USES,
-    library,
-)
-from ..orchestration.coupling import Answer, ControllerSide
+from ..orchestration.compiled import GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
 from ..orchestration.fmi_calls import Bound, failure_of
 from ..orchestration.participant import Participant, StepFailed
-from ..orchestration.structs import Struct, struct
+from ..orchestration.structs import struct
 from ..orchestration.wiring import Wiring, wire
+from .fmu_with_tangents import Side, TangentsImpossible, ordinary
+from .probed_controller import RELATIVE, ProbedController
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-
 ACCURACY = 1e-2  # nats that the corrections may change the growth by in all
-SHIFT = 1e-4  # of a signal's nominal value, to see how it moves a controller's state
-RELATIVE = 3e-4  # of the growth, besides
 # Of the FMUs' own solvers. From 1e-10 to here it moves the growth of no slow tangent by 1e-5 nats,
 # that of a fast one by 4e-9 of it (loop with NCTF, 20 s), at a fifth of the steps.
 TOLERANCE = 1e-6
 RUNAWAY = 1e6  # times an output's nominal value
 CHUNK = 256  # steps between two chances to interrupt
-
-
-class TangentsImpossible(ValueError):
-    """These FMUs cannot carry the loop's tangents; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -106,199 +82,6 @@ class TangentRun:
         """Finite-time exponents at the end [nats/s], in the order of the tangents."""
         span = self.time[-1] - self.time[0]
         return self.growth[-1] / span if span > 0 else np.zeros(self.growth.shape[1])
-
-
-@dataclass(frozen=True)
-class _Ports:
-    """A participant's ordinary ports, for wiring."""
-
-    name: str
-    inputs: Sequence[str]
-    outputs: Sequence[str]
-
-
-def _ordinary(participant: Participant) -> Participant:
-    states, _ = tangent_states(list(getattr(participant, "parameters", [])))
-
-    def names(ports: Sequence[str]) -> list[str]:
-        return [p for p in ports if not is_tangent_port(p, {*ports, *states})]
-
-    ports = _Ports(participant.name, names(participant.inputs), names(participant.outputs))
-    return cast("Participant", ports)
-
-
-class _Side:
-    """One FMU with tangents: its states, and what is set and read.
-
-    Parameters
-    ----------
-    participant : Participant
-    """
-
-    def __init__(self, participant: Participant) -> None:
-        self.participant = participant
-        parameters: list[str] = list(getattr(participant, "parameters", []))
-        self.states, self.tangents = tangent_states(parameters)
-
-    def bind(
-        self,
-        side: Struct,
-        inputs: Sequence[str],
-        moved: Sequence[str],
-        outputs: Sequence[str],
-        count: int,
-    ) -> tuple[Bound, Bound]:
-        """Put it into a record; `moved` are those of its inputs that tangents follow behind."""
-        own = [tangent_port(s, k + 1) for k in range(count) for s in self.states]
-        given, taken = (
-            [tangent_port(n, k + 1) for k in range(count) for n in names]
-            for names in (moved, outputs)
-        )
-        side.set(states=len(self.states))
-        frame = [*map(set_port, own), FRAME] if own else []
-        shown = [*own, TRACE] if own else []
-        return (
-            Bound(
-                self.participant,
-                [*inputs, *given],
-                [*outputs, *taken],
-                USES,
-                side.part("calls"),
-            ),
-            Bound(self.participant, frame, shown, USES, side.part("frames")),
-        )
-
-
-def _rows_at(address: int, rows: int, columns: int) -> Matrix:
-    """The numbers at an address."""
-    numbers = (ct.c_double * (rows * columns)).from_address(address)
-    return np.ctypeslib.as_array(numbers).reshape(rows, columns)
-
-
-class _ProbedController:
-    """A controller without tangents, asked for differences.
-
-    Its gains come from its law ports, or by differences; how they change along a tangent does not.
-    One state of its own can be followed: not as itself but as what it adds to the command, in the
-    command's unit. How signals move it and how it fades is measured at every step.
-    """
-
-    tangents = 0
-
-    def __init__(self, participant: Participant, wiring: Wiring) -> None:
-        self.participant = participant
-        self.wiring = wiring
-        self.states: list[str] = []
-        self.remarks: list[str] = []
-        self.error: BaseException | None = None
-        self._added = np.zeros(0)  # to the command, along each tangent
-
-    def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
-        """Find out how it answers and whether it has a state; once it is initialized."""
-        self.side = ControllerSide(self.participant, self.wiring, signals, reference)
-        name = self.participant.name
-        if self.side.answer is not Answer.DIRECT:
-            raise TangentsImpossible(
-                f"{name} answers {self.side.answer.value}; tangents need a controller whose output "
-                "follows its inputs at once"
-            )
-        if self.side.m != 1:
-            raise TangentsImpossible(f"{name} has {self.side.m} commands; one can be probed")
-        responses, fading = self._response(t, h, signals, reference)
-        if np.any(responses):
-            self.states = [f"{name}: what its state adds to {self.wiring.commands[0][0]}"]
-            slow, fast = float(np.min(fading)), float(np.max(fading))
-            if fast - slow > 1e-3 * max(abs(slow), abs(fast)):
-                self.remarks.append(
-                    "it answers different signals with different rates, so it has more than one "
-                    "state: only one can be reached and the others are left out"
-                )
-
-    def bind(self, side: Struct, whole: Struct, count: int, reference: Vector) -> tuple[Bound, ...]:
-        """Put it into a record, with functions that answer for it."""
-        self.count, self._reference = count, reference
-        states = len(self.states)
-        frame = np.append(np.zeros(count), math.nan)  # of its own trace nothing is known
-        self._added = frame[:count]
-        side.set(states=states)
-        bound = Bound(self.participant, [], [], USES, side.part("calls"))
-        side.part("frames").set(given=np.zeros(count * states), taken=frame)
-        self._functions = (
-            ASKED_LAW(self._guarded(self._law)),
-            ASKED_ADVANCE(self._guarded(self._advance)),
-        )
-        law, advance = (ct.cast(f, ct.c_void_p).value or 0 for f in self._functions)
-        whole.set(law_asked=law, advance_asked=advance)
-        return (bound,)
-
-    def _guarded(self, method: Callable[..., None]) -> Callable[..., int]:
-        def call(*arguments: Any) -> int:
-            try:
-                method(*arguments)
-            except BaseException as error:  # an interruption too: raised where we are back
-                self.error = error
-                return 0
-            return 1
-
-        return call
-
-    def _signals_at(self, address: int) -> Matrix:
-        return _rows_at(address, 1 + self.count, self.side.n).copy()
-
-    def _law(self, t: float, h: float, at: int, rows: int) -> None:
-        signals, n = self._signals_at(at), self.side.n
-        law = self.side.law_at(t, h, signals[0], self._reference, probe=True)
-        out = _rows_at(rows, 1 + self.count, 2 + n)
-        out[:] = 0.0
-        out[0] = [*law.command, *law.gain.ravel(), *law.rate]
-        out[1:, 0] = signals[1:] @ law.gain[0] + self._added
-
-    def _advance(self, t: float, h: float, at: int) -> None:
-        signals = self._signals_at(at)
-        if self.states:
-            responses, fading = self._response(t, h, signals[0], self._reference)
-            if not len(fading):
-                raise StepFailed(f"{self.participant.name}: its state cannot be seen any more")
-            strongest = float(fading[np.argmax(np.abs(responses[responses != 0.0]))])
-            self._added[:] = strongest * self._added + signals[1:] @ responses
-        self.side.advance(t, h, signals[0], self._reference)
-
-    def _response(
-        self, t: float, h: float, signals: Vector, reference: Vector
-    ) -> tuple[Vector, Vector]:
-        """What each signal, moved over a step, adds to the command after it, and how that fades.
-
-        Returns
-        -------
-        two ndarrays, shapes (n,) and (number of signals that add anything,)
-            Volts, or whatever the command is, per unit of the signal; shares that are left after
-            one more step.
-        """
-        state = self.participant.save()
-
-        def command(moved: Vector, steps: int) -> float:
-            for k in range(steps):
-                self.side.advance(t + k * h, h, moved if k == 0 else signals, reference)
-            value = self.side.command_at(signals, reference)
-            self.participant.restore(state)
-            return float(value[0])
-
-        nominal = np.array([self.participant.nominal(s) for _, s in self.wiring.signals])
-        shift = SHIFT * nominal
-        response, fading = np.zeros(len(signals)), []
-        base = command(signals, 1), command(signals, 2)
-        for k in range(len(signals)):
-            ends = []
-            for n in (1, 2):
-                moved = signals.copy()
-                moved[k] += shift[k]
-                up = command(moved, n)
-                ends.append(up - base[n - 1])
-            response[k] = ends[0] / shift[k]
-            if ends[0] != 0.0:
-                fading.append(ends[1] / ends[0])
-        self.participant.release(state)
-        return response, np.array(fading)
 
 
 def follow_over_fmus(
@@ -347,20 +130,20 @@ def follow_over_fmus(
             raise TangentsImpossible(
                 f"{participant.name} cannot save and restore its state, which tangents need here"
             )
-    wiring = wire(_ordinary(plant), _ordinary(controller), mapping)
+    wiring = wire(ordinary(plant), ordinary(controller), mapping)
     refs = np.full(len(wiring.references), reference)
-    p = _Side(plant)
+    p = Side(plant)
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}
     ports = reports <= set(controller.outputs)
-    c = _Side(controller) if ports else _ProbedController(controller, wiring)
+    c = Side(controller) if ports else ProbedController(controller, wiring)
     if not p.states or not wiring.accepts_law:
         raise TangentsImpossible(
             f"{plant.name} has no tangent ports; export it with tangents (export --variational)"
         )
     plant.initialize({"solver_tolerance": TOLERANCE, **(plant_values or {})}, stop)
-    given = {"solver_tolerance": TOLERANCE} if isinstance(c, _Side) and c.states else {}
+    given = {"solver_tolerance": TOLERANCE} if isinstance(c, Side) and c.states else {}
     controller.initialize({**given, **(controller_values or {})}, stop)
-    if isinstance(c, _ProbedController):
+    if isinstance(c, ProbedController):
         at = plant.reader([ours for ours, _ in wiring.signals])()
         c.look(0.0, min(step, stop), at, refs)
     count = len(p.states) + len(c.states)
@@ -371,7 +154,7 @@ def follow_over_fmus(
                 f"{count} states; export it with {count}"
             )
     joint = _Joint(p, c, wiring, count, refs)
-    names = list(_ordinary(plant).outputs)
+    names = list(ordinary(plant).outputs)
     bound = RUNAWAY * np.array([plant.nominal(n) for n in names])
     trail = joint.march(names, bound, Clock(stop, step, adaptive=True), accuracy)
     return TangentRun(
@@ -386,9 +169,9 @@ def follow_over_fmus(
     )
 
 
-def _stated(c: _Side | _ProbedController, accuracy: float) -> str:
+def _stated(c: Side | ProbedController, accuracy: float) -> str:
     """What to say of the error."""
-    if isinstance(c, _Side):
+    if isinstance(c, Side):
         how = (
             f"chosen so that correcting them changes no tangent's growth by much more than "
             f"{accuracy:g} nats and {RELATIVE:g} of it"
@@ -425,8 +208,8 @@ class _Joint:
 
     def __init__(
         self,
-        p: _Side,
-        c: _Side | _ProbedController,
+        p: Side,
+        c: Side | ProbedController,
         wiring: Wiring,
         count: int,
         reference: Vector,
@@ -438,7 +221,7 @@ class _Joint:
         bound = p.bind(self._whole.part("plant"), law, law, signals, count)
         side = self._whole.part("controller")
         self._bound: tuple[Bound, ...]
-        if isinstance(c, _Side):
+        if isinstance(c, Side):
             measured = [s for _, s in wiring.signals]
             answer = [*(ours for ours, _ in wiring.commands), *wiring.controller_law()]
             given = [*measured, *wiring.references]

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 STANDS_ON_THOSE_BEFORE = (
     *("solver", "plant", "controllers", "fmus", "orchestration"),
-    *("rig", "records", "identification", "diagnosis", "ballscrew"),
+    *("stability", "rig", "records", "identification", "diagnosis", "ballscrew"),
 )
 
 

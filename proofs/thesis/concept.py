@@ -6,7 +6,8 @@ import numpy as np
 
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.spectrum import follow
-from ballscrew.stability.lyapunov import loop_maker, loop_order, lyapunov
+from ballscrew.stability.loop_lyapunov import loop_maker, loop_order
+from ballscrew.stability.lyapunov import lyapunov
 from thesis.claim import Claim, numbers
 from thesis.loops import Figures, spectrum_figures
 from thesis.printed import BITS, NOMINAL, SETPOINT, SIGMA0, STOP

@@ -13,7 +13,8 @@ from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.kernel import IntegrationError
 from ballscrew.solver.spectrum import follow, follow_returns
-from ballscrew.stability.lyapunov import LyapunovRun, loop_maker, loop_order
+from ballscrew.stability.loop_lyapunov import loop_maker, loop_order
+from ballscrew.stability.lyapunov import LyapunovRun
 from thesis.printed import BITS, SETPOINT, STOP
 
 Figures = dict[str, Any]

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from ballscrew.controllers.nctf import STOPPED_SPEED, design
 from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.whole_loop import loop_kernel
-from ballscrew.stability.lyapunov import loop_lyapunov
+from ballscrew.stability.loop_lyapunov import loop_lyapunov
 from thesis.claim import Claim, number, numbers
 from thesis.loops import Figures, growth, loop_run, spectrum_figures
 from thesis.printed import (

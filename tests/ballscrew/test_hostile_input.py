@@ -157,7 +157,7 @@ def test_a_map_whose_chunk_lost_its_end_computes_it_again(folder, capsys, monkey
     from ballscrew.stability import stability_map
 
     with monkeypatch.context() as patch:
-        patch.setattr(stability_map, "_merge", lambda *_: 1 / 0)
+        patch.setattr(stability_map, "merge_chunks", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):  # killed just before the end
             main(MAP)
     (first, *_) = sorted((folder / "OUT" / "map.parts").glob("c0-*.parquet"))

@@ -12,16 +12,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from ballscrew.orchestration.workers import Processes
-from ballscrew.stability import stability_map
+from ballscrew.stability import stability_map, store
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.stability_map import (
-    BadMap,
-    MapStudy,
-    make_map,
-    read_axis,
-    run_cell,
-    stuck_growth,
-)
+from ballscrew.stability.cell import run_cell, stuck_growth
+from ballscrew.stability.stability_map import make_map
+from ballscrew.stability.study import BadMap, MapStudy, read_axis
 
 SIGMA0, SIGMA1 = 66967.231, 344.56
 
@@ -104,7 +99,7 @@ def test_the_stuck_regime_s_boundary_is_that_of_the_cubic():
 
 def test_the_exponent_of_a_cell_is_that_of_the_whole_run():
     from ballscrew.solver.spectrum import follow
-    from ballscrew.stability.lyapunov import loop_maker
+    from ballscrew.stability.loop_lyapunov import loop_maker
 
     values = {"sigma0_hat": 66966.0, "sigma1_hat": 350.0}
     study = gamma(exponents=True, stop=2.0)
@@ -134,11 +129,12 @@ def test_workers_in_processes_give_the_same_table(whole, tmp_path):
 KILLED = """
 import sys
 from pathlib import Path
-from ballscrew.orchestration import stability_map as m
 from ballscrew.orchestration.workers import Processes
-m.CHUNK = 2
-x = m.read_axis("sigma0_hat=66965.89:66969.24:5", "plant", "iol")
-y = m.read_axis("sigma1_hat=340:366:4", "plant", "iol")
+from ballscrew.stability import stability_map as m, store
+from ballscrew.stability.study import read_axis
+store.CHUNK = 2
+x = read_axis("sigma0_hat=66965.89:66969.24:5", "plant", "iol")
+y = read_axis("sigma1_hat=340:366:4", "plant", "iol")
 m.make_map(m.MapStudy("iol", x, y), Path(sys.argv[1]), Processes(1))
 """
 
@@ -156,7 +152,7 @@ def test_a_killed_map_is_resumed_with_nothing_lost_and_the_same_table(whole, tmp
     process.wait()
     kept = {f.name: f.stat().st_mtime_ns for f in parts.glob("c0-*")}
     assert not (tmp_path / "map.parquet").exists()
-    monkeypatch.setattr(stability_map, "CHUNK", 2)
+    monkeypatch.setattr(store, "CHUNK", 2)
     ran = []
     original = stability_map.run_chunk
 
@@ -216,7 +212,7 @@ def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, mon
 
     folder, _ = whole
     address, processes = dask
-    monkeypatch.setattr(stability_map, "CHUNK", 2)
+    monkeypatch.setattr(store, "CHUNK", 2)
     workers = Dask(address)
     deadline = time.monotonic() + 60
     while len(workers.client.scheduler_info()["workers"]) < 2:

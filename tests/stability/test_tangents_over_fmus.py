@@ -8,12 +8,9 @@ from ballscrew.orchestration.participant import FmuParticipant
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow
-from ballscrew.stability.tangents_over_fmus import (
-    ACCURACY,
-    RELATIVE,
-    TangentsImpossible,
-    follow_over_fmus,
-)
+from ballscrew.stability.fmu_with_tangents import TangentsImpossible
+from ballscrew.stability.probed_controller import RELATIVE
+from ballscrew.stability.tangents_over_fmus import ACCURACY, follow_over_fmus
 
 TANGENTS = 5
 GOAL = 0.08

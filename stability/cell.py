@@ -1,0 +1,154 @@
+"""One cell of a map: a loop with these parameters is run, and what becomes of it is told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..solver.core import System
+from ..solver.kernel import CONTROLLER, PLANT, Model
+from ..solver.spectrum import follow, follow_returns
+from .attractor import Kind, Motion, judge
+from .store import Columns
+from .study import DESIGN, SETPOINT, MapStudy, kernel_of
+
+LAST = 0.1  # share of the run over which the oscillation is measured
+_BITS = 1.0 / math.log(2.0)
+
+
+def model_at(
+    study: MapStudy, x: float, y: float, tolerance: float, system: System | None = None
+) -> Model:
+    values = {PLANT + k: v for k, v in study.plant_values.items()}
+    values |= {CONTROLLER + k: v for k, v in study.controller_values.items()}
+    setpoint = study.setpoint
+    designed: dict[str, float] = {}
+    for axis, value in ((study.x, x), (study.y, y)):
+        if axis.side == SETPOINT:
+            setpoint = value
+        elif axis.side == DESIGN:
+            designed[axis.parameter] = value
+        else:
+            head = PLANT if axis.side == "plant" else CONTROLLER
+            values[head + axis.parameter] = value
+    if designed:
+        from ..controllers.nctf import design
+
+        found = design({**study.plant_values, **designed}).parameters()
+        values = {CONTROLLER + k: v for k, v in found.items()} | values
+    model = Model(kernel_of(study), values, tolerance, system)
+    for signal in kernel_of(study).inputs:
+        if signal.role == "reference":
+            model.set_input(signal.name, setpoint)
+    return model
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What becomes of one loop.
+
+    Attributes
+    ----------
+    verdict : Kind
+    final_error : float
+        Position minus set-point at the end of the run [m].
+    lambda1 : float
+        Largest finite-time exponent [bits/s]; NaN where not asked for.
+    oscillation : float
+        Half the range of the position over the last tenth of the run [m].
+    """
+
+    verdict: Kind
+    final_error: float
+    lambda1: float
+    oscillation: float
+
+
+def run_cell(
+    study: MapStudy, x: float, y: float, tolerance: float, system: System | None = None
+) -> Cell:
+    """Run one loop of a map, with the equations of a cell before it if they are given."""
+    try:
+        model = model_at(study, x, y, tolerance, system)
+    except ValueError:  # no controller can be designed on this plant
+        return Cell(Kind.UNDECIDED, math.nan, math.nan, math.nan)
+    setpoint = next(
+        (model.u[k] for k, i in enumerate(model.kernel.inputs) if i.role == "reference"), 0.0
+    )
+    position = next(k for k, s in enumerate(model.kernel.states) if s.name == PLANT + "x")
+    begin = (1.0 - LAST) * study.stop
+    growth = math.nan
+    if study.exponents:
+        run = follow(model, np.array([0.0, begin]), count=1)
+        lost, away, at = run.failure, run.ran_away, begin
+        frame, growth = run.frame, float(run.growth[-1, 0])
+    else:
+        passes = follow_returns(model, 0.0, begin, 0, np.inf, 0)
+        lost, away, at = passes.failure, passes.ran_away, passes.end
+    if not lost:
+        last = model.x.copy()
+        mode = model.u.copy()
+        passes = follow_returns(model, begin, study.stop, position, np.inf, 1)
+        lost, away, at = passes.failure, passes.ran_away, passes.end
+        if study.exponents and not lost:
+            end = model.x.copy(), model.u.copy()
+            model.x[:], model.u[:] = last, mode
+            tail = follow(model, np.array([begin, study.stop]), count=1, frame=frame)
+            growth += float(tail.growth[-1, 0])
+            model.x[:], model.u[:] = end
+    if lost:
+        kind = Kind.DIVERGES if away else Kind.UNDECIDED
+        return Cell(kind, math.nan, growth / at * _BITS, math.nan)
+    error = float(model.x[position] - setpoint)
+    swing = 0.5 * float(passes.high[position] - passes.low[position])
+    motion: Motion = judge(model, study.stop, study.stop, exponents=False, rounds=1)
+    return Cell(motion.kind, error, growth / study.stop * _BITS, swing)
+
+
+def run_chunk(study: MapStudy, cells: Sequence[int], tolerance: float) -> Columns:
+    """Run some cells; their columns, as they go into the table."""
+    columns: Columns = {
+        "cell": list(cells),
+        study.x.name: [],
+        study.y.name: [],
+        "verdict": [],
+        "final_error": [],
+        "lambda1_bits_per_s": [],
+        "oscillation_amplitude": [],
+    }
+    system = kernel_of(study).system()
+    for cell in cells:
+        x, y = study.point(cell)
+        found = run_cell(study, x, y, tolerance, system)
+        row = (x, y, found.verdict.value, found.final_error, found.lambda1, found.oscillation)
+        for name, value in zip(list(columns)[1:], row, strict=True):
+            unknown = isinstance(value, float) and math.isnan(value)
+            columns[name].append(None if unknown else value)
+    return columns
+
+
+def stuck_growth(study: MapStudy, x: float, y: float) -> float:
+    """Fastest growth of the loop while stuck: bristles at rest move with the block [1/s].
+
+    The friction law's smooth sign is taken as one: its argument is made large while the velocity
+    goes to zero. Of the eigenvalues the one that is zero, for deflection without motion, is left
+    out; the sign of the largest real part is Routh and Hurwitz's criterion.
+    """
+    model = model_at(study, x, y, study.tolerance)
+    names = [p.name for p in model.kernel.parameters]
+    for sharpness in (PLANT + "Kv", CONTROLLER + "Kv"):
+        if sharpness in names:
+            model.p[names.index(sharpness)] = 1e16
+    state = np.zeros(len(model.x))
+    states = [s.name for s in model.kernel.states]
+    state[states.index(PLANT + "v")] = 1e-10
+    state[states.index(PLANT + "x")] = study.setpoint
+    nominal = np.array([s.nominal for s in model.kernel.states])
+    a = model.jacobian(0.0, state) * nominal[None, :] / nominal[:, None]
+    values = np.linalg.eigvals(a)
+    keep = np.ones(len(values), dtype=bool)
+    keep[int(np.argmin(np.abs(values)))] = False
+    return float(values[keep].real.max())

@@ -1,0 +1,97 @@
+"""One variational FMU in a run with tangents: its states, and what is set and read."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+
+from ..fmus.tangent_ports import (
+    FRAME,
+    TRACE,
+    is_tangent_port,
+    set_port,
+    tangent_port,
+    tangent_states,
+)
+from ..orchestration.compiled import USES
+from ..orchestration.fmi_calls import Bound
+from ..orchestration.participant import Participant
+from ..orchestration.structs import Struct
+
+Matrix = npt.NDArray[np.float64]
+
+
+class TangentsImpossible(ValueError):
+    """These FMUs cannot carry the loop's tangents; the message says why."""
+
+
+@dataclass(frozen=True)
+class _Ports:
+    """A participant's ordinary ports, for wiring."""
+
+    name: str
+    inputs: Sequence[str]
+    outputs: Sequence[str]
+
+
+def ordinary(participant: Participant) -> Participant:
+    states, _ = tangent_states(list(getattr(participant, "parameters", [])))
+
+    def names(ports: Sequence[str]) -> list[str]:
+        return [p for p in ports if not is_tangent_port(p, {*ports, *states})]
+
+    ports = _Ports(participant.name, names(participant.inputs), names(participant.outputs))
+    return cast("Participant", ports)
+
+
+class Side:
+    """One FMU with tangents: its states, and what is set and read.
+
+    Parameters
+    ----------
+    participant : Participant
+    """
+
+    def __init__(self, participant: Participant) -> None:
+        self.participant = participant
+        parameters: list[str] = list(getattr(participant, "parameters", []))
+        self.states, self.tangents = tangent_states(parameters)
+
+    def bind(
+        self,
+        side: Struct,
+        inputs: Sequence[str],
+        moved: Sequence[str],
+        outputs: Sequence[str],
+        count: int,
+    ) -> tuple[Bound, Bound]:
+        """Put it into a record; `moved` are those of its inputs that tangents follow behind."""
+        own = [tangent_port(s, k + 1) for k in range(count) for s in self.states]
+        given, taken = (
+            [tangent_port(n, k + 1) for k in range(count) for n in names]
+            for names in (moved, outputs)
+        )
+        side.set(states=len(self.states))
+        frame = [*map(set_port, own), FRAME] if own else []
+        shown = [*own, TRACE] if own else []
+        return (
+            Bound(
+                self.participant,
+                [*inputs, *given],
+                [*outputs, *taken],
+                USES,
+                side.part("calls"),
+            ),
+            Bound(self.participant, frame, shown, USES, side.part("frames")),
+        )
+
+
+def rows_at(address: int, rows: int, columns: int) -> Matrix:
+    """The numbers at an address."""
+    numbers = (ct.c_double * (rows * columns)).from_address(address)
+    return np.ctypeslib.as_array(numbers).reshape(rows, columns)

@@ -1,0 +1,150 @@
+"""A controller without tangents in a run with tangents: its Jacobians by differences."""
+
+from __future__ import annotations
+
+import ctypes as ct
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..orchestration.compiled import ASKED_ADVANCE, ASKED_LAW, USES
+from ..orchestration.coupling import Answer, ControllerSide
+from ..orchestration.fmi_calls import Bound
+from ..orchestration.participant import Participant, StepFailed
+from ..orchestration.structs import Struct
+from ..orchestration.wiring import Wiring
+from .fmu_with_tangents import TangentsImpossible, rows_at
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+SHIFT = 1e-4  # of a signal's nominal value, to see how it moves a controller's state
+RELATIVE = 3e-4  # of the growth, besides
+
+
+class ProbedController:
+    """A controller without tangents, asked for differences.
+
+    Its gains come from its law ports, or by differences; how they change along a tangent does not.
+    One state of its own can be followed: not as itself but as what it adds to the command, in the
+    command's unit. How signals move it and how it fades is measured at every step.
+    """
+
+    tangents = 0
+
+    def __init__(self, participant: Participant, wiring: Wiring) -> None:
+        self.participant = participant
+        self.wiring = wiring
+        self.states: list[str] = []
+        self.remarks: list[str] = []
+        self.error: BaseException | None = None
+        self._added = np.zeros(0)  # to the command, along each tangent
+
+    def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
+        """Find out how it answers and whether it has a state; once it is initialized."""
+        self.side = ControllerSide(self.participant, self.wiring, signals, reference)
+        name = self.participant.name
+        if self.side.answer is not Answer.DIRECT:
+            raise TangentsImpossible(
+                f"{name} answers {self.side.answer.value}; tangents need a controller whose output "
+                "follows its inputs at once"
+            )
+        if self.side.m != 1:
+            raise TangentsImpossible(f"{name} has {self.side.m} commands; one can be probed")
+        responses, fading = self._response(t, h, signals, reference)
+        if np.any(responses):
+            self.states = [f"{name}: what its state adds to {self.wiring.commands[0][0]}"]
+            slow, fast = float(np.min(fading)), float(np.max(fading))
+            if fast - slow > 1e-3 * max(abs(slow), abs(fast)):
+                self.remarks.append(
+                    "it answers different signals with different rates, so it has more than one "
+                    "state: only one can be reached and the others are left out"
+                )
+
+    def bind(self, side: Struct, whole: Struct, count: int, reference: Vector) -> tuple[Bound, ...]:
+        """Put it into a record, with functions that answer for it."""
+        self.count, self._reference = count, reference
+        states = len(self.states)
+        frame = np.append(np.zeros(count), math.nan)  # of its own trace nothing is known
+        self._added = frame[:count]
+        side.set(states=states)
+        bound = Bound(self.participant, [], [], USES, side.part("calls"))
+        side.part("frames").set(given=np.zeros(count * states), taken=frame)
+        self._functions = (
+            ASKED_LAW(self._guarded(self._law)),
+            ASKED_ADVANCE(self._guarded(self._advance)),
+        )
+        law, advance = (ct.cast(f, ct.c_void_p).value or 0 for f in self._functions)
+        whole.set(law_asked=law, advance_asked=advance)
+        return (bound,)
+
+    def _guarded(self, method: Callable[..., None]) -> Callable[..., int]:
+        def call(*arguments: Any) -> int:
+            try:
+                method(*arguments)
+            except BaseException as error:  # an interruption too: raised where we are back
+                self.error = error
+                return 0
+            return 1
+
+        return call
+
+    def _signals_at(self, address: int) -> Matrix:
+        return rows_at(address, 1 + self.count, self.side.n).copy()
+
+    def _law(self, t: float, h: float, at: int, rows: int) -> None:
+        signals, n = self._signals_at(at), self.side.n
+        law = self.side.law_at(t, h, signals[0], self._reference, probe=True)
+        out = rows_at(rows, 1 + self.count, 2 + n)
+        out[:] = 0.0
+        out[0] = [*law.command, *law.gain.ravel(), *law.rate]
+        out[1:, 0] = signals[1:] @ law.gain[0] + self._added
+
+    def _advance(self, t: float, h: float, at: int) -> None:
+        signals = self._signals_at(at)
+        if self.states:
+            responses, fading = self._response(t, h, signals[0], self._reference)
+            if not len(fading):
+                raise StepFailed(f"{self.participant.name}: its state cannot be seen any more")
+            strongest = float(fading[np.argmax(np.abs(responses[responses != 0.0]))])
+            self._added[:] = strongest * self._added + signals[1:] @ responses
+        self.side.advance(t, h, signals[0], self._reference)
+
+    def _response(
+        self, t: float, h: float, signals: Vector, reference: Vector
+    ) -> tuple[Vector, Vector]:
+        """What each signal, moved over a step, adds to the command after it, and how that fades.
+
+        Returns
+        -------
+        two ndarrays, shapes (n,) and (number of signals that add anything,)
+            Volts, or whatever the command is, per unit of the signal; shares that are left after
+            one more step.
+        """
+        state = self.participant.save()
+
+        def command(moved: Vector, steps: int) -> float:
+            for k in range(steps):
+                self.side.advance(t + k * h, h, moved if k == 0 else signals, reference)
+            value = self.side.command_at(signals, reference)
+            self.participant.restore(state)
+            return float(value[0])
+
+        nominal = np.array([self.participant.nominal(s) for _, s in self.wiring.signals])
+        shift = SHIFT * nominal
+        response, fading = np.zeros(len(signals)), []
+        base = command(signals, 1), command(signals, 2)
+        for k in range(len(signals)):
+            ends = []
+            for n in (1, 2):
+                moved = signals.copy()
+                moved[k] += shift[k]
+                up = command(moved, n)
+                ends.append(up - base[n - 1])
+            response[k] = ends[0] / shift[k]
+            if ends[0] != 0.0:
+                fading.append(ends[1] / ends[0])
+        self.participant.release(state)
+        return response, np.array(fading)

@@ -1,0 +1,194 @@
+"""A map's files: a table for each chunk while it is computed, one of all when it is done."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..solver.files import write_json
+from .attractor import Kind
+from .study import BadMap, MapStudy
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+Columns = dict[str, list[Any]]
+CHUNK = 96  # cells
+PARTS = "map.parts"  # folder of what is done while the map is not
+TABLE, BORDERS = "map.parquet", "borders.csv"
+
+
+@dataclass(frozen=True)
+class MapSummary:
+    """What a finished map says of itself: everything of ``map.json``.
+
+    Attributes
+    ----------
+    verdicts : dict of str to int
+        Cells of each verdict.
+    checked, disagreed : int
+        Cells that were computed again at a tenth of the tolerance, and those of them whose verdict
+        it changed.
+    borders : int
+        Borders found by refinement; 0 without.
+    notes : tuple of str
+        What the user should know beside, of the files; not in ``map.json``.
+    """
+
+    study: MapStudy
+    verdicts: dict[str, int]
+    checked: int
+    disagreed: int
+    random_checked: int
+    random_disagreed: int
+    borders: int
+    notes: tuple[str, ...] = ()
+
+    def figures(self) -> dict[str, Any]:
+        rate = self.random_disagreed / self.random_checked if self.random_checked else None
+        return {
+            "fingerprint": self.study.fingerprint(),
+            "study": asdict(self.study),
+            "cells": self.study.cells,
+            "verdicts": self.verdicts,
+            "checked_tighter": self.checked,
+            "disagreed": self.disagreed,
+            "checked_at_random": self.random_checked,
+            "disagreed_at_random": self.random_disagreed,
+            "disagreement_rate_at_random": rate,
+            "borders": self.borders,
+        }
+
+
+VERDICT_CODE = {kind: k for k, kind in enumerate(Kind)}
+
+
+def verdict_codes(verdicts: list[str]) -> list[int]:
+    return [VERDICT_CODE[Kind(v)] for v in verdicts]
+
+
+# keys of map.json in the order of the summary's attributes
+SUMMARY = (
+    "verdicts",
+    "checked_tighter",
+    "disagreed",
+    "checked_at_random",
+    "disagreed_at_random",
+    "borders",
+)
+
+
+def claim_folder(study: MapStudy, folder: Path, resume: bool) -> MapSummary | None:
+    """Take the folder for this map; what it says of itself where it is finished already."""
+    own = study.fingerprint()
+    finished = None
+    for place in (folder / "map.json", folder / PARTS / "study.json"):
+        if not place.is_file():
+            continue
+        try:
+            found = json.loads(place.read_text(encoding="utf-8"))
+            same = found["fingerprint"] == own
+        except (ValueError, TypeError, KeyError):
+            same = False
+        if not same:
+            raise BadMap(f"{folder} holds another map; choose another folder, or remove it")
+        if not resume:
+            raise BadMap(f"{folder} holds this map already; add --resume to go on with it")
+        if "verdicts" in found:
+            finished = found
+    if finished is not None:
+        try:
+            return MapSummary(study, *(finished[name] for name in SUMMARY))
+        except KeyError as error:
+            raise BadMap(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
+    if resume and not (folder / PARTS).is_dir():
+        raise BadMap(f"{folder} holds no map to go on with; leave out --resume to begin one")
+    (folder / PARTS).mkdir(parents=True, exist_ok=True)
+    write_json(folder / PARTS / "study.json", {"fingerprint": own})
+    return None
+
+
+def chunks_of(cells: int, head: str, groups: Sequence[Sequence[int]]) -> dict[str, Sequence[int]]:
+    """Names of chunks and the cells in them, in order."""
+    width = len(str(cells))
+    named = {}
+    for k, group in enumerate(groups):
+        for start in range(0, len(group), CHUNK):
+            named[f"{head}{k}-{start:0{width}d}.parquet"] = group[start : start + CHUNK]
+    return named
+
+
+def is_whole(part: Path, cells: Sequence[int]) -> bool:
+    """Whether a chunk is there and holds its cells; a disk may have lost the end of it."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return bool(pq.read_table(part)["cell"].to_pylist() == list(cells))
+    except (OSError, pa.ArrowInvalid):
+        return False
+
+
+def _schema(columns: Columns) -> pa.Schema:
+    import pyarrow as pa
+
+    types = {"cell": pa.int64(), "verdict": pa.string(), "checked": pa.bool_()}
+    return pa.schema([(name, types.get(name, pa.float64())) for name in columns])
+
+
+def to_parquet(columns: Columns) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(columns, schema=_schema(columns)), sink)
+    return bytes(sink.getvalue())
+
+
+def load(parts: Path, name: str) -> pa.Table:
+    import pyarrow.parquet as pq
+
+    return pq.read_table(parts / name)
+
+
+def finished_table(folder: Path) -> pa.Table:
+    import pyarrow as pa
+
+    try:
+        return load(folder, "map.parquet")
+    except (OSError, pa.ArrowInvalid) as error:
+        raise BadMap(
+            f"{folder / 'map.parquet'} is damaged; remove the folder and compute the map again"
+        ) from error
+
+
+def merge_chunks(
+    parts: Path,
+    names: list[str],
+    checked: Mapping[int, int],
+    changed: set[int],
+) -> None:
+    """One table of all chunks, in the order of the cells, a chunk in memory at a time."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    half = parts / (TABLE + ".part")
+    writer = None
+    for name in names:
+        columns = load(parts, name).to_pydict()
+        cells = columns.pop("cell")
+        columns["verdict"] = [
+            Kind.UNDECIDED.value if cell in changed else verdict
+            for cell, verdict in zip(cells, columns["verdict"], strict=True)
+        ]
+        columns["checked"] = [cell in checked for cell in cells]
+        schema = _schema(columns)
+        writer = writer or pq.ParquetWriter(half, schema)
+        writer.write_table(pa.table(columns, schema=schema))
+    if writer:
+        writer.close()
+    half.replace(parts / TABLE)

@@ -1,0 +1,216 @@
+"""What a map is about: two axes of parameters, and the loop that they belong to."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from ..orchestration.memory import check_memory
+from ..orchestration.whole_loop import loop_kernel
+from ..solver.kernel import CONTROLLER, PLANT, Kernel
+
+Vector = npt.NDArray[np.float64]
+TOLERANCE = 1e-8
+PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
+MOST_BYTES = 10**30  # counts on the command line have any number of digits
+SETPOINT, DESIGN = "setpoint", "design"
+
+
+class BadMap(ValueError):
+    """A map that makes no sense; the message says what was got and what was expected."""
+
+
+@lru_cache(maxsize=8)
+def _linear(low: float, high: float, count: int) -> Vector:
+    """One array for all cells of a map."""
+    return np.linspace(low, high, count)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One side of a map.
+
+    Parameters
+    ----------
+    name : str
+        As the user gave it; the name of the column.
+    side : {"plant", "controller", "setpoint", "design"}
+        Whose parameter it is. ``design``: of the plant on which the NCTF controller is designed.
+    parameter : str
+    low, high : float
+    count : int
+        Points, both ends included.
+    """
+
+    name: str
+    side: str
+    parameter: str
+    low: float
+    high: float
+    count: int
+
+    def values(self) -> Vector:
+        return _linear(self.low, self.high, self.count)
+
+    def value(self, number: int) -> float:
+        return float(self.values()[number])
+
+
+@dataclass(frozen=True)
+class MapStudy:
+    """Everything that decides a map.
+
+    Attributes
+    ----------
+    plant_values, controller_values : dict of str to float
+        Parameters and initial states that are not nominal, the same in all cells.
+    stop : float
+        Length of each run [s].
+    exponents : bool
+        Whether to compute the largest exponent of each cell.
+    """
+
+    controller: str
+    x: Axis
+    y: Axis
+    plant: str = "plant"
+    plant_values: Mapping[str, float] = field(default_factory=dict)
+    controller_values: Mapping[str, float] = field(default_factory=dict)
+    setpoint: float = 0.08
+    stop: float = 20.0
+    exponents: bool = False
+    tolerance: float = TOLERANCE
+    seed: int = 0
+
+    @property
+    def cells(self) -> int:
+        return self.x.count * self.y.count
+
+    def check(self) -> None:
+        """Make sure that the two sides differ and that all values are in range.
+
+        Raises
+        ------
+        BadMap
+        NotEnoughMemory
+            If the tables and pictures of so many cells do not fit.
+        """
+        check_memory(
+            float(min(PER_CELL * self.cells, MOST_BYTES)),
+            f"{self.x.count} x {self.y.count} cells need",
+            "map fewer points, or one part after another",
+        )
+        if kernel_of(self).discrete:
+            raise BadMap(
+                f"{self.controller} holds its command between samples; maps of sampled loops are "
+                "not computed here"
+            )
+        if (self.x.side, self.x.parameter) == (self.y.side, self.y.parameter):
+            raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
+        ranges = {p.name: (p.minimum, p.maximum) for p in kernel_of(self).parameters}
+        for axis in (self.x, self.y):
+            head = CONTROLLER if axis.side == "controller" else PLANT
+            low, high = ranges.get(head + axis.parameter, (-math.inf, math.inf))
+            if axis.low < low or axis.high > high:
+                raise BadMap(
+                    f"{axis.name} runs from {axis.low:g} to {axis.high:g}, expected values within "
+                    f"[{low:g}, {high:g}]"
+                )
+
+    def fingerprint(self) -> str:
+        """Hash of the study and of the equations that it is about."""
+        text = json.dumps(asdict(self), sort_keys=True) + kernel_of(self).module
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def point(self, cell: int) -> tuple[float, float]:
+        """Values of x and y in a cell; x runs fastest."""
+        row, column = divmod(cell, self.x.count)
+        return self.x.value(column), self.y.value(row)
+
+
+def read_axis(text: str, plant: str, controller: str) -> Axis:
+    """An axis from ``NAME=LOW:HIGH:COUNT``.
+
+    NAME is a parameter or initial state (``x_start``) of the controller or the plant, with
+    ``controller.`` or ``plant.`` before it where both have it, ``setpoint``, or ``design.NAME``.
+
+    Raises
+    ------
+    BadMap
+    """
+    name, equals, numbers = text.partition("=")
+    parts = numbers.split(":")
+    if not equals or not name or len(parts) != 3:
+        raise BadMap(f"{text!r} is not of the form NAME=LOW:HIGH:COUNT")
+    try:
+        low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
+    except ValueError:
+        raise BadMap(f"{text!r}: expected two numbers and a whole number after the =") from None
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise BadMap(f"{text!r}: the bounds must be finite")
+    if not low < high:
+        raise BadMap(f"{text!r}: the bounds are {low:g} and {high:g}, expected the lower one first")
+    if count < 2:
+        raise BadMap(f"{text!r}: {count} points, expected 2 or more")
+    side, parameter = _owner(name, plant, controller)
+    return Axis(name, side, parameter, low, high, count)
+
+
+def _owner(name: str, plant: str, controller: str) -> tuple[str, str]:
+    import difflib
+
+    if name == SETPOINT:
+        return SETPOINT, SETPOINT
+    kernel = loop_kernel(plant, controller)
+    known = [p.name for p in kernel.parameters] + [f"{s.name}_start" for s in kernel.states]
+    theirs = [n.removeprefix(CONTROLLER) for n in known if n.startswith(CONTROLLER)]
+    ours = [n.removeprefix(PLANT) for n in known if n.startswith(PLANT)]
+    side, dot, own = name.partition(".")
+    if dot and side == DESIGN:
+        if controller != "nctf":
+            raise BadMap(f"{name!r}: only nctf is designed on a plant, and this is {controller}")
+        if own in ours:
+            return DESIGN, own
+    elif dot and side in ("plant", "controller"):
+        if own in (ours if side == "plant" else theirs):
+            return side, own
+    elif name in theirs and name in ours:
+        raise BadMap(f"both sides have {name!r}: say controller.{name} or plant.{name}")
+    elif name in theirs:
+        return "controller", name
+    elif name in ours:
+        return "plant", name
+    near = difflib.get_close_matches(own if dot else name, [*theirs, *ours], n=3, cutoff=0.5)
+    hint = f"; nearest: {', '.join(near)}" if near else ""
+    raise BadMap(
+        f"neither {controller} nor {plant} has {name!r}{hint}; {controller} has "
+        f"{', '.join(theirs) or 'none'}; {plant} has {', '.join(ours)}"
+    )
+
+
+@lru_cache(maxsize=8)
+def _loop(plant: str, controller: str) -> Kernel:
+    return loop_kernel(plant, controller)
+
+
+def kernel_of(study: MapStudy) -> Kernel:
+    return _loop(study.plant, study.controller)
+
+
+def axis_unit(study: MapStudy, name: str) -> str:
+    """The unit of an axis, for its label."""
+    axis = study.x if name == study.x.name else study.y
+    if axis.side == SETPOINT:
+        return "m"
+    head = CONTROLLER if axis.side == "controller" else PLANT
+    kernel = kernel_of(study)
+    units = {p.name: p.unit for p in kernel.parameters}
+    units |= {f"{s.name}_start": s.unit for s in kernel.states}
+    return units[head + axis.parameter]
