@@ -14,7 +14,7 @@ from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
 if TYPE_CHECKING:
-    from .rig.features import Identified
+    from .rig.feature_table import Identified
 
 _EXAMPLES = """examples:
   ballscrew features --out out/features
@@ -68,8 +68,8 @@ def _features(options: argparse.Namespace) -> int:
         if [other for other, _ in read].count(law) > 1:
             raise BadRequest(f"{path}: another file is of {law}, too; give one for each law")
     prepare_folder(options.out, options.identified)
-    from .rig.bench import BadRig
-    from .rig.features import feature_table
+    from .rig.feature_table import feature_table
+    from .rig.setup import BadRig
     from .solver.kernel import IntegrationError
 
     try:
@@ -91,7 +91,7 @@ def _features(options: argparse.Namespace) -> int:
 
 def _read_identified(path: Path) -> tuple[str, Identified]:
     """A law's name and what a file of `ballscrew identify` says was identified of it."""
-    from .rig.features import Identified
+    from .rig.feature_table import Identified
 
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

@@ -98,8 +98,9 @@ def _rig(options: argparse.Namespace) -> int:
     prepare_folder(options.out, [options.params])
     from .orchestration.parameter_file import BadParameters
     from .plant.law import UnknownLaw
-    from .rig.bench import BadRig, run_trial
+    from .rig.bench import run_trial
     from .rig.fmu_bench import export_trial
+    from .rig.setup import BadRig
     from .solver.kernel import IntegrationError
     from .solver.tape import UnsupportedComponent
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..fmus.interface import START
+from ..instruments.amplifier import PARAMETERS as AMPLIFIER
 from ..orchestration.parameter_file import (
     BALL_SCREW,
     DEFAULT_LAW,
@@ -17,7 +18,6 @@ from ..orchestration.parameter_file import (
     Value,
     read_parameters,
 )
-from ..plant.amplifier import PARAMETERS as AMPLIFIER
 from ..plant.ball_screw import bare_ball_screw
 from ..plant.direct_drive import bare_direct_drive
 from ..plant.law import law as friction_law

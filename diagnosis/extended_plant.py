@@ -10,9 +10,9 @@ from typing import TypeVar
 import sympy as sp
 
 from ..identification.along_record import LAWS
+from ..instruments.amplifier import PARAMETERS as AMPLIFIER
+from ..instruments.amplifier import with_amplifier
 from ..orchestration.parameter_file import BALL_SCREW, DRIVE, ParameterFile, Value
-from ..plant.amplifier import PARAMETERS as AMPLIFIER
-from ..plant.amplifier import with_amplifier
 from ..plant.ball_screw import bare_ball_screw
 from ..plant.classical import with_sticking
 from ..plant.direct_drive import bare_direct_drive, with_command_limit

@@ -15,8 +15,8 @@ import numpy as np
 from ..controllers import CONTROLLERS
 from ..fmus.catalogue import fmu, fmu_kernel
 from ..fmus.interface import TOLERANCE, interface_of
+from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
 from ..plant import PLANTS
-from ..plant.supply import NOMINAL_VOLTAGE, UNLIMITED
 from ..solver.files import write_atomically, write_json
 from .coupling import Coupling
 from .isolated import TIME_LIMIT, IsolatedParticipant, open_fmu

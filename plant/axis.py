@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..instruments.amplifier import with_amplifier
 from ..solver.component import Component
-from .amplifier import with_amplifier
 from .ball_screw import ball_screw
 from .bliman_sorine import bliman_sorine
 from .classical import classical

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import sympy as sp
 
+from ..instruments.amplifier import PARAMETERS as AMPLIFIER
+from ..instruments.amplifier import clip
 from ..solver.component import (
     Component,
     ForceBalance,
@@ -17,8 +19,6 @@ from ..solver.component import (
     State,
     symbol,
 )
-from .amplifier import PARAMETERS as AMPLIFIER
-from .amplifier import clip
 from .ball_screw import acted_on_of, inner_outputs
 from .classical import classical, with_sticking
 from .modified_lugre import modified_lugre

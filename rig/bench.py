@@ -2,115 +2,37 @@
 
 from __future__ import annotations
 
-import difflib
-import hashlib
 import math
-import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
-from functools import cache
-from pathlib import Path
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from ..plant import LAWS
+from ..instruments.low_pass import filter_lag
+from ..instruments.sampling_period import SAMPLE_TIME
 from ..solver.core import at
-from ..solver.kernel import IntegrationError, Kernel, Model, ParameterInfo
-from ..solver.stored import stored_kernel
-from .calibration import POINTS, Calibration, calibrate
-from .instruments import SAMPLE_TIME, filter_lag
-from .parameters import used_by_trial, values_for
+from ..solver.kernel import IntegrationError, Model
+from .calibration import POINTS
+from .compiled_rig import plant_kernel, program_kernel
+from .noise import Noise
 from .record import TrialRecord
-from .trials import FORCE, VELOCITY, Trial, trials_named
+from .setup import BadRig, Setup, set_up
+from .trials import VELOCITY, Trial, trials_named
 from .wiring import COMMAND, PLANT, REFERENCE, WIRINGS
 
 if TYPE_CHECKING:
     from ..orchestration.parameter_file import ParameterFile
-    from ..solver.component import Component
+
 
 Vector = npt.NDArray[np.float64]
-
 TOLERANCE = 1e-6
 """Relative tolerance of the solver; what it leaves is far below the instruments' steps."""
+
+
 STROKE = 0.131
 """Half the screw's thread, from the middle where trials begin [m]: Table 2.1."""
-
-
-class BadRig(ValueError):
-    """A parameter that the rig does not have, or a value out of its range; the message says so."""
-
-
-@dataclass(frozen=True)
-class Noise:
-    """What the seed decides, and how large it is.
-
-    Attributes
-    ----------
-    load_cell : float
-        Standard deviation before the converter [N]. Not printed: a third of the resolution.
-    capacitance : float
-        Standard deviation of a conversion [F]. AD7747's data sheet: resolution down to 20 aF.
-    micrometer : float
-        Standard deviation of setting the micrometer by hand [m]. Not printed; with half a
-        micrometre the identified stiffness scatters as Table 2.9's does, by some percent.
-    separation : float
-        Half the range in which the plates' initial separation falls [m]. Not printed.
-    """
-
-    load_cell: float = 0.03
-    capacitance: float = 20e-18
-    micrometer: float = 0.5e-6
-    separation: float = 10e-6
-
-
-@dataclass(frozen=True)
-class Draw:
-    """What one seed gives one trial.
-
-    Attributes
-    ----------
-    encoder_phase : float
-        Where between two counts the origin is.
-    separation : float
-        Deviation of the plates' initial separation [m].
-    micrometer : ndarray, shape (8,)
-        Errors of the micrometer's positions [m]; the first is where zero is, so it has none.
-    calibration : ndarray, shape (8,)
-        Noise of the calibration's average capacitances [F].
-    force, capacitance : ndarray, shape (m,)
-        Noise at each sample [N], [F].
-    """
-
-    encoder_phase: float
-    separation: float
-    micrometer: Vector
-    calibration: Vector
-    force: Vector
-    capacitance: Vector
-
-
-CALIBRATION_AVERAGE = 25
-"""Conversions that are averaged at each point of the calibration: a second."""
-
-
-def draw(trial: Trial, seed: int, noise: Noise) -> Draw:
-    """The random numbers of one trial; the same for the same seed, name and noise."""
-    rng = np.random.default_rng([seed, zlib.crc32(trial.name.encode())])
-    phase = rng.random()
-    separation = noise.separation * rng.uniform(-1.0, 1.0)
-    micrometer = noise.micrometer * rng.standard_normal(len(POINTS))
-    micrometer[0] = 0.0
-    calibration = noise.capacitance / CALIBRATION_AVERAGE**0.5 * rng.standard_normal(len(POINTS))
-    return Draw(
-        phase,
-        separation,
-        micrometer,
-        calibration,
-        noise.load_cell * rng.standard_normal(trial.samples),
-        noise.capacitance * rng.standard_normal(trial.samples),
-    )
 
 
 def run_trial(
@@ -173,187 +95,6 @@ def one_trial(trial: Trial | str) -> Trial:
     if len(found) > 1:
         raise BadRig(f"{trial!r} is a table of {len(found)} trials; run them one by one")
     return found[0]
-
-
-# -- what is run -----------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Setup:
-    """A trial with everything that decides its outcome.
-
-    Attributes
-    ----------
-    parameters : dict of str to float
-        All parameters of all parts, as ``part.name``.
-    starts : dict of str to float
-        Start values of discrete states, as ``part.state``.
-    external : dict of str to ndarray, shape (m,)
-        Signals from outside at each sample: noise and reference.
-    used : ParameterFile
-        The parameters as a file, without what the seed drew.
-    """
-
-    trial: Trial
-    law: str
-    seed: int
-    noise: Noise
-    parameters: dict[str, float]
-    starts: dict[str, float]
-    external: dict[str, Vector]
-    calibration: Calibration | None
-    used: ParameterFile
-
-    def values_of(self, part: str) -> dict[str, float]:
-        """Parameters and start values of one part, under its own names."""
-        head = f"{part}."
-        values = {n.removeprefix(head): v for n, v in self.parameters.items() if n.startswith(head)}
-        starts = {n.removeprefix(head): v for n, v in self.starts.items() if n.startswith(head)}
-        return values | {f"{name}_start": value for name, value in starts.items()}
-
-
-def set_up(
-    trial: Trial,
-    law: str,
-    parameters: Mapping[str, float] | None,
-    seed: int,
-    noise: Noise,
-    told: ParameterFile | None = None,
-) -> Setup:
-    """Draw the trial's random numbers, calibrate its sensor, and collect all parameters.
-
-    Raises
-    ------
-    UnknownLaw, BadRig, BadParameters
-    """
-    drawn = draw(trial, seed, noise)
-    known = {f"{PLANT}.{p.name}": p for p in plant_kernel(law).parameters}
-    known |= {_dotted(trial.control, p.name): p for p in program_kernel(trial.control).parameters}
-    for fixed in ("sample_time", *_CALIBRATED):
-        known.pop(fixed, None)
-    given = values_for(told, law, trial.control, known) if told else {}
-    given |= {
-        name if "." in name else f"{PLANT}.{name}": float(value)
-        for name, value in (parameters or {}).items()
-    }
-    for name, value in given.items():
-        _check(name, value, known, law)
-    if f"{PLANT}.p" in given:  # one screw
-        given.setdefault("encoder.p", given[f"{PLANT}.p"])
-    values = {name: p.default for name, p in known.items()}
-    values["encoder.phase"] = drawn.encoder_phase
-    calibration, starts = None, {}
-    if trial.control == FORCE:
-        values["capacitance_sensor.separation"] += drawn.separation
-    values |= given
-    if trial.control == FORCE:
-        calibration = _calibrate(values, drawn)
-        values |= dict(zip(_CALIBRATED, calibration.coefficients.tolist(), strict=True))
-        at_rest = float(_capacitance(values, np.zeros(1))[0])
-        before = math.ceil(values["capacitance_sensor.samples"]) - 1.0
-        # the converter has been running before the trial begins, with the block at rest
-        starts = {
-            "capacitance_sensor.count": before,
-            "capacitance_sensor.total": before * at_rest,
-            "capacitance_sensor.held": at_rest,
-        }
-    external = {
-        "force_noise": drawn.force,
-        "capacitance_noise": drawn.capacitance,
-        REFERENCE[trial.control]: trial.reference(),
-    }
-    used = used_by_trial(law, known, given, told)
-    return Setup(trial, law, seed, noise, values, starts, external, calibration, used)
-
-
-_CALIBRATED = tuple(f"capacitance_sensor.c{k}" for k in range(3))
-
-
-def _check(name: str, value: float, known: Mapping[str, ParameterInfo], law: str) -> None:
-    if name not in known:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        owner = name.partition(".")[0]
-        theirs = [k for k in known if k.startswith(f"{owner}.")] or list(
-            dict.fromkeys(k.partition(".")[0] + ".*" for k in known if "." in k)
-        )
-        raise BadRig(f"the rig with {law} has no {name!r}; it has {', '.join(theirs)}{hint}")
-    p = known[name]
-    if not (math.isfinite(value) and p.minimum <= value <= p.maximum):
-        raise BadRig(
-            f"{name} is {value:g} {p.unit}, expected a value within [{p.minimum:g}, {p.maximum:g}]"
-        )
-
-
-def _dotted(control: str, name: str) -> str:
-    """``part.name`` of a parameter that the program calls ``part_name``."""
-    for part in WIRINGS[control].parts:
-        if name.startswith(f"{part.name}_"):
-            return f"{part.name}.{name.removeprefix(part.name + '_')}"
-    return name
-
-
-def _capacitance(values: Mapping[str, float], displacement: Vector) -> Vector:
-    """Eq. 2.1 with the sensor's values [F]."""
-    area = values["capacitance_sensor.permittivity"] * values["capacitance_sensor.area"]
-    return np.asarray(area / (values["capacitance_sensor.separation"] + displacement))
-
-
-def _calibrate(values: Mapping[str, float], drawn: Draw) -> Calibration:
-    found = _capacitance(values, POINTS + drawn.micrometer) + drawn.calibration
-    largest = values["capacitance_sensor.range"]
-    if not (found.max() <= largest and np.ptp(found) > 1e-3 * largest):
-        raise BadRig(
-            f"the plates have {found.min():.3g} to {found.max():.3g} F in the calibration, which "
-            f"the converter's {largest:.3g} F cannot resolve; change capacitance_sensor.area or "
-            "capacitance_sensor.separation"
-        )
-    return calibrate(found)
-
-
-# -- compiled parts ----------------------------------------------------------------------------
-
-
-@cache
-def _sources() -> str:
-    """Hash of this folder's sources: what is compiled from them is kept under it."""
-    digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-@cache
-def plant_kernel(law: str) -> Kernel:
-    """The compiled moving part with a friction law.
-
-    Raises
-    ------
-    UnknownLaw
-    """
-    from ..plant import law as laws
-
-    if law not in LAWS:
-        raise laws.UnknownLaw(f"no friction law {law!r}; there are {', '.join(LAWS)}")
-
-    def make() -> Component:
-        from .plant import rig_plant
-
-        return rig_plant(laws.law(law), f"rig_plant_{law}")
-
-    return stored_kernel(f"rig_plant_{law}_{_sources()}", make)
-
-
-@cache
-def program_kernel(control: str) -> Kernel:
-    """The compiled instruments and controller for one kind of trial."""
-
-    def make() -> Component:
-        from .program import program
-
-        return program(WIRINGS[control], f"rig_{control}_program")
-
-    return stored_kernel(f"rig_{control}_program_{_sources()}", make)
 
 
 # -- running -----------------------------------------------------------------------------------

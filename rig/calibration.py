@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .instruments import PER_PICOFARAD
+from ..instruments.capacitance_sensor import PER_PICOFARAD
 
 Vector = npt.NDArray[np.float64]
 

@@ -9,13 +9,14 @@ term that the law lacks would do, or presliding is right at some of the forces o
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-Vector = npt.NDArray[np.float64]
+from .observations import Course, Observations
 
+Vector = npt.NDArray[np.float64]
 YES, CONDITIONAL, NO = "yes", "conditional", "no"
 FEATURES = (
     "breakaway_force",
@@ -24,7 +25,6 @@ FEATURES = (
     "varying_breakaway_force",
     "presliding",
 )
-
 THESIS: dict[str, dict[str, str]] = {
     law: dict(zip(FEATURES, row.split(), strict=True))
     for law, row in {
@@ -36,16 +36,26 @@ THESIS: dict[str, dict[str, str]] = {
 }
 """Table 2.12; laws that the thesis does not compare have no row."""
 
+
 MEASURED_BREAK_AWAY = {"forwards": 2.2, "backwards": -2.4}
 """Section 2.4.2 [N]."""
+
+
 VISCOUS = 173.0
 """sigma2 as measured, the mean of both directions: Table 2.3 [N*s/m]."""
+
+
 STIFFNESS = 66967.231
 """Measured force over measured displacement before sliding, the mean of Table 2.9 [N/m]."""
+
+
 LAG_DEVIATION, LAG_SPEED = 0.076, 5e-4
 """The thesis' largest deviation of LuGre in Section 2.4.4, and where [m/s]."""
+
+
 RATE_DEVIATION, FASTEST_RATE = 0.08, 20.3
 """The same in Section 2.4.5 [N/s]."""
+
 
 LEAST_DROP = 0.05
 BREAK_AWAY_ERROR = 0.10
@@ -53,7 +63,6 @@ SLOPE_ERROR = 0.20
 LEAST_LAG = 0.01
 LEAST_FALL = 0.02
 PRESLIDING_ERROR = 0.20
-
 CRITERIA: dict[str, str] = {
     "breakaway_force": (
         "Loaded at 0.25 N/s until it slides at 4 mm/s, friction peaks in either direction at least "
@@ -80,93 +89,6 @@ CRITERIA: dict[str, str] = {
         "conditional: at some of the holds only."
     ),
 }
-
-
-# -- what is looked at -------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Peak:
-    """Friction of a block loaded until it slides, in the direction of the load.
-
-    Attributes
-    ----------
-    force : float or None
-        Largest friction before it falls [N]; None: it never falls.
-    sliding : float
-        Least friction afterwards [N]; without a peak, the last.
-    """
-
-    force: float | None
-    sliding: float
-
-
-@dataclass(frozen=True)
-class ForceStep:
-    """One trial of Table 2.10: force asked for [N], the block's way in its last second [m]."""
-
-    asked: float
-    last_second: float
-
-    @property
-    def slides(self) -> bool:
-        """Whether it keeps moving: more than 10 um in the last second."""
-        return abs(self.last_second) > 1e-5
-
-
-@dataclass(frozen=True)
-class Course:
-    """Force [N] on the block and its displacement [m] over time [s], arrays of one shape."""
-
-    time: Vector
-    force: Vector
-    x: Vector
-
-
-@dataclass(frozen=True)
-class Observations:
-    """What one law does in the five experiments of Section 2.4.
-
-    Attributes
-    ----------
-    law : str
-    parameters : dict of str to float
-        The friction law's.
-    forwards, backwards : Peak
-        Slow loading in either direction.
-    steps : list of ForceStep
-        Table 2.10.
-    speed, friction : ndarray, shape (60,)
-        Mean velocity [m/s] and friction [N] in the second half of the constant velocities.
-    loop_speed, loop_friction : ndarray, shape (k,)
-        One cycle of Table 2.11 [m/s], [N], the mean of the last eight without jitter; closed.
-    rates, rate_peaks : ndarray, shape (20,)
-        Loading rates [N/s] and break-away forces [N]; NaN where friction does not peak.
-    staircase : Course
-        Presliding.
-    hold_ends : ndarray, shape (3,) of int
-        Where in it the holds end.
-    step : Course
-        Motor's force stepped to 1.5 N.
-    notes : list of str
-        What an instrument or the screw could not do.
-    """
-
-    law: str
-    parameters: dict[str, float]
-    forwards: Peak
-    backwards: Peak
-    steps: list[ForceStep]
-    speed: Vector
-    friction: Vector
-    loop_speed: Vector
-    loop_friction: Vector
-    rates: Vector
-    rate_peaks: Vector
-    staircase: Course
-    hold_ends: npt.NDArray[np.int_]
-    step: Course
-    notes: list[str]
 
 
 # -- deciding ----------------------------------------------------------------------------------
@@ -400,90 +322,3 @@ def _difference(feature: str, checks: list[Check], figures: dict[str, float]) ->
             f"{figures['deviation_if_stiffer']:.0%}"
         )
     return sums
-
-
-@dataclass(frozen=True)
-class NamedFigure:
-    """A figure that the thesis names for LuGre, beside what the same comparison gives here.
-
-    Attributes
-    ----------
-    thesis, here : float or None
-        Shares; None where the text does not say what was measured.
-    """
-
-    what: str
-    thesis: float
-    here: float | None
-    words: str
-    values: dict[str, float] = field(default_factory=dict)
-
-
-def named_figures(cells: dict[str, Cell], seen: Observations) -> list[NamedFigure]:
-    """The largest deviations that the thesis names, for the cells of LuGre."""
-    deviations = cells["breakaway_force"].figures
-    largest = max(abs(deviations[f"deviation_{k}"]) for k in MEASURED_BREAK_AWAY)
-    nominal = seen.parameters["Fs"] / MEASURED_BREAK_AWAY["forwards"] - 1
-    friction = cells["friction_lag"].figures["friction_at_0.5_mm_per_s"]
-    fastest = cells["varying_breakaway_force"].figures["fastest"]
-    return [
-        NamedFigure(
-            "break-away force, Section 2.4.2",
-            0.05,
-            largest,
-            f"'about 5 %'; Fs alone is {nominal:.1%} above the measured 2.2 N, and what the "
-            f"loaded rig shows {largest:.1%}",
-            {"Fs_over_measured": nominal},
-        ),
-        _implied("friction lag at 0.5 mm/s, Section 2.4.4", LAG_DEVIATION, friction),
-        _implied("break-away at 20.3 N/s, Section 2.4.5", RATE_DEVIATION, fastest),
-    ]
-
-
-def _implied(what: str, deviation: float, predicted: float) -> NamedFigure:
-    low, high = predicted / (1 + deviation), predicted / (1 - deviation)
-    return NamedFigure(
-        what,
-        deviation,
-        None,
-        f"predicted here: {predicted:.3f} N; the measured value is not printed, and would have "
-        f"been {low:.3f} or {high:.3f} N",
-        {"predicted": predicted, "measured_if_below": low, "measured_if_above": high},
-    )
-
-
-def statements(cells: dict[str, dict[str, Cell]], seen: dict[str, Observations]) -> list[str]:
-    """What the thesis says of several laws in words, each with its number here."""
-    found = []
-    if {"lugre", "classical"} <= set(cells):
-        lugre, classical = seen["lugre"].forwards.force, seen["classical"].forwards.force
-        if lugre is not None and classical is not None:
-            found.append(
-                "LuGre and the classical law 'reproduce the identical break-away force' (2.4.2): "
-                f"{lugre:.4f} and {classical:.4f} N"
-            )
-    if "lugre" in cells:
-        peaks = seen["lugre"].rate_peaks
-        found.append(
-            "LuGre's break-away force 'won't enter the open interval (-Fc, Fc)' (2.4.5): the least "
-            f"is {np.nanmin(peaks):.3f} N, Fc {seen['lugre'].parameters['Fc']:.3f} N"
-        )
-    if {"lugre", "dahl"} <= set(cells):
-        deviations = {
-            law: max(c.measure for c in cells[law]["presliding"].checks)
-            for law in ("lugre", "dahl")
-        }
-        order = "and so would" if deviations["dahl"] < deviations["lugre"] else "but not"
-        found.append(
-            "LuGre 'highly agrees' in presliding, Dahl does not 'capture the magnitude' (2.4.6): "
-            f"with the identified parameters LuGre is up to {deviations['lugre']:.0%} off, Dahl up "
-            f"to {deviations['dahl']:.0%}; with a threshold at LuGre's largest, it would pass, "
-            f"{order} Dahl"
-        )
-        rises = {law: rise_time(seen[law].step) for law in ("lugre", "dahl")}
-        found.append(
-            "Dahl follows a step with a 'slow transient response' (Fig. 2.19): from 10 to 90 % in "
-            f"{1e3 * rises['dahl']:.0f} ms, LuGre in {1e3 * rises['lugre']:.0f} ms on the same "
-            "rig, where the motor's back-EMF damps both"
-        )
-    return found

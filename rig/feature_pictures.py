@@ -12,13 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
-from .feature_criteria import (
-    LAG_SPEED,
-    MEASURED_BREAK_AWAY,
-    STIFFNESS,
-    Course,
-    Observations,
-)
+from .feature_criteria import LAG_SPEED, MEASURED_BREAK_AWAY, STIFFNESS
+from .observations import Course, Observations
 
 GREY = "#555555"
 MARKS = ("o", "s", "^", "v", "D", "P", "X")

@@ -11,14 +11,16 @@ import numpy.typing as npt
 
 from ..fmus.export import export
 from ..fmus.interface import TOLERANCE as SOLVER_TOLERANCE
+from ..instruments.sampling_period import SAMPLE_TIME
 from ..orchestration.parameter_file import ParameterFile
 from ..orchestration.participant import FmuParticipant
 from ..plant import law as laws
 from ..solver.files import write_atomically, write_json
-from .bench import TOLERANCE, Noise, Setup, finish, one_trial, set_up
-from .instruments import SAMPLE_TIME
+from .bench import TOLERANCE, finish, one_trial
+from .noise import Noise
 from .plant import rig_plant
 from .record import TrialRecord
+from .setup import Setup, set_up
 from .trials import Trial
 from .wiring import COMMAND, PLANT, WIRINGS
 

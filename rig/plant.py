@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..plant.amplifier import with_amplifier
+from ..instruments.amplifier import with_amplifier
 from ..plant.ball_screw import ball_screw
 from ..solver.component import Component, ForceTerm, Output, symbol
 

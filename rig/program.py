@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import sympy as sp
 
+from ..instruments.sampling_period import sampling_period
 from ..solver.component import (
     Component,
     ContractError,
@@ -19,7 +20,6 @@ from ..solver.component import (
     Parameter,
     symbol,
 )
-from .instruments import sampling_period
 from .wiring import COMMAND, PLANT, Wiring
 
 

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from .instruments import SAMPLE_TIME
+from ..instruments.sampling_period import SAMPLE_TIME
 
 Vector = npt.NDArray[np.float64]
 

@@ -10,8 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ..instruments.acquisition import acquisition
+from ..instruments.capacitance_sensor import capacitance_sensor
+from ..instruments.encoder import encoder
+from ..instruments.load_cell import load_cell
+from ..instruments.low_pass import low_pass
 from ..solver.component import Component
-from . import instruments, regulators
+from . import regulators
 from .trials import FORCE, VELOCITY, VOLTAGE
 
 PLANT = "plant"
@@ -58,7 +63,7 @@ class Wiring:
 
 
 def _position_filter() -> Component:
-    return instruments.low_pass(
+    return low_pass(
         "position_filter",
         "m",
         "position by the encoder",
@@ -68,7 +73,7 @@ def _position_filter() -> Component:
 
 
 def _force_filter() -> Component:
-    return instruments.low_pass(
+    return low_pass(
         "force_filter",
         "N",
         "force by the load cell",
@@ -78,11 +83,11 @@ def _force_filter() -> Component:
 
 
 _MEASURING = (
-    Part("encoder", instruments.encoder, {"x": "plant.x"}),
-    Part("load_cell", instruments.load_cell, {"force": "plant.force", "noise": "force_noise"}),
+    Part("encoder", encoder, {"x": "plant.x"}),
+    Part("load_cell", load_cell, {"force": "plant.force", "noise": "force_noise"}),
     Part(
         "acquisition",
-        instruments.acquisition,
+        acquisition,
         {"x_counted": "encoder.x_counted", "force_read": "load_cell.force_read"},
     ),
     Part("position_filter", _position_filter, {"signal": "acquisition.x"}),
@@ -90,7 +95,7 @@ _MEASURING = (
 )
 _FINE = Part(
     "capacitance_sensor",
-    instruments.capacitance_sensor,
+    capacitance_sensor,
     {"x": "plant.x", "noise": "capacitance_noise"},
 )
 _TAPS = {

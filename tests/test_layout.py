@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 STANDS_ON_THOSE_BEFORE = (
-    *("solver", "plant", "controllers", "fmus", "orchestration"),
+    *("solver", "instruments", "plant", "controllers", "fmus", "orchestration"),
     *("stability", "rig", "records", "identification", "diagnosis", "ballscrew"),
 )
 

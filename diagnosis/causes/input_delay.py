@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import sympy as sp
 
-from ...plant.late_command import with_command_behind, with_late_command
+from ...instruments.late_command import with_command_behind, with_late_command
 from ...solver.component import Component, Parameter, symbol
 from ..weak_form import lagged
 from .cause import Cause, Courses, Shape, Values, Vector, of_forms, parameter

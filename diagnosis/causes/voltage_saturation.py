@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import sympy as sp
 
-from ...plant.amplifier import clip
+from ...instruments.amplifier import clip
 from ...solver.component import Component, symbol
 from .cause import Cause, Courses, Shape, Values, Vector, of_forms, parameter
 

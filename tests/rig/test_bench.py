@@ -8,9 +8,12 @@ import pickle
 import numpy as np
 import pytest
 
+from ballscrew.instruments.sampling_period import SAMPLE_TIME
 from ballscrew.plant.law import UnknownLaw
-from ballscrew.rig.bench import BadRig, Noise, plant_kernel, run_trial
-from ballscrew.rig.instruments import SAMPLE_TIME
+from ballscrew.rig.bench import run_trial
+from ballscrew.rig.compiled_rig import plant_kernel
+from ballscrew.rig.noise import Noise
+from ballscrew.rig.setup import BadRig
 from ballscrew.rig.trials import trials_named
 from ballscrew.solver.kernel import Model
 

@@ -10,17 +10,9 @@ import synthetic_laws as synthetic
 
 from ballscrew.plant import LAWS
 from ballscrew.plant.law import UnknownLaw, claims
-from ballscrew.rig.feature_criteria import (
-    CONDITIONAL,
-    FEATURES,
-    NO,
-    THESIS,
-    YES,
-    Check,
-    Course,
-    rise_time,
-)
-from ballscrew.rig.features import feature_table
+from ballscrew.rig.feature_criteria import CONDITIONAL, FEATURES, NO, THESIS, YES, Check, rise_time
+from ballscrew.rig.feature_table import feature_table
+from ballscrew.rig.observations import Course
 
 # each feature there in one and missing in another; all of them: proofs/criteria.py
 SAMPLE = (

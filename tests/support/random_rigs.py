@@ -10,10 +10,10 @@ import numpy as np
 from synthetic_records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
 from ballscrew.identification.along_record import LAWS, fit_along, lay_out
+from ballscrew.instruments.sampling_period import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.records.force_record import QUANTITIES, Record, with_description
 from ballscrew.rig.bench import run_trial
-from ballscrew.rig.instruments import SAMPLE_TIME
 from ballscrew.rig.trials import TRIALS
 
 # Laws that are made along prescribed motions; the others' records come from the rig alone, where

@@ -5,8 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from ballscrew.rig import instruments
-from ballscrew.rig.instruments import CONVERSION_SAMPLES, SAMPLE_TIME, filter_lag
+from ballscrew.instruments.acquisition import acquisition
+from ballscrew.instruments.capacitance_sensor import CONVERSION_SAMPLES, capacitance_sensor
+from ballscrew.instruments.encoder import encoder
+from ballscrew.instruments.load_cell import load_cell
+from ballscrew.instruments.low_pass import filter_lag, low_pass
+from ballscrew.instruments.sampling_period import SAMPLE_TIME
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model
 
@@ -26,7 +30,7 @@ def course(component, values=None, **signals):
 
 def test_the_encoder_counts_512_to_the_millimetre():
     x = np.linspace(-2e-3, 2e-3, 40_001)
-    read = course(instruments.encoder(), x=x)["x_counted"]
+    read = course(encoder(), x=x)["x_counted"]
     counts = read * 512_000
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert set(np.unique(np.round(np.diff(counts)))) == {0.0, 1.0}
@@ -36,12 +40,12 @@ def test_the_encoder_counts_512_to_the_millimetre():
 
 @pytest.mark.parametrize("phase", [0.0, 0.3, 0.999])
 def test_the_encoder_is_zero_where_it_was_turned_on(phase):
-    assert course(instruments.encoder(), {"phase": phase}, x=[0.0])["x_counted"][0] == 0.0
+    assert course(encoder(), {"phase": phase}, x=[0.0])["x_counted"][0] == 0.0
 
 
 def test_the_load_cell_gives_whole_steps_of_89_millinewtons_within_44_5_newtons():
     force = np.linspace(-60, 60, 20_001)
-    read = course(instruments.load_cell(), force=force, noise=np.zeros_like(force))["force_read"]
+    read = course(load_cell(), force=force, noise=np.zeros_like(force))["force_read"]
     steps = read / 0.089
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
     within = np.abs(force) < 44.5
@@ -52,7 +56,7 @@ def test_the_load_cell_gives_whole_steps_of_89_millinewtons_within_44_5_newtons(
 
 
 def test_the_acquisition_holds_what_it_sampled_until_it_samples_again():
-    model = Model(generate(instruments.acquisition()))
+    model = Model(generate(acquisition()))
     for k in range(5):
         model.set_input("force_read", 1.0 + k)
         model.set_input("x_counted", -1.0 - k)
@@ -68,7 +72,7 @@ def test_the_acquisition_holds_what_it_sampled_until_it_samples_again():
 @pytest.mark.parametrize("cutoff", [5.0, 20.0, 60.0])
 def test_the_filter_lags_a_ramp_by_what_is_stated(cutoff):
     ramp = 3.0 * np.arange(1000) * SAMPLE_TIME
-    component = instruments.low_pass("f", "N", "force", cutoff, "test")
+    component = low_pass("f", "N", "force", cutoff, "test")
     behind = (ramp - course(component, signal=ramp)["filtered"]) / 3.0
     assert behind[-1] == pytest.approx(filter_lag(cutoff), rel=1e-9)
 
@@ -76,7 +80,7 @@ def test_the_filter_lags_a_ramp_by_what_is_stated(cutoff):
 @pytest.mark.parametrize("cutoff", [5.0, 20.0, 60.0])
 def test_the_filter_loses_three_decibels_at_its_cutoff_and_none_at_rest(cutoff):
     t = np.arange(4000) * SAMPLE_TIME
-    component = instruments.low_pass("f", "N", "force", cutoff, "test")
+    component = low_pass("f", "N", "force", cutoff, "test")
     assert course(component, signal=np.ones(2000))["filtered"][-1] == pytest.approx(1, rel=1e-12)
     wave = np.exp(2j * math.pi * cutoff * t)
     parts = [course(component, signal=part)["filtered"] for part in (wave.real, wave.imag)]
@@ -92,9 +96,9 @@ def plates(x, values=None, noise=None):
         "total_start": (CONVERSION_SAMPLES - 1) * at_rest,
     }
     noise = np.zeros_like(x) if noise is None else noise
-    found = course(
-        instruments.capacitance_sensor(), starts | (values or {}), x=np.asarray(x), noise=noise
-    )["capacitance"]
+    found = course(capacitance_sensor(), starts | (values or {}), x=np.asarray(x), noise=noise)[
+        "capacitance"
+    ]
     return found, 8.854e-12 * 1e-4 / found - separation
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from ballscrew.instruments.late_command import ORDER, with_late_command
 from ballscrew.plant.ball_screw import ball_screw
-from ballscrew.plant.late_command import ORDER, with_late_command
 from ballscrew.solver.component import Parameter, symbol
 
 DELAY = 3e-4

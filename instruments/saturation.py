@@ -1,0 +1,10 @@
+"""The range that an instrument cannot leave."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+
+def saturated(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
+    """A value held within both signs of a limit."""
+    return sp.Max(-limit, sp.Min(limit, value))
