@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from ..identification.along_record import LAWS
+from ..identification.fitted_law import LAWS
 from ..orchestration.parameter_file import ParameterFile, read_parameters
 from ..plant import ball_screw, direct_drive
 from ..records.drive_record import DriveRecord, read_drive_records

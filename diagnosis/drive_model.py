@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ..identification.along_record import LAWS
+from ..identification.fitted_law import LAWS
 from ..identification.law_along_record import (
     KINDS,
     LawValues,

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import sympy as sp
 
-from ..identification.along_record import LAWS
+from ..identification.fitted_law import LAWS
 from ..instruments.amplifier import PARAMETERS as AMPLIFIER
 from ..instruments.amplifier import with_amplifier
 from ..orchestration.parameter_file import BALL_SCREW, DRIVE, ParameterFile, Value

@@ -14,18 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from .along_record import (
-    OFFSET,
-    Climb,
-    Course,
-    Fit,
-    Problem,
-    hardly_slides,
-    peak_unseen,
-    values_of,
-)
+from .fit_result import Fit
+from .fitted_law import OFFSET, values_of
 from .intervals import NARROW
+from .layout import Course
+from .likelihood import Problem
 from .lugre_dynamics import assumed_damping
+from .optimizer import Climb
+from .unseen_parameters import hardly_slides, peak_unseen
 
 Vector = npt.NDArray[np.float64]
 

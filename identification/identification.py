@@ -19,12 +19,15 @@ from ..records.table import near
 from ..records.velocity import INTEGRATED
 from ..solver.component import ForceTerm, symbol
 from ..solver.files import write_json
-from .along_record import LAWS, OFFSET, Course, Fit, fit_along, lay_out
 from .bliman_sorine_map import NoSolution, map_points, read_points
 from .dahl_fit import fit_dahl
+from .fit import fit_along
+from .fit_result import Fit
+from .fitted_law import LAWS, OFFSET
 from .friction_estimation import FrictionEstimate, estimate_friction
 from .identifiability import BACKWARDS, FORWARDS, ways, which_would_do, why_not
 from .intervals import Interval, averaged, spread
+from .layout import Course, lay_out
 from .lugre_dynamics import assumed_damping, held_stiffness, secant_bias
 from .stribeck_fit import STUCK, StribeckPoints, fit_stribeck, stribeck_points
 

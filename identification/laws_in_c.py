@@ -23,7 +23,7 @@ from ..plant.modified_lugre import smooth_sign
 from ..solver.codegen import as_python
 from ..solver.component import ForceTerm, symbol
 from ..solver.translation import expression_in_c
-from .along_record import LAWS
+from .fitted_law import LAWS
 
 HEADER = Path(__file__).parent / "c" / "laws_from_plant.h"
 _HEAD = f"""\

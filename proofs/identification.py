@@ -31,7 +31,7 @@ from random_rigs import (  # noqa: E402
     identify_random_rig,
 )
 
-from ballscrew.identification.along_record import LAWS  # noqa: E402
+from ballscrew.identification.fitted_law import LAWS  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 
 STATED = 0.95

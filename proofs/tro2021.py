@@ -27,7 +27,9 @@ import numpy.typing as npt
 from provenance import provenance
 from scipy.stats import t as student
 
-from ballscrew.identification.along_record import OFFSET, Fit, fit_along, values_of
+from ballscrew.identification.fit import fit_along
+from ballscrew.identification.fit_result import Fit
+from ballscrew.identification.fitted_law import OFFSET, values_of
 from ballscrew.identification.identification import Identification, identify
 from ballscrew.orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
 from ballscrew.records.bad_record import BadRecord

@@ -5,7 +5,7 @@ import pytest
 from ballscrew.diagnosis.believed import BadParameters, read_believed
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.extended_plant import extended_plant, parameter_file
-from ballscrew.identification.along_record import LAWS
+from ballscrew.identification.fitted_law import LAWS
 
 EMPS = """
 kind = "drive"

@@ -9,7 +9,7 @@ import provenance
 import pytest
 import tro2021
 
-from ballscrew.identification.along_record import fit_along
+from ballscrew.identification.fit import fit_along
 from ballscrew.records.drive_record import read_drive_records
 
 NAME = "worm_drive"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic_records import LUGRE, constant_velocity, record_of, sine_velocity
 
-from ballscrew.identification.along_record import fit_along
+from ballscrew.identification.fit import fit_along
 from ballscrew.identification.identification import CannotHold, check_held, identify
 from ballscrew.orchestration.parameter_file import ParameterFile, Value
 

@@ -174,6 +174,6 @@ def test_a_record_of_the_velocity_gives_the_parameters_and_says_so(data, tmp_pat
 
 
 def test_the_command_knows_all_laws_that_can_be_identified():
-    from ballscrew.identification.along_record import LAWS
+    from ballscrew.identification.fitted_law import LAWS
 
     assert tuple(LAWS) == NAMES

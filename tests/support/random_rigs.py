@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from synthetic_records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
-from ballscrew.identification.along_record import LAWS, fit_along, lay_out
+from ballscrew.identification.fit import fit_along
+from ballscrew.identification.fitted_law import LAWS
+from ballscrew.identification.layout import lay_out
 from ballscrew.instruments.sampling_period import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.records.force_record import QUANTITIES, Record, with_description

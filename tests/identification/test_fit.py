@@ -17,15 +17,12 @@ from synthetic_records import (
     true_friction,
 )
 
-from ballscrew.identification.along_record import (
-    LAWS,
-    Climb,
-    Problem,
-    coordinates_of,
-    fit_along,
-    lay_out,
-)
+from ballscrew.identification.fit import fit_along
+from ballscrew.identification.fitted_law import LAWS, coordinates_of
 from ballscrew.identification.law_along_record import KINDS, LawValues, friction_along, score
+from ballscrew.identification.layout import lay_out
+from ballscrew.identification.likelihood import Problem
+from ballscrew.identification.optimizer import Climb
 from ballscrew.plant.bliman_sorine import bliman_sorine
 from ballscrew.plant.classical import classical
 from ballscrew.plant.dahl import dahl

@@ -1,0 +1,172 @@
+"""Our own estimator: a friction law integrated along the recorded motion, fitted to the force.
+
+The measured force is mass times acceleration plus the law's friction, later by an unknown part of a
+sampling interval, plus noise, rounded to the load cell's resolution: the likelihood is that of the
+rounded samples. The error of the position goes into the spread of a sample by the slope of friction
+over displacement. Unknown besides the law's parameters, each with the spread that is known of it:
+
+- the delay between force and motion, one for each sampling interval met;
+- the displacement of each record before its first sample, of the size of the position's error, or
+  free where a record does not begin without force;
+- the scale of each record's position, where its sensor was calibrated with an error;
+- how fast each record's body is shaken to and fro below what its position shows;
+- if asked for, a constant force beside the friction, a load or the zero of the load cell.
+
+The classical law says nothing of a block that sticks: there only the largest force before each
+break-away counts, which is Fs.
+
+The maximum is found by Fisher scoring on the logarithms of the parameters, or on coordinates that
+suit the law better, see `values_of`. What is known may be held. Standard errors come
+from the scores of pieces of the records (the piece is the unit of what is independent, so that
+residuals that hang together within it are accounted for), corrected for their leverage, with
+Student's t for their number; they are never smaller than what the likelihood says when it is not
+believed in what it claims of the delays, and never smaller than `FLOOR`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ballscrew.identification.fit_errors import intervals_of, summed_up
+from ballscrew.identification.fit_result import Fit, fitted_names, without_direction
+from ballscrew.identification.fitted_law import LAWS, OFFSET, Law, coordinates_of
+from ballscrew.identification.layout import Course, lay_out
+from ballscrew.identification.likelihood import Problem
+from ballscrew.identification.optimizer import Climb
+from ballscrew.plant.maxwell_slip import ELEMENTS
+from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
+from ballscrew.records.force_record import Record
+
+Vector = npt.NDArray[np.float64]
+
+_UNTIL_COMPARED = 12  # iterations from each first guess: with five the wrong one may be ahead
+
+
+def fit_along(
+    records: Sequence[Record],
+    law: str,
+    course: Course | None = None,
+    tied: bool | None = None,
+    guess: Mapping[str, float] | None = None,
+    follow: bool = True,
+    fixed: Mapping[str, float] | None = None,
+    offset: bool = False,
+) -> Fit:
+    """Fit the parameters of a law to the force of the records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    law : str
+        One of `LAWS`.
+    course : Course, optional
+        The records laid out already.
+    tied : bool, optional
+        Whether both directions have the same parameters; default as the law says.
+    guess : mapping of str to float, optional
+        First guesses of all parameters.
+    follow : bool, optional
+        Whether wide intervals are followed along the profile likelihood.
+    fixed : mapping of str to float, optional
+        Parameters that are held at a value, by the law's names: in both directions where these
+        are apart, unless the name ends in ``_pos`` or ``_neg``; and `OFFSET`.
+    offset : bool, optional
+        Whether a constant force [N] is fitted, too.
+    """
+    fixed = fixed or {}
+    described = replace(LAWS[law], offset=offset or OFFSET in fixed)
+    tied = not described.directional if tied is None else tied
+    course = lay_out(records) if course is None else course
+    problem = Problem(course, described, tied)
+    best: Climb | None = None
+    lowest = math.inf
+    constant = fixed.get(OFFSET, _first_offset(course) if described.offset else 0.0)
+    starts = _starts(course, described, constant)
+    if guess:
+        constant = fixed.get(OFFSET, guess.get(OFFSET, 0.0))
+        starts = [np.array([guess[n] for n in described.parameters])]
+    names, _ = fitted_names(described, tied)
+    held = [j for j, n in enumerate(names) if n in fixed or without_direction(n) in fixed]
+    hidden: Vector | None = None  # costs are compared: all guesses have the first one's
+    for start in starts:
+        sides = [start] if tied else [start, start.copy()]
+        for side, end in zip(sides, ("",) if tied else ("_pos", "_neg"), strict=True):
+            for k, name in enumerate(described.parameters):
+                side[k] = fixed.get(name + end, fixed.get(name, side[k]))
+        parts = [coordinates_of(LAWS[law], side) for side in sides]
+        parts += [np.array([constant])] if described.offset else []
+        climb = Climb(problem, np.concatenate(parts), held, hidden)
+        hidden = climb.hidden
+        cost = climb.run(_UNTIL_COMPARED)
+        if cost < lowest:
+            best, lowest = climb, cost
+    if best is None:
+        raise AssertionError("a law has at least one first guess")
+    for _ in range(3):
+        best.look_back()
+        cost = best.run(25)
+    fit = summed_up(best, cost)
+    return replace(fit, intervals=intervals_of(fit, best, follow, fixed))
+
+
+def _first_offset(course: Course) -> float:
+    """What lies between the friction of both directions [N]; 0 where there is but one."""
+    friction = course.force - course.inertial
+    fast = 0.3 * float(np.quantile(np.abs(course.v), 0.98))
+    sides = [friction[course.v > fast], friction[course.v < -fast]]
+    return 0.5 * sum(float(np.median(s)) for s in sides) if all(map(len, sides)) else 0.0
+
+
+def _starts(course: Course, law: Law, offset: float) -> list[Vector]:
+    """First guesses from what the eye would take from the friction-velocity map."""
+    friction = course.force - course.inertial - offset
+    pull = np.abs(friction)
+    speed = np.abs(course.v)
+    top = float(np.quantile(speed, 0.98))
+    fast = speed > 0.3 * top
+    high = max(float(np.quantile(pull, 0.97)), 1e-3)
+    level = max(float(np.quantile(pull[fast], 0.1)), 0.05 * high)
+    slope = np.polyfit(speed[fast], pull[fast], 1) if np.ptp(speed[fast]) > 0.2 * top else (0, 0)
+    viscous = float(np.clip(slope[0], 0.02 * high / top, high / top))
+    stiffness = []
+    for r in range(course.records):
+        part = slice(course.starts[r], course.starts[r + 1])
+        way = np.abs(course.x[part] - course.x[course.starts[r]])
+        early = (pull[part] > 0.15 * high) & (pull[part] < 0.6 * high) & (way > course.blur[part])
+        first = np.flatnonzero(pull[part] > 0.7 * high)
+        early[first[0] if len(first) else len(early) :] = False
+        if np.any(early):
+            stiffness.append(float(np.median(pull[part][early] / way[early])))
+    sigma = 1.3 * float(np.median(stiffness)) if stiffness else high / 3e-5
+    mass = 1.0
+    if law.name == "dahl":
+        starts = [{"sigma": sigma, "Fc": high, "alpha": a} for a in (1.0, 2.0)]
+    elif law.name == "bliman_sorine":
+        starts = []
+        for eta in (0.3, 0.7):
+            f2 = 1.5 * level
+            f1 = level + f2
+            starts.append({"f1": f1, "f2": f2, "eps_f": (f1 / eta - f2) / sigma, "eta": eta})
+    else:
+        base = max(level - viscous * 0.3 * top, 0.3 * level)
+        elements = {p.name: p.default for p in MAXWELL_SLIP}
+        starts = [
+            elements
+            | {f"k{i}": sigma / ELEMENTS for i in range(1, ELEMENTS + 1)}
+            | {
+                "C": sigma * share * top,
+                "sigma0": sigma,
+                "sigma1": 2 * math.sqrt(sigma * mass),
+                "sigma2": viscous,
+                "Fc": base,
+                "Fs": max(high, 1.1 * base),
+                "Vs": share * top,
+            }
+            for share in (0.07, 0.25, 0.6)
+        ]
+    return [np.array([s[n] for n in law.parameters]) for s in starts]

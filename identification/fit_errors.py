@@ -1,0 +1,280 @@
+"""Standard errors and intervals of a fit, from pieces of the records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from .fit_result import DRAWN, Fit, draw_coordinates, fitted_names, without_direction
+from .fitted_law import OFFSET, values_of
+from .intervals import CONFIDENCE, NARROW, Interval, is_narrow
+from .law_along_record import with_play
+from .optimizer import OWN, Climb, Pieces
+from .unseen_parameters import blurred_elements, hardly_slides, peak_unseen, presliding_way
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+PIECE = 1.0  # length of what is taken as independent [s]
+_WALD = 0.25  # reach in logarithms beyond which the profile is followed
+# Least standard error of a logarithm: what counts and smoothing between samples leave undone is of
+# this size on records of the closed-loop rig, and more data do not make it smaller.
+FLOOR = 2e-3
+# Parameters that a wrong way of presliding changes by the share by which that way is wrong, or less
+_ELASTIC = ("sigma0", "sigma", "alpha", "eps_f", "k1", "k2", "k3", "k4")
+_FROM_PIECES = "maximum likelihood, errors from pieces of the records"
+
+
+def summed_up(climb: Climb, cost: float) -> Fit:
+    problem, point = climb.problem, climb.point
+    course = problem.course
+    pieces = climb.normal(point)
+    columns, own, noisy = pieces.columns, pieces.own, pieces.noisy
+    q, p = len(columns), problem.size
+    inverse = np.asarray(np.linalg.inv(pieces.information), dtype=float)
+    prior = climb.doubt**-2
+    meat = np.diag(prior)
+    shares: list[Vector] = []
+    # pieces of the records; each touches the global unknowns and one record's own
+    for r in range(course.records):
+        begin, end = int(course.starts[r]), int(course.starts[r + 1])
+        length = max(10, round(PIECE / course.step[r]))
+        own_places = q + r + course.records * np.arange(OWN)
+        at = np.concatenate([np.arange(q), own_places, [len(inverse) - 1]])
+        for first in range(begin, end, length):
+            part = slice(first, min(first + length, end))
+            weight, gradient = problem.weight[:, part], problem.gradient[:, part]
+            local = np.vstack([columns[:, part], own[:, part]])
+            block = np.empty((len(at), len(at)))
+            block[:-1, :-1] = (local * weight[0]) @ local.T
+            block[:-1, -1] = block[-1, :-1] = local @ (weight[1] * noisy[part])
+            block[-1, -1] = weight[2] @ noisy[part] ** 2
+            said = np.append(local @ gradient[0], gradient[1] @ noisy[part])
+            # what the piece says if it had no part in the estimate it is compared with
+            said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
+            meat[np.ix_(at, at)] += np.outer(said, said)
+            arms = inverse[:p][:, at]
+            shares.append(np.einsum("ij,jk,ik->i", arms, block, arms))
+    robust = (inverse @ meat @ inverse)[:p, :p]
+    blind = pieces.information.copy()
+    clocks = np.arange(p, q)
+    blind[clocks, clocks] -= _told_of_delays(climb, pieces)
+    cautious = np.linalg.inv(blind)
+    plain = cautious[:p, :p]
+    rounding = course.count**2 / 12
+    spread = climb.spread(point) ** 2 + rounding
+    white = (spread - climb.hidden) / spread
+    moved = [inverse[:p] @ climb.pull(pieces, problem.weight[0] * e) for e in climb.errors]
+    of_motion = np.mean(np.square(moved), axis=0)
+    whole = inverse[:p] ** 2 @ prior
+    short = with_play(course.x, course.starts, course.play)
+    more = climb.force_on(np.stack([short, course.v, course.inertial])) - climb.force(point)
+    rounded = (inverse[:p] @ climb.pull(pieces, problem.weight[0] * more)) ** 2
+    heard = _of_noise(climb, pieces, inverse, white)
+    least = heard + of_motion + np.maximum(np.diag(plain) - np.diag(inverse)[:p], 0.0)
+    for r in range(course.records):  # what a record says as a whole
+        part = slice(course.starts[r], course.starts[r + 1])
+        own_places = q + r + course.records * np.arange(OWN)
+        at = np.concatenate([np.arange(q), own_places])
+        local = np.vstack([columns[:, part], own[:, part]])
+        said = inverse[:p][:, at] @ (local @ problem.gradient[0, part])
+        whole += said**2
+    scale = np.sqrt(np.maximum(np.maximum(least, whole) / np.diag(robust), 1.0))
+    covariance = robust * np.outer(scale, scale)
+    floor = np.full(p, FLOOR)
+    floor[problem.of_law :] *= course.level
+    covariance[np.diag_indices(p)] += floor**2 + rounded + _of_sensors(climb)
+    share = np.array(shares)
+    # Satterthwaite's; what is known beforehand is known for certain
+    known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
+    squares = np.maximum((share**2).sum(axis=0), 1e-300)
+    freedom = np.maximum((share.sum(axis=0) + known) ** 2 / squares, 2.0)
+    # the records' own unknowns and the noise eliminated
+    kept = np.linalg.inv(cautious[:q, :q])
+    names, units = fitted_names(problem.law, problem.tied)
+    return Fit(
+        law=problem.law,
+        tied=problem.tied,
+        names=names,
+        units=units,
+        coordinates=point.coordinates,
+        delays=point.delays,
+        shifts=point.shifts,
+        noise=math.exp(point.noise),
+        cost=cost,
+        information=kept,
+        sharpest=np.diag(inverse)[:p].copy(),
+        covariance=covariance,
+        freedom=freedom,
+        predicted=np.where(problem.spoken, climb.force(point), course.force),
+        spoken=problem.spoken,
+    )
+
+
+def _of_sensors(climb: Climb) -> Vector:
+    """Variances that more records of the same sensors do not make smaller, by coordinate.
+
+    A way of presliding is known no better than corners are rebuilt and scales are calibrated, which
+    is wrong in the same way in all records; its share in the way is its share in the stiffness, the
+    larger, the stiffer the contact.
+    """
+    problem, course = climb.problem, climb.problem.course
+    law = problem.law
+    fitted, _ = fitted_names(law, problem.tied)
+    found = values_of(law, climb.point.coordinates)
+    values = {n: float(v) for n, v in zip(fitted, found, strict=True)}
+    variances = np.zeros(problem.size)
+    for j, name in enumerate(fitted[: problem.of_law]):
+        bare = law.parameters[j % len(law.parameters)]
+        if bare in _ELASTIC:
+            way = presliding_way(law, values, name[len(bare) :])
+            variances[j] = float(np.mean((course.play / way) ** 2 + course.gain_doubt**2))
+        elif bare == "sigma1":
+            sigma0, sigma1 = np.exp(climb.point.coordinates[j - 1 : j + 1])
+            variances[j] = (float(problem.clock_doubt.min()) * sigma0 / sigma1) ** 2
+    return variances
+
+
+def _of_noise(climb: Climb, pieces: Pieces, inverse: Matrix, white: Vector) -> Vector:
+    """Variances of the coordinates by the noise of the force and by what is known beforehand."""
+    problem = climb.problem
+    p, q = problem.size, len(pieces.columns)
+    owner, records = problem.owner, problem.course.records
+    weight = problem.weight[0] * white
+    variances = np.empty(p)
+    prior = climb.doubt**-2
+    for j in range(p):
+        arm = inverse[j]
+        own = arm[q : q + OWN * records].reshape(OWN, records)
+        along = arm[:q] @ pieces.columns
+        for k in range(OWN):
+            along += own[k][owner] * pieces.own[k]
+        variances[j] = weight @ along**2 + prior @ arm**2
+    return variances
+
+
+def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
+    """Information on each delay that its own records claim, all parameters free, shape (clocks,).
+
+    It rests on millinewtons of hysteresis along thousands of samples, where no sensor and no law is
+    that good, so that standard errors do without it.
+    """
+    problem = climb.problem
+    course, p = problem.course, problem.size
+    told = np.zeros(course.clocks)
+    for c in range(course.clocks):
+        at = np.append(np.arange(p), p + c)
+        claimed = np.diag(np.append(climb.doubt[:p] ** -2, 0.0))
+        for r in np.flatnonzero(course.clock == c):
+            part = slice(course.starts[r], course.starts[r + 1])
+            local, own = pieces.columns[at, part], pieces.own[:, part]
+            weighted = own * problem.weight[0, part]
+            alone = weighted @ own.T
+            first = p + course.clocks + r
+            places = first + course.records * np.arange(OWN)
+            alone[np.diag_indices(OWN)] += climb.doubt[places] ** -2
+            cross = weighted @ local.T
+            claimed += (local * problem.weight[0, part]) @ local.T
+            claimed -= cross.T @ np.linalg.solve(alone, cross)
+        told[c] = claimed[p, p] - claimed[p, :p] @ np.linalg.solve(claimed[:p, :p], claimed[:p, p])
+    return told
+
+
+def intervals_of(
+    fit: Fit, climb: Climb, follow: bool, fixed: Mapping[str, float]
+) -> dict[str, Interval]:
+    values = values_of(fit.law, fit.coordinates)
+    quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
+    errors = np.sqrt(np.diag(fit.covariance))
+    drawn = draw_coordinates(fit) if fit.law.name in DRAWN else None
+    blurred = blurred_elements(fit, climb.problem.course.count)
+    intervals = {}
+    for j, name in enumerate(fit.names):
+        value, error = float(values[j]), float(errors[j])
+        reach = float(quantile[j]) * error
+        low: float | None
+        high: float | None
+        if j in climb.held:
+            given = fixed[name] if name in fixed else fixed[without_direction(name)]
+            held = Interval(given, fit.units[j], 0.0, given, given, "given, held", True)
+            intervals[name] = held
+            continue
+        if name == OFFSET:
+            intervals[name] = Interval(
+                value,
+                fit.units[j],
+                error,
+                value - reach,
+                value + reach,
+                _FROM_PIECES,
+                reach <= NARROW * max(abs(value), climb.problem.course.level),
+            )
+            continue
+        if hardly_slides(fit, climb.problem.course, name):
+            low, high, error = None, None, math.inf
+            method = "none: a parameter of sliding, from records that hardly slide"
+        elif peak_unseen(fit, climb.problem.course, name):
+            low, high, error = None, None, math.inf
+            method = "none: a parameter of break-away, which the records do not show"
+        elif name in blurred:
+            low, high, error = None, None, math.inf
+            method = "none: this element is not told from its neighbours"
+        elif drawn is not None:
+            tail = 50 * (1 - CONFIDENCE)
+            low, high = (float(b) for b in np.percentile(drawn[:, j], [tail, 100 - tail]))
+            error = float(np.subtract(*np.percentile(drawn[:, j], [84.13, 15.87]))) / 2 / value
+            method = _FROM_PIECES + ", drawn"
+        elif reach < _WALD or not follow:
+            low, high = value * math.exp(-reach), value * math.exp(reach)
+            method = _FROM_PIECES
+        else:
+            low, high = profile_bounds(climb, fit, j, reach**2 / float(fit.sharpest[j]))
+            method = "profile likelihood"
+        intervals[name] = Interval(
+            value=value,
+            unit=fit.units[j],
+            standard_error=value * error if error < 1.0 else None,
+            low=low,
+            high=high,
+            method=method,
+            identified=is_narrow(value, low, high),
+        )
+    return intervals
+
+
+def profile_bounds(
+    climb: Climb, fit: Fit, j: int, stretch: float
+) -> tuple[float | None, float | None]:
+    """Where twice the loss of log-likelihood, all else fitted anew, first exceeds `stretch`."""
+    centre = float(fit.coordinates[j])
+    bounds: list[float | None] = []
+    for sign in (-1.0, 1.0):
+        held = [j, *climb.held]
+        walk = Climb(climb.problem, climb.point.coordinates, held, climb.hidden)
+        walk.centre = climb.centre
+        walk.doubt = climb.doubt.copy()
+        walk.doubt[j] = 1e6  # the bound is the data's
+        walk.point = climb.point.moved(np.zeros(len(climb.doubt)))
+        base = walk.cost(walk.point)
+        # all else goes along as the information at the fit says, and is then fitted
+        ridge = np.linalg.inv(walk.normal(walk.point).information)[j]
+        ridge /= ridge[j]
+        bound: float | None = None
+        before, lost_before = 0.0, 0.0
+        for distance in (0.15, 0.35, 0.6, 1.0, 1.6, 2.4, 3.4):
+            walk.point = walk.point.moved(sign * (distance - before) * ridge)
+            walk.point.coordinates[j] = centre + sign * distance
+            lost = 2 * (walk.run(3) - base)
+            if lost > stretch:
+                # the loss grows as the square of the distance, or nearly so
+                inner, outer = math.sqrt(lost_before), math.sqrt(lost)
+                share = (math.sqrt(stretch) - inner) / (outer - inner)
+                bound = math.exp(centre + sign * (before + share * (distance - before)))
+                break
+            before, lost_before = distance, max(lost, lost_before)
+        bounds.append(bound)
+    return bounds[0], bounds[1]

@@ -1,0 +1,102 @@
+"""The most likely parameters of a law and what is known of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from .fitted_law import OFFSET, Law, values_of
+from .intervals import Interval
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+DRAWN = ("bliman_sorine", "maxwell_slip")  # parameters are no functions of one coordinate each
+_FARTHEST = 40.0  # that drawn coordinates may lie from the fit
+
+
+@dataclass
+class Fit:
+    """The most likely parameters and what is known of them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters as fitted; ``_pos`` and ``_neg`` at their ends where directions are apart. The
+        offset, where there is one, is the last.
+    coordinates : ndarray, shape (p,)
+    delays : ndarray, shape (clocks,)
+        [s]
+    shifts : ndarray, shape (records,)
+        [m]
+    noise : float
+        Of the force before rounding [N].
+    cost : float
+        Minus the logarithm of likelihood and prior.
+    information : ndarray, shape (p + clocks, p + clocks)
+        Expected, the records' own unknowns eliminated.
+    sharpest : ndarray, shape (p,)
+        Variances by the likelihood alone, which believes what it says of the delays.
+    covariance : ndarray, shape (p, p)
+        Of the coordinates.
+    freedom : ndarray, shape (p,)
+        Degrees of freedom of Student's t.
+    predicted : ndarray, shape (n,)
+        Force along the records [N]; as measured where the law says nothing.
+    spoken : ndarray of bool, shape (n,)
+        Where the law says what the force is.
+    """
+
+    law: Law
+    tied: bool
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    coordinates: Vector
+    delays: Vector
+    shifts: Vector
+    noise: float
+    cost: float
+    information: Matrix
+    sharpest: Vector
+    covariance: Matrix
+    freedom: Vector
+    predicted: Vector
+    spoken: npt.NDArray[np.bool_]
+    intervals: dict[str, Interval] = field(default_factory=dict)
+
+    @property
+    def values(self) -> dict[str, float]:
+        values = values_of(self.law, self.coordinates)
+        return {n: float(v) for n, v in zip(self.names, values, strict=True)}
+
+
+def without_direction(name: str) -> str:
+    """A parameter's name without its direction."""
+    return name.removesuffix("_pos").removesuffix("_neg")
+
+
+def fitted_names(law: Law, tied: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    last, unit = ((OFFSET,), ("N",)) if law.offset else ((), ())
+    if tied:
+        return law.parameters + last, law.units + unit
+    names = tuple(f"{n}_{side}" for side in ("pos", "neg") for n in law.parameters)
+    return names + last, law.units * 2 + unit
+
+
+def draw_coordinates(fit: Fit) -> Matrix:
+    """Parameters drawn from Student's t around the fit, shape (draws, p); the same every time."""
+    random = np.random.default_rng(0)
+    try:
+        root = np.linalg.cholesky(fit.covariance)
+    except np.linalg.LinAlgError:  # rounded, where something is not known at all
+        variances, axes = np.linalg.eigh(fit.covariance)
+        root = axes * np.sqrt(np.maximum(variances, 0.0))
+    normal = random.standard_normal((4000, len(root))) @ root.T
+    freedom = float(fit.freedom.min())
+    heavy = np.sqrt(freedom / random.chisquare(freedom, (4000, 1)))
+    far = normal * heavy
+    logarithms = far[:, : len(root) - fit.law.offset]
+    np.clip(logarithms, -_FARTHEST, _FARTHEST, out=logarithms)
+    return values_of(fit.law, fit.coordinates + far)

@@ -1,0 +1,170 @@
+"""Records laid end to end, as the compiled laws take them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..records.force_record import Record
+from .friction_estimation import FrictionEstimate, Motion, estimate_friction
+from .replay import replayed
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+_FREE_SHIFT = 1e-3  # [m]
+_STILL = 3.0  # spreads of the velocity below which a block may as well stick
+AROUND = 3  # samples around a break-away of which it is not known which it was
+# Share of the position's noise by which corners are wrong everywhere: a sixth of a count, whose
+# noise is that of a uniform error.
+_PLAY = math.sqrt(12) / 6
+EXAMPLES = 12  # of what rebuilding a motion does
+_CORNER = 1.3  # the smoothed position is less certain where a motion begins
+
+
+@dataclass(frozen=True)
+class Course:
+    """Records laid end to end, as the compiled laws take them.
+
+    Attributes
+    ----------
+    x, v, inertial, force, blur : ndarray, shape (n,)
+        Position [m], velocity [m/s], mass times acceleration [N], measured force [N], spread of the
+        position [m].
+    step, shift_doubt, gain_doubt, delay_doubt : ndarray, shape (records,)
+        Sampling interval [s], spread of the displacement before [m], of the position's scale [1],
+        of the delay [s].
+    starts : ndarray of int, shape (records + 1,)
+    clock : ndarray of int, shape (records,)
+        Which of the unknown delays a record has.
+    count, noise : float
+        Resolution of the load cell and first guess of the noise before it [N].
+    replays : ndarray, shape (examples, 3, n)
+        `x`, `v` and `inertial` as they are when rebuilt once more, see `replay`.
+    play : ndarray, shape (records,)
+        How far corners may be wrong in the same way everywhere [m].
+    still : ndarray of bool, shape (n,)
+        Where the block may as well stick.
+    """
+
+    x: Vector
+    v: Vector
+    inertial: Vector
+    force: Vector
+    blur: Vector
+    step: Vector
+    shift_doubt: Vector
+    gain_doubt: Vector
+    delay_doubt: Vector
+    starts: npt.NDArray[np.int64]
+    clock: npt.NDArray[np.int64]
+    count: float
+    noise: float
+    replays: Matrix
+    play: Vector
+    still: npt.NDArray[np.bool_]
+
+    @property
+    def records(self) -> int:
+        return len(self.step)
+
+    @property
+    def clocks(self) -> int:
+        return int(self.clock.max()) + 1
+
+    @property
+    def level(self) -> float:
+        """Size of the friction where it is large [N]."""
+        return max(float(np.quantile(np.abs(self.force - self.inertial), 0.98)), 1e-9)
+
+    def of_record(self) -> npt.NDArray[np.int64]:
+        """Number of the record of each sample, shape (n,)."""
+        return np.repeat(np.arange(self.records), np.diff(self.starts))
+
+
+def lay_out(
+    records: Sequence[Record], estimates: Sequence[FrictionEstimate] | None = None
+) -> Course:
+    """Put the records end to end.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    estimates : sequence of FrictionEstimate, optional
+        What `estimate_friction` said of each, if it was asked already.
+    """
+    estimates = [estimate_friction(r) for r in records] if estimates is None else list(estimates)
+    lengths = [len(r.force) for r in records]
+    counts = [e.force_count for e in estimates if e.force_count]
+    count = float(np.median(counts)) if counts else 0.0
+    rough = float(np.median([e.force_noise for e in estimates]))
+    noise = max(math.sqrt(max(rough**2 - count**2 / 12, 0.0)), 0.2 * count, 1e-6)
+    rates = sorted({round(math.log(r.step), 2) for r in records})
+    shifts = []
+    for estimate in estimates:
+        known = max(_CORNER * estimate.motion.noise, 1e-9)
+        shifts.append(known if estimate.from_rest else _FREE_SHIFT)
+
+    def together(motions: Sequence[Motion]) -> Matrix:
+        inertial = [r.mass * m.a for r, m in zip(records, motions, strict=True)]
+        columns = [m.x for m in motions], [m.v for m in motions], inertial
+        return np.stack([np.concatenate(c) for c in columns])
+
+    # calibrations scatter alike: one that happens to fit well is no better than the others
+    doubts = np.array([r.gain_doubt for r in records])
+    usual = math.sqrt(float(np.mean(doubts[doubts > 0] ** 2))) if np.any(doubts > 0) else 0.0
+    gain_doubt = np.where(doubts > 0, usual, 1e-7)
+    x, v, inertial = together([e.motion for e in estimates])
+    random = np.random.default_rng(0)
+    replays = [together([replayed(e, random) for e in estimates]) for _ in range(EXAMPLES)]
+    return Course(
+        x=x,
+        v=v,
+        inertial=inertial,
+        force=np.concatenate([r.force for r in records]),
+        blur=np.concatenate([e.motion.blur for e in estimates]),
+        step=np.array([r.step for r in records]),
+        shift_doubt=np.array(shifts),
+        gain_doubt=gain_doubt,
+        delay_doubt=np.array([max(r.delay_doubt, 1e-9) for r in records]),
+        starts=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        clock=np.array([rates.index(round(math.log(r.step), 2)) for r in records], dtype=np.int64),
+        count=count,
+        noise=noise,
+        replays=np.stack(replays),
+        play=np.array([_PLAY * e.motion.noise for e in estimates]),
+        still=np.concatenate([_may_stick(e.motion) for e in estimates]),
+    )
+
+
+def _may_stick(motion: Motion) -> npt.NDArray[np.bool_]:
+    """Where a velocity cannot be told from none, or was smoothed together with such."""
+    spread = 2 * math.pi * motion.bandwidth * motion.noise
+    still = np.abs(motion.v) < max(_STILL * spread, 1e-9)
+    still[[0, -1]] = True  # nobody knows what was before and after
+    near = max(1, round(0.25 / (motion.bandwidth * motion.step)))
+    return np.asarray(np.convolve(still, np.ones(2 * near + 1), "same") > 0.5)
+
+
+def break_aways(course: Course) -> dict[int, float]:
+    """Samples of the largest force before a block slides, and its direction."""
+    found = {}
+    friction = course.force - course.inertial
+    for r in range(course.records):
+        begin, end = int(course.starts[r]), int(course.starts[r + 1])
+        from_rest = course.shift_doubt[r] < _FREE_SHIFT
+        still = course.still[begin:end]
+        first = begin + np.flatnonzero(still & ~np.append(False, still[:-1]))
+        last = begin + np.flatnonzero(still & ~np.append(still[1:], False))
+        for a, b in zip(first, last, strict=True):
+            if b + 1 == end or (a == begin and not from_rest):
+                continue
+            sign = float(np.sign(course.v[b + 1]))
+            peak = int(a + np.argmax(sign * friction[a : b + 1]))
+            if peak >= begin + AROUND:
+                found[peak] = sign
+    return found

@@ -1,0 +1,132 @@
+"""The likelihood of a law along records, and its expected information."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .fitted_law import Law, values_of
+from .law_along_record import KINDS, LawValues, friction_along, score
+from .layout import AROUND, Course, break_aways
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; no record here says anything of it
+# Share of the largest force: what changes by more in a sampling interval hardly counts, since the
+# motion within it is not known, and wrong in the same way in all records.
+_SUDDEN = 0.05
+_NOTHING = 1e3  # spread of a sample of which the law says nothing [N]
+_UNSEEN = 0.3  # share of a sample's change of force that the course between samples may hide
+
+
+class Problem:
+    """Prediction, likelihood and information of a law on a course."""
+
+    def __init__(self, course: Course, law: Law, tied: bool) -> None:
+        self.course, self.law, self.tied = course, law, tied
+        self.of_law = len(law.parameters) * (1 if tied else 2)
+        self.size = self.of_law + law.offset
+        # Stribeck's curve falls: coordinates of Fc and Fs, which is never less
+        self.peaked: list[tuple[int, int]] = []
+        if "Fs" in law.parameters:
+            fc, fs = (law.parameters.index(n) for n in ("Fc", "Fs"))
+            firsts = range(0, self.of_law, len(law.parameters))
+            self.peaked = [(first + fc, first + fs) for first in firsts]
+        self.owner = course.of_record()
+        rigid = law.name == "classical"
+        self.spoken = ~course.still if rigid else np.ones(len(course.x), dtype=bool)
+        self.break_aways = break_aways(course) if rigid else {}
+        self.peaks = np.array(list(self.break_aways), dtype=np.int64)
+        self.spoken[self.peaks] = True
+        self.gradient = np.empty((2, len(course.x)))
+        self.weight = np.empty((3, len(course.x)))
+        self.edges = np.zeros(len(course.x), dtype=bool)
+        self.edges[course.starts[:-1]] = True
+        self.edges[course.starts[1:] - 1] = True
+        self.clock_doubt = np.array(
+            [float(np.min(course.delay_doubt[course.clock == c])) for c in range(course.clocks)]
+        )
+        self.per_sample = 1.0 / course.step[self.owner]
+        self.begin = course.x[course.starts[:-1]][self.owner]
+        ways = np.maximum.reduceat(np.abs(course.x - self.begin), course.starts[:-1])
+        self.per_way = 1.0 / np.maximum(ways, 1e-9)[self.owner]
+
+    def along(
+        self,
+        coordinates: Vector,
+        shifts: Vector,
+        gains: Matrix,
+        shaking: Vector,
+        motion: Matrix | None = None,
+    ) -> Vector:
+        """Force along the records, or another motion, before the delay, shape (n,) [N]."""
+        course = self.course
+        place, speed, inertial = (course.x, course.v, course.inertial) if motion is None else motion
+        way = place - self.begin
+        gain, bend = gains[0][self.owner], gains[1][self.owner] * self.per_way
+        x = self.begin + way * (1 + gain + bend * way)
+        v = speed * (1 + gain + 2 * bend * way)
+        values = values_of(self.law, coordinates)
+        half = len(self.law.parameters)
+        forwards, backwards = values[:half], values[self.of_law - half : self.of_law]
+        constant = float(values[-1]) if self.law.offset else 0.0
+        sharpness = 0.0 if self.law.name == "lugre" else SHARPNESS
+        law = LawValues(KINDS[self.law.name], forwards, backwards, sharpness)
+        friction = friction_along(law, x, v, course.step, course.starts, shifts, shaking)
+        friction += constant
+        if self.law.name == "classical":
+            where = ~self.spoken
+            friction[where] = course.force[where] - inertial[where]
+            static = half - 2  # Fs, before Vs
+            for k, sign in self.break_aways.items():
+                held = sign * (forwards if sign > 0 else backwards)[static]
+                friction[k] = held + constant
+        return friction + inertial
+
+    def later(self, force: Vector, delays: Vector) -> Vector:
+        """The force as it arrives `delays` late: a parabola through three samples."""
+        part = delays[self.course.clock][self.owner] * self.per_sample
+        bend = np.zeros_like(force)
+        slope = np.zeros_like(force)
+        slope[1:-1] = 0.5 * (force[2:] - force[:-2])
+        bend[1:-1] = 0.5 * (force[2:] - 2 * force[1:-1] + force[:-2])
+        slope[self.edges] = 0.0
+        bend[self.edges] = 0.0
+        return np.asarray(force - part * slope + part**2 * bend)
+
+    def unseen(self, force: Vector) -> Vector:
+        """Variance of a sample because of what happens between two, shape (n,) [N^2]."""
+        course = self.course
+        change = np.zeros_like(force)
+        change[1:-1] = np.abs(force[2:] - force[:-2])
+        first = course.starts[:-1]
+        change[first] = 2 * np.abs(force[first + 1] - force[first])
+        change[course.starts[1:] - 1] = 0.0
+        change *= 0.5  # in one sampling interval
+        level = max(float(np.quantile(np.abs(force), 0.98)), 1e-9)
+        sudden = 1 + (change / (_SUDDEN * level)) ** 2
+        variance = np.asarray((_UNSEEN * change * sudden) ** 2)
+        variance[~self.spoken] = _NOTHING**2
+        for k in self.peaks:
+            near = course.force[k - AROUND : k + AROUND + 1]
+            variance[k] = float(np.max(np.abs(np.diff(near)))) ** 2
+        return variance
+
+    def stribeck_gaps(self, coordinates: Vector) -> list[float]:
+        """How far ln Fc is above ln Fs, where the law wants it below, by direction."""
+        return [float(coordinates[fc] - coordinates[fs]) for fc, fs in self.peaked]
+
+    def cost(self, predicted: Vector, spread: Vector) -> float:
+        """Minus the log-likelihood."""
+        return self._score(predicted, spread, True)
+
+    def weigh(self, predicted: Vector, spread: Vector) -> None:
+        """Leave gradient and expected information by sample."""
+        self._score(predicted, spread, False)
+
+    def _score(self, predicted: Vector, spread: Vector, cost_only: bool) -> float:
+        course = self.course
+        return score(
+            course.force, predicted, spread, course.count, self.gradient, self.weight, cost_only
+        )

@@ -1,0 +1,130 @@
+"""Parameters that records do not show: no sliding, no break-away, elements that blur."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..plant.maxwell_slip import ELEMENTS
+from .fit_result import Fit, draw_coordinates, without_direction
+from .fitted_law import OFFSET, Law
+from .intervals import CONFIDENCE
+from .law_along_record import with_play
+from .layout import Course
+from .optimizer import UNDER
+
+_SLIDING = ("lugre", "modified_lugre", "directional_lugre", "maxwell_slip", "classical")
+_RIGID_YIELDING = 2e-5  # way on which a law without a stiffness is taken to break away [m]
+_BROKEN_AWAY = 5.0  # ways of Fs/sigma0 until a block slides
+_SLID = 50.0  # and that it must have slid in all, past them
+_SPEEDS = 1.5  # least ratio of the speeds between which most of that way lies
+_FALLEN = 0.7  # share of Vs that they must reach: a third of Stribeck's fall
+_REACHED = 0.9  # share of the force of break-away that records must show
+
+
+def presliding_way(law: Law, values: Mapping[str, float], end: str = "") -> float:
+    """Way on which a law would break away if it stayed as stiff as it begins [m].
+
+    Parameters
+    ----------
+    law : Law
+    values : mapping of str to float
+        Parameters as fitted.
+    end : str, optional
+        Of the parameters' names, where directions are apart.
+    """
+    own = {n: values[n + end] for n in law.parameters}
+    if law.name == "classical":
+        return _RIGID_YIELDING
+    if law.name == "dahl":
+        return own["Fc"] / own["sigma"]
+    if law.name == "bliman_sorine":
+        return (own["f1"] - own["f2"]) * own["eps_f"] / (own["f1"] / own["eta"] - own["f2"])
+    if law.name == "maxwell_slip":
+        return own["Fs"] / sum(own[f"k{i}"] for i in range(1, ELEMENTS + 1))
+    return own["Fs"] / own["sigma0"]
+
+
+def peak_unseen(fit: Fit, course: Course, parameter: str) -> bool:
+    """Whether a parameter is one of break-away, and the records do not show that.
+
+    Either they end below it, so that it is but guessed from how the loading curve bends, as a
+    sensor's scale does, too; or no peak of static friction is told from sliding. Dahl's law bends
+    from the first, so that without its end its beginning is a guess as well.
+    """
+    name = without_direction(parameter)
+    end = parameter[len(name) :]
+    static = "Fc" if fit.law.name == "dahl" else "Fs"
+    peaked = name not in ("Fs", "Vs") or (
+        fit.values["Fs" + end] >= (1 + UNDER) * fit.values["Fc" + end]
+    )
+    if not peaked:
+        return True
+    if name not in {"dahl": fit.law.parameters, "bliman_sorine": ()}.get(fit.law.name, ("Fs",)):
+        return False
+    friction = (fit.predicted - course.inertial)[fit.spoken] - fit.values.get(OFFSET, 0.0)
+    pull = {"_pos": friction, "_neg": -friction}.get(end, np.abs(friction))
+    return float(np.max(pull)) < _REACHED * fit.values[static + end]
+
+
+def hardly_slides(fit: Fit, course: Course, parameter: str) -> bool:
+    """Whether a parameter is one of sliding, and the records do not slide enough to tell it.
+
+    Where they are all but presliding, the smallest error of a sensor looks like a Stribeck curve;
+    and where they slide at one speed, or at speeds at which that curve has hardly fallen, what is
+    left of it, its width and the viscous slope are told by nothing.
+    """
+    name = without_direction(parameter)
+    rigid = fit.law.name == "classical"
+    curve = ["Fc", "Vs", "sigma2"]
+    sliding = curve.copy()
+    if fit.law.name == "maxwell_slip":  # shares of what is held when all elements slip
+        sliding += ["C", "Fs", *(f"alpha{i}" for i in range(1, ELEMENTS + 1))]
+    if name == OFFSET or fit.law.name not in _SLIDING or (name not in sliding and not rigid):
+        return False
+    end = parameter[len(name) :]
+    yielding = presliding_way(fit.law, fit.values, end)
+    dragged = with_play(course.x, course.starts, np.full(course.records, _BROKEN_AWAY * yielding))
+    moves = np.diff(dragged, prepend=dragged[0])
+    moves[course.starts[:-1]] = 0.0
+    ways = {"_pos": np.maximum(moves, 0.0), "_neg": np.maximum(-moves, 0.0)}.get(end, np.abs(moves))
+    slid = float(ways.sum())
+    if slid < _SLID * yielding:
+        return True
+    if name not in curve:
+        return False
+    order = np.argsort(np.abs(course.v))
+    covered = np.cumsum(ways[order]) / slid
+    slow, fast = np.abs(course.v)[order][np.searchsorted(covered, (0.1, 0.9))]
+    return bool(fast < _SPEEDS * slow or fast < _FALLEN * fit.values["Vs" + end])
+
+
+def blurred_elements(fit: Fit, count: float) -> set[str]:
+    """Names of the parameters of Maxwell-slip elements that records do not tell from others.
+
+    An element is told if, wherever the parameters may be, it holds more than the load cell rounds
+    away and yields after the element before it and before the next.
+
+    Parameters
+    ----------
+    fit : Fit
+    count : float
+        Resolution of the load cell [N].
+    """
+    if fit.law.name != "maxwell_slip":
+        return set()
+    names = set()
+    drawn = draw_coordinates(fit)
+    for first in range(0, len(fit.names) - fit.law.offset, len(fit.law.parameters)):
+        own = drawn[:, first : first + len(fit.law.parameters)]
+        stiffness, shares = own[:, :ELEMENTS], own[:, ELEMENTS : 2 * ELEMENTS]
+        held = shares * own[:, -2:-1]
+        ways = held / stiffness
+        before = np.column_stack([np.zeros(len(ways)), ways[:, :-1]])
+        after = np.column_stack([ways[:, 1:], np.full(len(ways), math.inf)])
+        told = np.mean((held > 2 * count) & (before < ways) & (ways < after), axis=0)
+        for i in np.flatnonzero(told < CONFIDENCE):
+            names |= {fit.names[first + i], fit.names[first + ELEMENTS + i]}
+    return names
