@@ -152,7 +152,7 @@ def _records(options: argparse.Namespace) -> int:
     from .diagnosis.corrected import corrected
     from .diagnosis.diagnose import diagnose_records
     from .diagnosis.diagnosis import EXPLAINED, NONE
-    from .diagnosis.diagnosis_report import DOES_NOT_HOLD, does_not_hold
+    from .diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
     from .orchestration.parameter_file import ParameterFile
     from .records.bad_record import BadRecord
     from .records.drive_record import read_drive_records
@@ -286,7 +286,7 @@ def _save_curves(result: Diagnosis, folder: Path) -> None:
 def _diagnosis_table(
     result: Diagnosis, extension: _Extension, section: ClosedLoopSection, folder: Path
 ) -> str:
-    from .diagnosis.diagnosis_report import rig_command, verdict_sentence
+    from .diagnosis.report_words import rig_command, verdict_sentence
 
     lines = [f"{result.verdict}: {verdict_sentence(result)}", result.where, ""]
     lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")

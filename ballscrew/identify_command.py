@@ -108,7 +108,7 @@ def _identify(options: argparse.Namespace) -> int:
         if mass is None and "m" in told.plant:
             mass = model.values["m"]
     fixed = _fixed(options.fix, told)
-    from .identification.identification import CannotHold, check_held, identify
+    from .identification.identify import CannotHold, check_held, identify
 
     try:
         check_held(options.law, fixed, options.offset)

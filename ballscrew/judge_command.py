@@ -38,7 +38,7 @@ def judged(options: argparse.Namespace) -> int:
     if options.out is not None:
         prepare_folder(options.out, [*options.judge, options.params])
     from .diagnosis.judge import judge_records
-    from .orchestration.parameter_file import read_parameters
+    from .orchestration.parameter_reading import read_parameters
     from .records.bad_record import BadRecord
     from .records.drive_record import read_drive_records
     from .solver.files import finite_or_null

@@ -45,7 +45,8 @@ def read_params(options: argparse.Namespace) -> ParameterFile | None:
     """
     if options.params is None:
         return None
-    from .orchestration.parameter_file import FILE_NAME, read_parameters
+    from .orchestration.parameter_file import FILE_NAME
+    from .orchestration.parameter_reading import read_parameters
 
     if os.path.realpath(options.out / FILE_NAME) == os.path.realpath(options.params):
         raise BadRequest(f"{options.params} would be overwritten by a result; choose another --out")

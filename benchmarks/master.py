@@ -23,7 +23,8 @@ from ballscrew.orchestration.clock import Clock
 from ballscrew.orchestration.compiled import PAIR
 from ballscrew.orchestration.coupling import Coupling, Loop
 from ballscrew.orchestration.isolated import open_fmu
-from ballscrew.orchestration.master import Course, RecordedLoop, march_on, run_loop
+from ballscrew.orchestration.loop_run import Course, RecordedLoop
+from ballscrew.orchestration.master import march_on, run_loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.structs import struct
 from ballscrew.orchestration.wiring import wire

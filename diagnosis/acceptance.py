@@ -18,6 +18,15 @@ from .causes import CAUSES
 from .contests import freest_beside, gain, held_out_squares, rivalled
 from .course import Course
 from .diagnosis import NotNamed
+from .explanation import (
+    MOST_CANCELLED,
+    Explanation,
+    amplitudes,
+    cancelled,
+    evidence_brought,
+    restricted_to,
+    without,
+)
 from .held_out import Gain, with_values
 from .plausibility import (
     at_an_end,
@@ -27,19 +36,10 @@ from .plausibility import (
     size_differs,
     within_tolerance,
 )
+from .problem import Problem
 from .residuals import residual, rms
 from .search import added_by
-from .selection import (
-    MOST_CANCELLED,
-    Explanation,
-    Problem,
-    amplitudes,
-    cancelled,
-    evidence_brought,
-    loosened,
-    restricted_to,
-    without,
-)
+from .selection import loosened
 
 Vector = npt.NDArray[np.float64]
 Folds = npt.NDArray[np.int64]

@@ -16,8 +16,8 @@ from ..orchestration.parameter_file import (
     BadParameters,
     ParameterFile,
     Value,
-    read_parameters,
 )
+from ..orchestration.parameter_reading import read_parameters
 from ..plant.ball_screw import bare_ball_screw
 from ..plant.direct_drive import bare_direct_drive
 from ..plant.law import law as friction_law

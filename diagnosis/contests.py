@@ -7,8 +7,10 @@ import numpy.typing as npt
 
 from .causes import CAUSES
 from .evidence import fit, side_by_side
+from .explanation import Explanation
 from .held_out import Gain
-from .selection import Candidate, Explanation, Problem, beside, grown, loosened
+from .problem import Candidate, Problem
+from .selection import beside, grown, loosened
 
 Vector = npt.NDArray[np.float64]
 Folds = npt.NDArray[np.int64]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -10,72 +9,33 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from scipy.stats import t as student
 
-from ..identification.fitted_law import LAWS
-from ..orchestration.parameter_file import ParameterFile, read_parameters
-from ..plant import ball_screw, direct_drive
+from ..orchestration.parameter_file import ParameterFile
+from ..orchestration.parameter_reading import read_parameters
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.tellable import check_tellable
 from .acceptance import SWINGS, Accepted, accepted, taken_back
 from .believed import believed as believed_of
 from .believed import lead_of, with_lead
 from .causes import CAUSES
-from .causes.cause import Shape
 from .commanded import commanded
-from .course import Course, opposing
-from .diagnosis import (
-    EXPLAINED,
-    NONE,
-    PARTLY,
-    UNEXPLAINED,
-    Curves,
-    Diagnosis,
-    FoundCause,
-    Level,
-    NextExperiment,
-    NotNamed,
-    OutOfReach,
-    holds,
-)
+from .course import opposing
+from .diagnosis import EXPLAINED, NONE, PARTLY, UNEXPLAINED, Curves, Diagnosis, Level, holds
 from .drive_model import DriveModel
-from .evidence import Conditioned, Prior, conditioned, fit
+from .explanation import amplitudes
 from .faultless import RecordKind, p_value
+from .found_cause import found_cause, level
 from .held_out import HeldOut, gained, gained_ahead, judged, laps_of, parts_of, with_values
 from .load_cell import witness
-from .next_experiment import UNNAMED, motion_for, reach_of, trial_for
-from .plausibility import at_ends, crossed
-from .regression import Added, filters, responses, whitened
+from .plausibility import at_ends
+from .problem import Problem
+from .regression import Added
+from .remaining import AT_FLOOR, above_floor, next_experiment, out_of_reach, where_residual_is
 from .residuals import Residual, floor, repetition, residual
 from .rivals import LIVES
 from .search import Found, Situation, added_by, only_first, search
 from .search import adjusted as values_adjusted
-from .selection import (
-    Candidate,
-    Explanation,
-    Problem,
-    amplitudes,
-    bring_of,
-    own_size,
-    scores,
-    strongest_alone,
-    without,
-)
-
-Vector = npt.NDArray[np.float64]
-
-_SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
-_SEEN = 5.0  # standard deviations
-_FREED_SHOWN = 0.1  # of a value that may be wrong
-_EXACT = 0.04  # relative, to which no size is known: laws and shapes are not exact
-_AS_GOOD_A_FORM = 0.9  # of what a cause brings, that its other form brings in its place
-_AT_FLOOR = 2.0  # times the floor: more is not explained
-UNITS = {p.name: p.unit for p in (*ball_screw.PARAMETERS, *direct_drive.PARAMETERS)} | {
-    name: unit
-    for law in LAWS.values()
-    for name, unit in zip(law.parameters, law.units, strict=True)
-}
+from .selection import strongest_alone
 
 
 def diagnose(
@@ -129,10 +89,6 @@ def diagnose_records(
     found = search(records, believed)
     progress("judging on data held out")
     return _concluded(records, believed, found, notes, began)
-
-
-def _level(found: Residual) -> Level:
-    return Level(found.force_rms, found.position_rms)
 
 
 class _Judgement(NamedTuple):
@@ -210,10 +166,10 @@ def _concluded(
     nothing = Added.nothing(courses)
     kind = _kind(situation, problem)
     causes = tuple(
-        _found_cause(situation, problem, holds_up, held, kind, name) for name in held.order
+        found_cause(situation, problem, holds_up, held, kind, name) for name in held.order
     )
     whole = gained(held.none, held.all, held.limits)
-    adjusted, final = _level(held.none), _level(held.all)
+    adjusted, final = level(held.none), level(held.all)
     fitted = amplitudes(problem, best)
     members = list(best.members)
     named = added_by(members, fitted, courses)
@@ -222,13 +178,13 @@ def _concluded(
     unnamed = added_by(free, amplitudes(problem, holds_up.freest), courses)
     model = with_values(problem, fitted)
     mended = residual(courses, model, named)
-    lowest = _level(floor(courses, situation.model))
+    lowest = level(floor(courses, situation.model))
     if laps:
         lowest = Level(max(lowest.force, repetition(mended, courses, laps)), lowest.position)
     verdict = _verdict(bool(causes), bool(free), holds(whole.interval, adjusted, final))
-    if verdict == EXPLAINED and final.force > _AT_FLOOR * lowest.force:
+    if verdict == EXPLAINED and final.force > AT_FLOOR * lowest.force:
         verdict = PARTLY
-        notes.append(_above_floor(final, lowest, bool(laps)))
+        notes.append(above_floor(final, lowest, bool(laps)))
     own = [f"{c.own_offset:+.3g} N in {c.record.name}" for c in courses if c.offset_name]
     if own:
         notes.append(f"offsets beyond that of {courses[0].record.name}: {', '.join(own)}")
@@ -260,9 +216,9 @@ def _concluded(
     strongest = strongest_alone(problem)
     return Diagnosis(
         verdict=verdict,
-        where=_where(found, verdict, _level(baseline), lowest),
+        where=where_residual_is(found, verdict, level(baseline), lowest),
         floor=lowest,
-        baseline_residual=_level(baseline),
+        baseline_residual=level(baseline),
         adjusted_residual=adjusted,
         final_residual=final,
         gain_interval=whole.interval,
@@ -270,8 +226,8 @@ def _concluded(
         causes=causes,
         not_named=holds_up.refused,
         unnamed=tuple(LIVES[m.name] for m in free),
-        out_of_reach=_out_of_reach(courses, situation.model, problem, best),
-        next_experiment=_next_experiment(holds_up.refused, bool(free), courses, model),
+        out_of_reach=out_of_reach(courses, situation.model, problem, best),
+        next_experiment=next_experiment(holds_up.refused, bool(free), courses, model),
         believed=believed,
         adjusted=model
         if not members
@@ -305,15 +261,6 @@ def _verdict(causes: bool, structure: bool, better: bool) -> str:
     return EXPLAINED if better and not structure else PARTLY
 
 
-def _above_floor(final: Level, lowest: Level, repeated: bool) -> str:
-    known = "its laps differ by" if repeated else "the instruments show"
-    more = "" if repeated else "; laps of one motion would show what of it repeats"
-    return (
-        f"what is left, {final.force:.3g} N, is more than {lowest.force:.3g} N, which is what "
-        f"{known}: a part of it may have a cause{more}"
-    )
-
-
 def _kind(situation: Situation, problem: Problem) -> RecordKind:
     model, course = problem.model, situation.courses[0]
     return RecordKind(
@@ -323,240 +270,3 @@ def _kind(situation: Situation, problem: Problem) -> RecordKind:
         current=float(course.has_current),
         classical=float(model.law == "classical"),
     )
-
-
-def _found_cause(
-    situation: Situation,
-    problem: Problem,
-    holds_up: Accepted,
-    held: HeldOut,
-    kind: RecordKind,
-    name: str,
-) -> FoundCause:
-    best = holds_up.explanation
-    k = best.names.index(name)
-    member = best.members[k]
-    cause = CAUSES[name]
-    gain = held.gain(name)
-    values, intervals = _values_of(situation, problem, best, k)
-    units = {p.name: p.unit for p in cause.parameters}
-    if member.shape.freed:
-        units = {n: UNITS.get(n, "") for n in member.shape.freed}
-    return FoundCause(
-        name=member.name,
-        says=cause.says,
-        parameters=values,
-        intervals=intervals,
-        units={n: units.get(n.partition(".")[0], "") for n in values},
-        gain_heldout=gain.share,
-        gain_interval=gain.interval,
-        gain_alone=held.gain_alone(name).share,
-        before=_level(held.without[name]),
-        after=_level(held.all),
-        evidence=best.gains[k],
-        p_value=p_value(best.gains[k], kind),
-        confirm=cause.confirm,
-    )
-
-
-def _values_of(
-    situation: Situation, problem: Problem, best: Explanation, k: int
-) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """A member's numbers and their 95 % intervals, as wide as the stretches say they must be."""
-    member = best.members[k]
-    shape = member.shape
-    products = problem.columns.products()
-    fitted = fit(products, best.priors)
-    where = [int(np.flatnonzero(fitted.columns == c)[0]) for c in member.columns]
-    doubtful = fit(products, _reopened(problem, best)).covariance
-    wide = scores(problem, best, k).widening()
-    quantile = float(student.ppf(0.975, max(problem.columns.stretches - len(where), 1)))
-    amplitude = fitted.amplitude[where]
-    errors = quantile * wide * np.sqrt(np.diag(doubtful))[where]
-    if shape.freed:
-        before = np.array([problem.model.values[n] for n in shape.freed])
-        now = before * (1.0 + amplitude)
-        freed = {
-            n: (float(a - e), float(a + e))
-            for n, a, e in zip(shape.freed, now, before * errors + _EXACT * now, strict=True)
-        }
-        return dict(zip(shape.freed, now.tolist(), strict=True)), freed
-    values = {n: float(v) for n, v in shape.values.items()}
-    intervals: dict[str, tuple[float, float]] = {}
-    cause = CAUSES[member.name]
-    refined = cause.refined_of(values)
-    if refined:
-        value = values[refined]
-        error = _EXACT + quantile * wide * _log_spread(situation, problem, best, k)
-        if shape.sure is not None:  # by which the shape would be larger or smaller, were it free
-            error += abs(math.log(max(own_size(problem, products, best, k), 0.1)))
-        if cause.way:  # what is over before samples tell of it is known no better
-            error += math.log1p(crossed(situation.courses) / cause.way(problem.model, values))
-        error = min(error, 3.0)
-        intervals[refined] = (value * math.exp(-error), value * math.exp(error))
-    if shape.sure is None:
-        forms = np.array([amplitude, *_in_other_forms(problem, best, k)])
-        low, high = forms.min(axis=0), forms.max(axis=0)
-        for j, (name, a, e) in enumerate(zip(shape.amplitudes, amplitude, errors, strict=True)):
-            values[name] = float(a)
-            e += _EXACT * abs(a)
-            intervals[name] = (float(low[j] - e), float(high[j] + e))
-    return values, intervals
-
-
-def _in_other_forms(problem: Problem, best: Explanation, k: int) -> list[Vector]:
-    """A member's amplitudes, were its cause of another form that explains nearly as much.
-
-    Each other form's force is told in the member's own amplitudes, by least squares.
-    """
-    member = best.members[k]
-    left = conditioned(problem.columns.products(), without(problem, best, k).priors)
-    own, *_ = bring_of(member.shape, *left.of(member.columns))
-    mine = _whole_force(problem.model, member.shape)
-    out = []
-    for c in problem.candidates:
-        same = c.name == member.name and not c.is_rival and c is not member
-        if not same or c.shape.freed or c.shape.sure is not None:
-            continue
-        inner, signal = left.of(c.columns)
-        brings, mean, spread = bring_of(c.shape, inner, signal)
-        if brings > _AS_GOOD_A_FORM * own:
-            precise = np.diag(spread**-2.0)
-            found = np.linalg.solve(inner + precise, signal + precise @ mean)
-            force = _whole_force(problem.model, c.shape) @ found
-            out.append(np.asarray(np.linalg.lstsq(mine, force, rcond=None)[0], dtype=np.float64))
-    return out
-
-
-def _whole_force(model: DriveModel, shape: Shape) -> Vector:
-    """Force and command of a shape along all records, shape (n, amplitudes) [N]."""
-    parts = [np.concatenate(shape.force)] if shape.force is not None else []
-    if shape.command is not None:
-        parts.append(model.per_command * np.concatenate(shape.command))
-    return np.asarray(np.sum(parts, axis=0))
-
-
-def _reopened(problem: Problem, best: Explanation) -> list[Prior]:
-    """Priors in which a value held at the end of its tolerance is as doubtful as it was before."""
-    values = best.priors[0]
-    spread = np.maximum(values.spread, problem.prior.spread)
-    return [Prior(values.columns, values.mean, spread), *best.priors[1:]]
-
-
-def _log_spread(situation: Situation, problem: Problem, best: Explanation, k: int) -> float:
-    """Standard error of the logarithm of a refined value, everything else adjusted."""
-    member = best.members[k]
-    cause = CAUSES[member.name]
-    key = cause.refined_of(member.shape.values) or ""
-    value = member.shape.values[key]
-    made = filters(situation.courses, problem.noise)
-    fitted = amplitudes(problem, best)[member.columns]
-    sides = [
-        whitened(
-            made,
-            responses(
-                situation.courses,
-                situation.model,
-                cause.at(
-                    situation.courses,
-                    situation.model,
-                    {**member.shape.values, key: value * math.exp(s)},
-                ),
-            ),
-        )
-        @ fitted
-        for s in (0.05, -0.05)
-    ]
-    slope = (sides[0] - sides[1]) / 0.1
-    priors = _reopened(problem, best)
-    used = np.concatenate([p.columns for p in priors]).astype(np.int64)
-    scale = np.concatenate([p.spread for p in priors])
-    others = problem.columns.of(used)
-    if member.shape.sure is not None:  # its amplitude is one
-        keep = ~np.isin(used, member.columns)
-        others, scale = others[:, keep], scale[keep]
-    inner = others.T @ others + np.diag(scale**-2.0)
-    cross = others.T @ slope
-    information = float(slope @ slope - cross @ np.linalg.solve(inner, cross))
-    return 1.0 / math.sqrt(max(information, 1e-12))
-
-
-def _where(found: Found, verdict: str, baseline: Level, lowest: Level) -> str:
-    """Where the residual lives, and how large it is, in one sentence."""
-    size = (
-        f"{baseline.force:.3g} N rms in force (noise alone: {lowest.force:.3g} N) and "
-        f"{_length(baseline.position)} in position over a second ({_length(lowest.position)})"
-    )
-    alone = {n: g for n, g in found.first_alone.items() if n in LIVES}
-    if verdict == NONE or not alone:
-        return (
-            f"The model as believed leaves {size}; none of it has a structure beyond noise and "
-            "values within their tolerances."
-        )
-    best = max(alone, key=lambda n: alone[n])
-    return (
-        f"The model as believed leaves {size}; what noise does not explain of it lives "
-        f"{LIVES[best]}."
-    )
-
-
-def _length(metres: float) -> str:
-    return f"{1e3 * metres:.3g} mm" if metres >= 1e-4 else f"{1e6 * metres:.3g} um"
-
-
-def _out_of_reach(
-    courses: Sequence[Course], model: DriveModel, problem: Problem, best: Explanation
-) -> tuple[OutOfReach, ...]:
-    """Causes that would not have shown had they been as large as a twentieth of the friction."""
-    left = conditioned(problem.columns.products(), best.priors)
-    size = _SMALLEST * model.friction_scale
-    out = []
-    for cause in CAUSES.values():
-        if cause.name in best.causes:
-            continue
-        because = cause.beyond(courses, model)
-        if because:
-            out.append(OutOfReach(cause.name, because))
-            continue
-        mine = [c for c in problem.candidates if c.name == cause.name]
-        shown = [_shows(c, left, size, model) for c in mine]
-        if not shown:
-            out.append(OutOfReach(cause.name, "the motion gives it nothing to show at"))
-        elif max(shown) < _SEEN:
-            out.append(
-                OutOfReach(
-                    cause.name,
-                    f"at {100 * _SMALLEST:.0f} % of the friction it would stand out by "
-                    f"{max(shown):.2g} standard deviations only, and {_SEEN:g} are asked for",
-                )
-            )
-    return tuple(out)
-
-
-def _shows(candidate: Candidate, left: Conditioned, size: float, model: DriveModel) -> float:
-    """Standard deviations by which a candidate whose force is of this size stands out."""
-    norms = np.sqrt(np.maximum(np.diag(left.of(candidate.columns)[0]), 0.0))
-    shape = candidate.shape
-    if shape.freed:
-        return float(_FREED_SHOWN * norms.max())
-    rms = np.sqrt(np.mean(_whole_force(model, shape) ** 2, axis=0))
-    return (
-        float(np.max(norms * size / np.maximum(rms, 1e-300), initial=0.0))
-        if np.any(rms > 0)
-        else 0.0
-    )
-
-
-def _next_experiment(
-    refused: Sequence[NotNamed], structure: bool, courses: Sequence[Course], model: DriveModel
-) -> NextExperiment | None:
-    """What would tell apart what this record cannot."""
-    for r in refused:
-        if r.like:
-            motion = motion_for(r.name, reach_of(courses), model)
-            says = f"{r.name} cannot be told from {r.like} here ({CAUSES[r.name].confirm})"
-            return NextExperiment(says, motion, trial_for(r.name))
-    if structure:
-        motion = motion_for(UNNAMED, reach_of(courses), model)
-        return NextExperiment("structure is left that no cause has", motion, trial_for(UNNAMED))
-    return None

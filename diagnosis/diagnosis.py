@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from ..solver.files import write_atomically
 from .drive_model import DriveModel
+from .experiment_motions import Motion
 from .faultless import RecordKind
 from .load_cell import Witness
-from .next_experiment import Motion
 
 Vector = npt.NDArray[np.float64]
 

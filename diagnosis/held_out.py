@@ -11,10 +11,11 @@ import numpy.typing as npt
 
 from .course import Course
 from .drive_model import DriveModel
+from .explanation import Explanation, amplitudes, restricted_to
+from .problem import Problem
 from .regression import ends_of_stretches, stretches
 from .residuals import Residual, residual
 from .search import Situation, added_by
-from .selection import Explanation, Problem, amplitudes, restricted_to
 
 Vector = npt.NDArray[np.float64]
 

@@ -9,13 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..orchestration.parameter_file import (
-    BadParameters,
-    Diagnosed,
-    ParameterFile,
-    Value,
-    read_parameters,
-)
+from ..orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
+from ..orchestration.parameter_reading import read_parameters
 from ..records.bad_record import BadRecord
 from ..records.drive_record import CURRENT, DriveRecord, read_drive_records
 from ..records.tellable import check_tellable

@@ -11,10 +11,11 @@ from .causes import CAUSES
 from .causes.cause import engaged
 from .course import Course, doubts, opposing
 from .drive_model import DriveModel
+from .explanation import OWN, Explanation, amplitudes, can_be, scores
 from .held_out import with_values
+from .problem import Problem
 from .regression import calibrated
 from .search import added_by
-from .selection import OWN, Explanation, Problem, amplitudes, can_be, scores
 
 Folds = npt.NDArray[np.int64]
 

@@ -16,16 +16,9 @@ from .causes.cause import Shape
 from .course import Course
 from .drive_model import DriveModel
 from .evidence import Prior, conditioned, evidence_of, fit, side_by_side
+from .explanation import Explanation, bring_of, price_of_form, within_bounds, without
+from .problem import Candidate, Problem
 from .regression import Filter, responses, whitened
-from .selection import (
-    Candidate,
-    Explanation,
-    Problem,
-    bring_of,
-    price_of_form,
-    within_bounds,
-    without,
-)
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]

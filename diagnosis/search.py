@@ -13,6 +13,8 @@ from ..records.drive_record import DriveRecord
 from .course import Course, driven_by_current, follow, lay_along, with_own_offsets
 from .drive_model import DriveModel
 from .evidence import Prior, fit_within, volume
+from .explanation import Explanation, amplitudes, nothing_in, stands
+from .problem import Candidate, Problem, believed_changes, bounds, free_spreads, state_problem
 from .refinement import refine
 from .regression import (
     Added,
@@ -27,24 +29,7 @@ from .regression import (
     whitened,
 )
 from .residuals import at_samples
-from .selection import (
-    PRICE,
-    Candidate,
-    Choice,
-    Explanation,
-    Problem,
-    again,
-    amplitudes,
-    believed_changes,
-    bounds,
-    choose,
-    free_spreads,
-    nothing_in,
-    pruned,
-    stands,
-    state_problem,
-    with_one_value,
-)
+from .selection import PRICE, Choice, again, choose, pruned, with_one_value
 
 Vector = npt.NDArray[np.float64]
 

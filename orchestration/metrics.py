@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .master import LoopRun
+from .loop_run import LoopRun
 
 BAND = 0.02
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,45 +14,19 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.interface import START, TOLERANCE
 from ..fmus.units import base_exponents
-from ..plant import LAWS
 from ..solver.files import write_atomically
 
 if TYPE_CHECKING:
     from ..solver.component import Parameter
     from ..solver.kernel import ParameterInfo
 
+
 FORMAT = "ballscrew-parameters 1"
 FILE_NAME = "parameters.toml"
 BALL_SCREW, DRIVE, FMU = "ball_screw", "drive", "fmu"
 KINDS = (BALL_SCREW, DRIVE, FMU)
 DEFAULT_LAW = "modified_lugre"
-_COMMANDS = ("voltage", "current", "force")
-_KEYS = (
-    "format",
-    "kind",
-    "law",
-    "plant",
-    "found",
-    "controller",
-    "rig",
-    "tolerance",
-    "not_identified",
-    "diagnosis",
-)
-_DIAGNOSIS_KEYS = (
-    "records",
-    "command",
-    "command_shift",
-    "law",
-    "believed",
-    "adjusted",
-    "causes",
-)
-_VALUE_KEYS = ("value", "unit", "interval", "source")
-_FORMER = {
-    "parameters": "the table of the plant's values is called [plant]",
-    "plant": 'what kind of plant it is says the key kind, as in kind = "drive"',
-}
+COMMANDS = ("voltage", "current", "force")
 
 
 class BadParameters(ValueError):
@@ -280,42 +253,6 @@ def used(known: Known, values: Mapping[str, float], told: Values, source: str) -
     return found
 
 
-# -- reading ---------------------------------------------------------------------------------
-
-
-def read_parameters(path: Path | str) -> ParameterFile:
-    """Read a parameter file; which parameters there are is checked where they are used.
-
-    Raises
-    ------
-    BadParameters
-        With one line that says what cannot be used and why.
-    """
-    path = Path(path)
-    data = _toml(path)
-    for key, hint in _FORMER.items():
-        if key in data and not (key == "plant" and isinstance(data[key], dict)):
-            raise BadParameters(f"{path}: has {key!r} as older versions did; {hint}")
-    _known(f"{path}:", data, _KEYS)
-    if data.get("format", FORMAT) != FORMAT:
-        raise BadParameters(f"{path}: format is {data['format']!r}, expected {FORMAT!r}")
-    kind = _choice(path, "kind", data.get("kind", BALL_SCREW), KINDS)
-    law = _choice(path, "law", data["law"], LAWS) if "law" in data else ""
-    reasons = _table(path, "not_identified", data.get("not_identified", {}))
-    return ParameterFile(
-        path,
-        kind,
-        law,
-        _values(path, "plant", data.get("plant", {})),
-        _values(path, "found", data.get("found", {})),
-        _groups(path, "controller", data.get("controller", {})),
-        _groups(path, "rig", data.get("rig", {})),
-        _numbers(path, "tolerance", data.get("tolerance", {})),
-        {name: str(reason) for name, reason in reasons.items()},
-        _diagnosed(path, data["diagnosis"]) if "diagnosis" in data else None,
-    )
-
-
 def checked(values: Values, known: Known, where: str) -> dict[str, float]:
     """The plain numbers of values whose names, units and ranges fit.
 
@@ -324,7 +261,7 @@ def checked(values: Values, known: Known, where: str) -> dict[str, float]:
     BadParameters
         The message begins with `where`.
     """
-    _known(where, values, known)
+    known_name(where, values, known)
     for name, v in values.items():
         p = known[name]
         if v.unit and p.unit and not _same(v.unit, p.unit):
@@ -337,110 +274,7 @@ def checked(values: Values, known: Known, where: str) -> dict[str, float]:
     return {name: v.value for name, v in values.items()}
 
 
-def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise BadParameters(f"{path} cannot be read: {error.strerror or error}") from error
-    except RecursionError:
-        raise BadParameters(f"{path} is no parameter file: it is nested too deep") from None
-    except ValueError as error:  # of TOML, of UTF-8, or an integer of too many digits
-        raise BadParameters(f"{path} is no TOML file: {error}") from error
-
-
-def _table(path: Path, name: str, given: Any) -> dict[str, Any]:
-    if not isinstance(given, dict):
-        raise BadParameters(f"{path}: {name} is {given!r}, expected a table [{name}]")
-    return given
-
-
-def _groups(path: Path, key: str, given: Any) -> dict[str, Values]:
-    groups = _table(path, key, given)
-    return {name: _values(path, f"{key}.{name}", values) for name, values in groups.items()}
-
-
-def _values(path: Path, table: str, given: Any) -> dict[str, Value]:
-    return {
-        name: _value(path, f"[{table}] {name}", value)
-        for name, value in _table(path, table, given).items()
-    }
-
-
-def _numbers(path: Path, table: str, given: Any) -> dict[str, float]:
-    return {
-        name: _number(path, f"[{table}] {name}", value)
-        for name, value in _table(path, table, given).items()
-    }
-
-
-def _diagnosed(path: Path, given: Any) -> Diagnosed:
-    table = _table(path, "diagnosis", given)
-    _known(f"{path}: [diagnosis]", table, _DIAGNOSIS_KEYS)
-    missing = [key for key in _DIAGNOSIS_KEYS if key not in table]
-    if missing:
-        raise BadParameters(f"{path}: [diagnosis] has no {missing[0]!r}, which diagnose writes")
-    records = table["records"]
-    if not isinstance(records, list) or not all(isinstance(name, str) for name in records):
-        raise BadParameters(f"{path}: [diagnosis] records is {records!r}, expected a list of names")
-    causes = _table(path, "diagnosis.causes", table["causes"])
-    return Diagnosed(
-        tuple(records),
-        _choice(path, "[diagnosis] command", table["command"], _COMMANDS),
-        _number(path, "[diagnosis] command_shift", table["command_shift"]),
-        _choice(path, "[diagnosis] law", table["law"], LAWS),
-        _numbers(path, "diagnosis.believed", table["believed"]),
-        _numbers(path, "diagnosis.adjusted", table["adjusted"]),
-        {n: _numbers(path, f"diagnosis.causes.{n}", values) for n, values in causes.items()},
-    )
-
-
-def _value(path: Path, where: str, given: Any) -> Value:
-    if not isinstance(given, dict):
-        return Value(_number(path, where, given))
-    _known(f"{path}: {where}:", given, _VALUE_KEYS)
-    if "value" not in given:
-        raise BadParameters(f"{path}: {where} has no value; write {where.split()[-1]}.value = ...")
-    value = _number(path, where, given["value"])
-    for key in ("unit", "source"):
-        if not isinstance(given.get(key, ""), str):
-            raise BadParameters(f"{path}: {where}: {key} is {given[key]!r}, expected a text")
-    interval = given.get("interval")
-    if interval is not None:
-        interval = _interval(path, where, interval, value)
-    return Value(value, given.get("unit", ""), interval, given.get("source", ""))
-
-
-def _interval(path: Path, where: str, given: Any, value: float) -> tuple[float, float]:
-    numbers = isinstance(given, list) and len(given) == 2 and all(map(_is_number, given))
-    if not numbers or not given[0] <= value <= given[1]:
-        raise BadParameters(
-            f"{path}: {where}: the interval is not of the form [low, high] with the value "
-            f"{value:g} between them"
-        )
-    try:
-        return float(given[0]), float(given[1])
-    except OverflowError:
-        raise BadParameters(f"{path}: {where}: the interval reaches beyond 1e308") from None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _number(path: Path, where: str, given: Any) -> float:
-    shown = ""
-    try:
-        number = float(given) if _is_number(given) else math.nan
-    except OverflowError:  # a whole number that no float holds
-        number, shown = math.inf, "a number beyond 1e308"
-    if not math.isfinite(number):
-        raise BadParameters(
-            f"{path}: {where} is {shown or repr(given)}, expected a finite number in SI units"
-        )
-    return number
-
-
-def _known(where: str, given: Iterable[str], names: Iterable[str]) -> None:
+def known_name(where: str, given: Iterable[str], names: Iterable[str]) -> None:
     names = list(names)
     for name in given:
         if name not in names:
@@ -451,13 +285,6 @@ def _known(where: str, given: Iterable[str], names: Iterable[str]) -> None:
                 else f"; there are {', '.join(names)}"
             )
             raise BadParameters(f"{where} there is no {name!r}{hint}")
-
-
-def _choice(path: Path, key: str, value: Any, names: Iterable[str]) -> str:
-    names = list(names)
-    if not isinstance(value, str) or value not in names:
-        raise BadParameters(f"{path}: {key} is {value!r}, expected one of {', '.join(names)}")
-    return value
 
 
 def _same(one: str, other: str) -> bool:

@@ -17,7 +17,7 @@ from ..solver.files import write_atomically
 from .thinning import rows_over_plane, rows_over_time
 
 if TYPE_CHECKING:
-    from .closed_loop import ClosedLoopResult
+    from .closed_loop_result import ClosedLoopResult
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MOST_POINTS = 20_000  # of a curve as lines in an SVG; beyond, it is an image inside

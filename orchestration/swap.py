@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..solver.files import write_atomically, write_json
-from .closed_loop import ClosedLoopResult, Study, run_study
+from .closed_loop import Study, run_study
+from .closed_loop_result import ClosedLoopResult
 from .parameter_file import ParameterFile
 
 COLUMNS = (

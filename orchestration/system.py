@@ -17,7 +17,8 @@ from ..fmus.system_reading import (
     SystemStructure,
     read_system,
 )
-from .closed_loop import LIMIT, BadParameter, ClosedLoopResult, amplifier_notes, check_values
+from .closed_loop import LIMIT, BadParameter, amplifier_notes, check_values
+from .closed_loop_result import ClosedLoopResult
 from .coupling import Coupling
 from .group import Feed, Group
 from .isolated import TIME_LIMIT, IsolatedParticipant, open_fmu

@@ -13,7 +13,8 @@ from ..solver.kernel import CONTROLLER, PLANT, IntegrationError, Kernel, Model
 from ..solver.stored import stored_kernel
 from .compiled import RUNAWAY
 from .coupling import Coupling
-from .master import LoopRun, Progress, step_that_meets
+from .loop_run import LoopRun
+from .master import Progress, step_that_meets
 from .memory import check_memory
 from .reference_signal import Reference
 from .verdict import ACCURACY, Verdict

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from ballscrew.orchestration.coupling import Coupling
-from ballscrew.orchestration.master import LoopRun, run_loop
+from ballscrew.orchestration.loop_run import LoopRun
+from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference
 
 

@@ -30,7 +30,8 @@ from scipy.stats import t as student
 from ballscrew.identification.fit import fit_along
 from ballscrew.identification.fit_result import Fit
 from ballscrew.identification.fitted_law import OFFSET, values_of
-from ballscrew.identification.identification import Identification, identify
+from ballscrew.identification.identification import Identification
+from ballscrew.identification.identify import identify
 from ballscrew.orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.force_record import Record, read_record

@@ -16,7 +16,8 @@ from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.judge import judge_records
 from ballscrew.diagnosis.regression import Added
 from ballscrew.diagnosis.residuals import residual
-from ballscrew.orchestration.parameter_file import BadParameters, read_parameters
+from ballscrew.orchestration.parameter_file import BadParameters
+from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import CURRENT, FORCE, checked
 

@@ -12,7 +12,7 @@ import pytest
 from diagnosed import run
 from strong_effects import write_strong
 
-from ballscrew.orchestration.parameter_file import read_parameters
+from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.orchestration.run_folder import write_run
 
 pytestmark = pytest.mark.xdist_group("diagnosis")  # one diagnosis is made once

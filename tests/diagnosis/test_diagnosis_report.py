@@ -16,20 +16,15 @@ from ballscrew.diagnosis.closed_loop_effect import (
     closed_loop_effect,
 )
 from ballscrew.diagnosis.diagnosis import Curves, Diagnosis, FoundCause, Level, NextExperiment
-from ballscrew.diagnosis.diagnosis_pictures import (
-    MOST,
-    binned,
-    drawn,
-    end_to_end,
-    pictures_of,
-    smoothed,
-    thinned,
-)
-from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report, rig_command
+from ballscrew.diagnosis.diagnosis_pictures import binned, end_to_end, pictures_of, smoothed
+from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report
 from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.experiment_motions import Motion
 from ballscrew.diagnosis.faultless import RecordKind
 from ballscrew.diagnosis.load_cell import Witness
-from ballscrew.diagnosis.next_experiment import TRIALS_FOR, Motion
+from ballscrew.diagnosis.next_experiment import TRIALS_FOR
+from ballscrew.diagnosis.page_pictures import MOST, drawn, thinned
+from ballscrew.diagnosis.report_words import rig_command
 
 pytestmark = pytest.mark.xdist_group("diagnosis")
 browser = pytest.mark.skipif(PROGRAM is None, reason="no chromium here: apt-get install chromium")

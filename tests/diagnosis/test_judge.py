@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 
 from ballscrew.diagnosis.judge import judge_records
-from ballscrew.orchestration.parameter_file import (
-    BadParameters,
-    Diagnosed,
-    ParameterFile,
-    Value,
-    read_parameters,
-)
+from ballscrew.orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
+from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import CURRENT, checked
 

@@ -9,19 +9,14 @@ import numpy as np
 import pytest
 from diagnosed import nominal
 
-from ballscrew.diagnosis import diagnose
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.course import lay_along
 from ballscrew.diagnosis.diagnosis import NotNamed
 from ballscrew.diagnosis.drive_model import DriveModel
-from ballscrew.diagnosis.next_experiment import (
-    COMMAND_FILE,
-    UNNAMED,
-    Reach,
-    motion_for,
-    reach_of,
-    trial_for,
-)
+from ballscrew.diagnosis.experiment_motions import COMMAND_FILE, UNNAMED
+from ballscrew.diagnosis.machine_reach import Reach, reach_of
+from ballscrew.diagnosis.next_experiment import motion_for, trial_for
+from ballscrew.diagnosis.remaining import next_experiment
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.records.drive_record import checked
 
@@ -138,7 +133,7 @@ def asked_for(not_named, structure):
     x = 0.01 * np.sin(2 * math.pi * time)
     record = checked("made", {"time": time, "u": np.cos(2 * math.pi * time), "x": x})
     course = lay_along(record, nominal())
-    return diagnose._next_experiment(not_named, structure, [course], nominal()), course
+    return next_experiment(not_named, structure, [course], nominal()), course
 
 
 def test_a_diagnosis_asks_for_what_its_records_cannot_tell():

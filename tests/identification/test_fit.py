@@ -183,7 +183,7 @@ def test_eq_2_14_is_biased_where_our_estimator_is_not():
     trials += [sine_velocity(s * 1e-3, 0.5, 6.3) for s in (1, -1)]
     trials += [constant_velocity(v) for v in (1e-3, 2e-3, 4e-3, 6e-3)]
     records = [record_of(t, "lugre", LUGRE, random) for t in trials]
-    from ballscrew.identification.identification import identify
+    from ballscrew.identification.identify import identify
 
     result = identify(records, "lugre")
     truth = LUGRE["sigma0"]
@@ -220,7 +220,7 @@ def thesis_trials():
 
 
 def test_what_the_thesis_trials_cannot_tell_is_said_with_a_trial_that_would_do(thesis_trials):
-    from ballscrew.identification.identification import identify
+    from ballscrew.identification.identify import identify
 
     truth, records = thesis_trials
     result = identify(records, "directional_lugre")
@@ -323,7 +323,7 @@ def test_fs_below_fc_is_pulled_back_as_its_slope_says():
 
 
 def test_a_law_that_does_not_fit_is_not_believed():
-    from ballscrew.identification.identification import identify
+    from ballscrew.identification.identify import identify
 
     random = np.random.default_rng(0)
     trials = [sine_velocity(s * 4e-3, 1.0, 9.0) for s in (1, -1)]
@@ -333,7 +333,7 @@ def test_a_law_that_does_not_fit_is_not_believed():
 
 
 def test_directions_that_differ_are_noticed():
-    from ballscrew.identification.identification import identify
+    from ballscrew.identification.identify import identify
 
     random = np.random.default_rng(0)
     truth = {"sigma_pos": 8e4, "Fc_pos": 1.9, "alpha_pos": 1.0}

@@ -9,7 +9,7 @@ import pytest
 from synthetic_records import LUGRE, constant_velocity, record_of, sine_velocity
 
 from ballscrew.identification.fit import fit_along
-from ballscrew.identification.identification import CannotHold, check_held, identify
+from ballscrew.identification.identify import CannotHold, check_held, identify
 from ballscrew.orchestration.parameter_file import ParameterFile, Value
 
 DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}

@@ -11,7 +11,7 @@ from synthetic_records import record_of, sine_velocity
 
 from ballscrew.identify_command import NAMES, add_parser
 from ballscrew.options import BadRequest
-from ballscrew.orchestration.parameter_file import read_parameters
+from ballscrew.orchestration.parameter_reading import read_parameters
 
 DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}
 

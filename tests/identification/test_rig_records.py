@@ -7,7 +7,7 @@ import pytest
 from random_rigs import identify_closed_loop_rig
 
 from ballscrew.identification.friction_estimation import estimate_friction
-from ballscrew.identification.identification import identify
+from ballscrew.identification.identify import identify
 from ballscrew.records.force_record import Record, read_record, read_records
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.trials import trials_named

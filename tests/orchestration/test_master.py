@@ -6,7 +6,7 @@ import pytest
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.orchestration.closed_loop import BadParameter, Study, run_study
 from ballscrew.orchestration.coupling import Coupling
-from ballscrew.orchestration.master import CouplingError
+from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.participant import StepFailed
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic

@@ -13,7 +13,7 @@ from strangers import proportional
 
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.coupling import Coupling
-from ballscrew.orchestration.parameter_file import read_parameters
+from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.orchestration.wiring import WiringError
 
 HAND = """

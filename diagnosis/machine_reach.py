@@ -1,0 +1,96 @@
+"""What records show that a machine can do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .course import Course
+from .drive_model import DriveModel
+
+MARGIN = 0.05  # of the travel, left at each end
+USED = 0.9  # of the largest speed and command
+_HEADROOM = 0.5  # of the force that is left beside friction, used to accelerate
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What records show that a machine can do.
+
+    Attributes
+    ----------
+    low, high : float
+        Ends of the travel [m].
+    speed, acceleration : float
+        Largest speed [m/s]; acceleration that it exceeds in a twentieth of the time [m/s^2].
+    command : float
+        Largest command, either sign, its unit.
+    step : float
+        Sampling interval [s].
+    count : float
+        Step of the encoder [m]; 0 if it is not counted.
+    lasts : float
+        Length of the longest record [s].
+    """
+
+    low: float
+    high: float
+    speed: float
+    acceleration: float
+    command: float
+    step: float
+    count: float
+    lasts: float
+
+    @property
+    def travel(self) -> float:
+        return self.high - self.low
+
+
+def reach_of(courses: Sequence[Course]) -> Reach:
+    """What the records of a study show together."""
+    return Reach(
+        low=min(float(c.x.min()) for c in courses),
+        high=max(float(c.x.max()) for c in courses),
+        speed=max(float(np.abs(c.v).max()) for c in courses),
+        acceleration=max(float(np.quantile(np.abs(c.mean_a), 0.95)) for c in courses),
+        command=max(float(np.abs(c.u).max()) for c in courses),
+        step=min(c.step for c in courses),
+        count=max(c.record.count for c in courses),
+        lasts=max(float(c.time[-1]) for c in courses),
+    )
+
+
+# -- what the machine can do -----------------------------------------------------------------
+
+
+def largest_friction(model: DriveModel) -> float:
+    """Largest friction of slow motion, break-away included [N]."""
+    static = [abs(model.values[n]) for n in ("Fs", "Fs_pos", "Fs_neg") if n in model.values]
+    return max([model.friction_scale, *static])
+
+
+def force_to_spare(reach: Reach, model: DriveModel) -> float:
+    """What the largest command that is used gives, without what friction takes [N]."""
+    offset = abs(model.values["offset"]) if not model.has_motor else 0.0
+    return USED * abs(model.per_command) * reach.command - largest_friction(model) - offset
+
+
+def fastest_speed(reach: Reach, model: DriveModel) -> float:
+    """Speed that the machine went at, and by the model has force to spare at [m/s]."""
+    known = USED * reach.speed
+    damping = model.damping
+    spare = 0.8 * force_to_spare(reach, model)
+    return min(known, spare / damping) if spare > 0.0 and damping > 0.0 else known
+
+
+def acceleration_to(reach: Reach, model: DriveModel, speed: float) -> float:
+    """Acceleration up to a speed [m/s^2]: that of the records, if the model has force for it."""
+    spare = _HEADROOM * (force_to_spare(reach, model) - model.damping * speed) / model.inertia
+    return min(reach.acceleration, spare) if spare > 0.0 else 0.5 * reach.acceleration
+
+
+def columns(model: DriveModel, *more: str) -> tuple[str, ...]:
+    return ("time", "u", "x", *(("i",) if model.has_motor else ()), *more)

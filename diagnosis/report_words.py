@@ -1,0 +1,95 @@
+"""Sentences and numbers of the report."""
+
+from __future__ import annotations
+
+import re
+from html import escape
+
+from .diagnosis import EXPLAINED, NONE, PARTLY, Diagnosis, Level, holds, names_of
+
+DOES_NOT_HOLD = (
+    "What was found does not hold on data held out: there it may be worse than the adjusted model, "
+    "and must not be relied on."
+)
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """The verdict, for a reader who reads nothing else."""
+    explain = "explain" if len(diagnosis.causes) > 1 else "explains"
+    named = f"{names_of(diagnosis.causes)} {explain}"
+    lives = " and ".join(diagnosis.unnamed)
+    if diagnosis.verdict == NONE:
+        return (
+            "Nothing is wrong with the model that these records could show: noise, and values "
+            "within their tolerances, explain what it leaves."
+        )
+    if diagnosis.verdict == EXPLAINED:
+        return f"{named} what the model gets wrong; no structure beyond noise is left."
+    if diagnosis.verdict == PARTLY and diagnosis.unnamed:
+        return (
+            f"{named} part of what the model gets wrong; structure is left that no cause "
+            f"of the catalogue has: it lives {lives}."
+        )
+    if diagnosis.verdict == PARTLY and does_not_hold(diagnosis):
+        return f"{named} the data best, and this does not hold: on data held out it may be worse."
+    if diagnosis.verdict == PARTLY:
+        return (
+            f"{named} part of what the model gets wrong: on data held out "
+            f"{diagnosis.final_residual.force:.3g} N of "
+            f"{diagnosis.adjusted_residual.force:.3g} N is left, more than the "
+            f"{diagnosis.floor.force:.3g} N that is noise."
+        )
+    return (
+        "The model gets something wrong that no cause of the catalogue explains; the structure "
+        f"lives {lives}."
+    )
+
+
+def does_not_hold(diagnosis: Diagnosis) -> bool:
+    """Whether, on data held out, what was found may be worse than the model without it."""
+    found = bool(diagnosis.causes or diagnosis.unnamed)
+    levels = diagnosis.adjusted_residual, diagnosis.final_residual
+    return found and not holds(diagnosis.gain_interval, *levels)
+
+
+def rig_command(trial: str) -> str:
+    """The command that makes a trial on the virtual rig."""
+    return f"ballscrew rig {trial} --out out/next"
+
+
+def length(metres: float) -> str:
+    """A length with a unit that suits it."""
+    size = abs(metres)
+    if size >= 1e-1:
+        return f"{metres:.3g} m"
+    return f"{1e3 * metres:.3g} mm" if size >= 1e-4 else f"{1e6 * metres:.3g} µm"
+
+
+def interval(low: float, high: float) -> str:
+    """An interval, for tables."""
+    return f"{low:.4g} to {high:.4g}"
+
+
+def as_text(value: str) -> str:
+    return escape(value)
+
+
+def micro(text: str) -> str:
+    """A sentence made for terminals, with the sign for a page."""
+    return re.sub(r"\bum\b", "µm", text)
+
+
+def sentence_for_page(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def times(value: float, floor: float) -> str:
+    return f"{value / floor:.3g}" if floor > 0 else "-"
+
+
+def percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+def as_share(before: Level, after: Level) -> float:
+    return 1.0 - (after.position / before.position) ** 2 if before.position > 0 else 0.0

@@ -1,0 +1,242 @@
+"""Identify a friction law's parameters from records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from ..orchestration.parameter_file import DRIVE, ParameterFile
+from ..records.force_record import Record
+from ..records.table import near
+from ..records.velocity import INTEGRATED
+from .fit import fit_along
+from .fit_result import Fit
+from .fitted_law import LAWS, OFFSET
+from .friction_estimation import estimate_friction
+from .identifiability import ways, which_would_do, why_not
+from .identification import MISFIT, SIDES, Identification
+from .intervals import Interval, averaged
+from .layout import Course, lay_out
+from .stribeck_fit import stribeck_points
+from .thesis_estimates import TOGETHER, thesis_estimates
+
+_LEAST_DIFFERENCE = 1e-3  # probability of such different directions if they were the same
+
+
+class UnknownLaw(ValueError):
+    """There is no law of this name to identify."""
+
+
+class CannotHold(ValueError):
+    """A parameter cannot be held at a value; the message says why and what can."""
+
+
+def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> None:
+    """Refuse what cannot be held at a value, and an offset that cannot be told.
+
+    Parameters
+    ----------
+    law : str
+        One of `LAWS`.
+    fixed : mapping of str to float
+        Values by the law's names, or `OFFSET` [N].
+    offset : bool, optional
+        Whether a constant force is to be fitted.
+
+    Raises
+    ------
+    CannotHold
+    """
+    described = LAWS[law]
+    names = list(described.parameters)
+    if described.directional:
+        names = [n + end for end in SIDES.values() for n in names]
+    together = TOGETHER.get(law, ())
+    for name, value in fixed.items():
+        if name in together:
+            others = ", ".join(n for n in together if n != name)
+            raise CannotHold(
+                f"{name} of {law} is fitted together with {others} and cannot be held alone"
+            )
+        if name != OFFSET and name not in names:
+            raise CannotHold(
+                f"{law} has no parameter {name!r}{near(name, [*names, OFFSET])}; it has "
+                f"{', '.join(names)}, and there is {OFFSET}"
+            )
+        if not math.isfinite(value) or (name != OFFSET and value <= 0):
+            raise CannotHold(
+                f"{name} is {value:g}, expected a {'finite number' if name == OFFSET else 'number'}"
+                + ("" if name == OFFSET else " above 0; a small one leaves its effect out")
+            )
+    if offset and OFFSET in fixed:
+        raise CannotHold(
+            f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; expected one of them"
+        )
+    if offset and described.directional:
+        raise CannotHold(
+            f"{law} has a friction of its own for each direction, from which a constant force is "
+            f"not told; hold {OFFSET} at a value"
+        )
+
+
+def identify(
+    records: Sequence[Record],
+    law: str,
+    told: ParameterFile | None = None,
+    fixed: Mapping[str, float] | None = None,
+    offset: bool = False,
+) -> Identification:
+    """Identify a law's parameters from records.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    law : str
+        One of `LAWS`.
+    told : ParameterFile, optional
+        What is known of the drive beside; the result's parameter file keeps it.
+    fixed : mapping of str to float, optional
+        Parameters that are held at a value, SI; `OFFSET` may be one.
+    offset : bool, optional
+        Whether a constant force is fitted beside the law, as a load or a load cell's zero makes it.
+
+    Raises
+    ------
+    UnknownLaw
+        If there is no such law here.
+    CannotHold
+    ValueError
+        If there are no records.
+    """
+    if law not in LAWS:
+        raise UnknownLaw(f"no law {law!r} to identify; there are {', '.join(LAWS)}")
+    if not records:
+        raise ValueError("no records to identify from")
+    estimates = [estimate_friction(r) for r in records]
+    course = lay_out(records, estimates)
+    fixed = dict(fixed or {})
+    check_held(law, fixed, offset)
+    fit = fit_along(records, law, course, fixed=fixed, offset=offset)
+    judged = {n: _judged(fit, n, course) for n in fit.names}
+    per_direction: dict[str, dict[str, Interval]] = {}
+    notes = []
+    moved = ways(course)
+    if fit.tied and len(moved) == 2:
+        guess = {n: i.value for n, i in judged.items()}
+        held = fixed | ({OFFSET: guess[OFFSET]} if offset else {})
+        apart = fit_along(records, law, course, tied=False, guess=guess, follow=False, fixed=held)
+        split = {n: _judged(apart, n, course) for n in apart.names}
+        per_direction = _by_direction(split, fit.law.parameters)
+        notes += _difference(apart, split, fixed)
+    elif not fit.tied:
+        per_direction = _by_direction(judged, fit.law.parameters)
+    else:
+        notes.append(f"motion {moved[0]} only: nothing is known of the other direction")
+    points = stribeck_points(list(records), estimates)
+    residual = (course.force - fit.predicted)[fit.spoken]
+    noise = float(np.median([e.force_noise for e in estimates]))
+    square = float(np.mean(residual**2)) if len(residual) else 0.0
+    unexplained = math.sqrt(max(square - noise**2, 0.0))
+    doubts = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
+    if unexplained > MISFIT * noise:
+        doubts.append(
+            f"the law leaves {unexplained:.3g} N of the force unexplained, "
+            f"{unexplained / noise:.3g} times its noise of {noise:.3g} N: this is not the friction "
+            "of these records"
+        )
+    strangers = [r for r in records if not r.about]
+    if strangers:
+        way = max(float(np.ptp(r.position)) for r in strangers)
+        pull = max(float(np.abs(r.force).max()) for r in strangers)
+        notes.append(
+            f"without trial.json, by name and --unit, positions cover up to {way:.3g} m, forces "
+            f"reach {pull:.3g} N, samples come every {strangers[0].step:.3g} s: if that is not so, "
+            "say the units"
+        )
+    if offset:
+        notes.append(
+            "a constant force and a Coulomb friction that differs by direction look alike while "
+            "sliding: the offset is that of a friction that is the same both ways"
+        )
+    if OFFSET in judged and (told is None or told.kind != DRIVE):
+        notes.append(
+            'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
+        )
+    if any(r.velocity_alone for r in records):
+        notes.append(INTEGRATED)
+    if law == "classical":
+        notes.append(
+            f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
+            "where the block may stick, say nothing but how much force it stood"
+        )
+    if law in ("modified_lugre", "directional_lugre"):
+        notes.append("Kv is held at 1e8 s/m: no record here resolves |v| of 1e-8 m/s")
+    if len({round(math.log(r.step), 2) for r in records}) > 1:
+        rates = ", ".join(f"{1 / s:.4g} Hz" for s in sorted({r.step for r in records}))
+        notes.append(f"records of different rates ({rates}), each used at its own")
+    return Identification(
+        law=law,
+        records=tuple(records),
+        parameters=judged,
+        per_direction=per_direction,
+        thesis=thesis_estimates(records, estimates, points, law),
+        fit=fit,
+        course=course,
+        estimates=tuple(estimates),
+        points=points,
+        unexplained=unexplained,
+        doubts=tuple(doubts),
+        notes=tuple(notes),
+        told=told,
+        fixed=fixed,
+    )
+
+
+def _judged(fit: Fit, name: str, course: Course) -> Interval:
+    interval = fit.intervals[name]
+    if interval.identified:
+        return interval
+    return replace(
+        interval,
+        because=why_not(fit, name, course),
+        would_do=which_would_do(fit, name, course.count),
+    )
+
+
+def _by_direction(
+    split: Mapping[str, Interval], names: Sequence[str]
+) -> dict[str, dict[str, Interval]]:
+    table = {side: {n: split[n + end] for n in names} for side, end in SIDES.items()}
+    table["averaged"] = {n: averaged(table["forwards"][n], table["backwards"][n]) for n in names}
+    return table
+
+
+def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, float]) -> list[str]:
+    """Whether the two directions differ by more than chance."""
+    half = len(apart.law.parameters)
+    seen = [
+        j
+        for j, n in enumerate(apart.law.parameters)
+        if n not in fixed and all(split[n + end].identified for end in SIDES.values())
+    ]
+    if not seen:
+        return []
+    turn = np.zeros((len(seen), len(apart.coordinates)))
+    for row, j in enumerate(seen):
+        turn[row, j], turn[row, j + half] = 1.0, -1.0
+    gap = turn @ apart.coordinates
+    distance = float(gap @ np.linalg.solve(turn @ apart.covariance @ turn.T, gap))
+    if chi2.sf(distance, len(seen)) > _LEAST_DIFFERENCE:
+        return []
+    worst = max(seen, key=lambda j: abs(apart.coordinates[j] - apart.coordinates[j + half]))
+    name = apart.law.parameters[worst]
+    one, other = split[name + "_pos"], split[name + "_neg"]
+    return [
+        f"the two directions differ by more than chance (most in {name}: "
+        f"{one.value:.4g} and {other.value:.4g} {one.unit}); "
+        "one set of parameters for both is a compromise, and its intervals are too narrow"
+    ]

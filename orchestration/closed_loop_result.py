@@ -1,0 +1,102 @@
+"""The result of a closed-loop run, and its files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..solver.files import write_atomically, write_json
+from .loop_run import LoopRun
+from .metrics import metrics
+from .parameter_file import ParameterFile
+
+ROWS = 10_000  # of a table that are text in memory at a time
+FIRST_COLUMNS = ("x", "v", "z", "i", "u")
+
+
+class Labelled(Protocol):
+    """A study, as far as results need it."""
+
+    @property
+    def label(self) -> str: ...
+    def parameters(self) -> ParameterFile | None: ...
+
+
+@dataclass(frozen=True)
+class ClosedLoopResult:
+    """A run with its study; `save` writes it as plain files.
+
+    Attributes
+    ----------
+    study : Study or SystemStudy
+    run : LoopRun
+    notes : tuple of str
+        What the user should know beside the verdict.
+    """
+
+    study: Labelled
+    run: LoopRun
+    notes: tuple[str, ...] = ()
+
+    @property
+    def trusted(self) -> bool:
+        return self.run.verdict.trusted
+
+    def figures(self) -> dict[str, Any]:
+        """Everything of ``metrics.json``."""
+        run, verdict = self.run, self.run.verdict
+        figures: dict[str, Any] = {"controller": self.study.label}
+        if {"x"} <= set(run.outputs) and {"u"} <= set(run.commands):
+            figures |= metrics(run).to_dict()
+        return figures | {
+            "interface_defect_max": max(run.defect_max.values(), default=0.0),
+            "interface_defect_effect_per_second": run.effect_rate_max,
+            "error_estimate": verdict.error_estimate,
+            "contraction": verdict.contraction,
+            "macro_steps": run.macro_steps,
+            "step_range": list(run.step_range),
+            "coupling": run.coupling.value,
+            "coupling_reason": run.coupling_reason,
+            "corrected": run.corrected,
+            "verdict": verdict.word,
+            "verdict_reason": verdict.reason,
+            "advice": verdict.advice,
+            "stopped": run.stopped,
+            "notes": list(self.notes),
+            "end_time": float(run.time[-1]),
+        }
+
+    def trajectory_csv(self) -> Iterator[bytes]:
+        """The table of ``trajectory.csv``, numbers with all their digits, piece by piece."""
+        run = self.run
+        columns = {**run.outputs, **run.commands}
+        names = [n for n in FIRST_COLUMNS if n in columns]
+        names += [n for n in columns if n not in names]
+        table = [run.time, *(columns[n] for n in names), run.reference]
+        yield _csv_rows([["time", *names, "x_d"]])
+        for first in range(0, len(run.time), ROWS):
+            piece = [column[first : first + ROWS].tolist() for column in table]
+            yield _csv_rows(map(repr, row) for row in zip(*piece, strict=True))
+
+    def save(self, folder: Path | str, pictures: bool = True) -> None:
+        """Write trajectory.csv, metrics.json, parameters.toml and, by default, the pictures."""
+        folder = Path(folder)
+        write_atomically(folder / "trajectory.csv", self.trajectory_csv())
+        parameters = self.study.parameters()
+        if parameters is not None:
+            parameters.save(folder)
+        write_json(folder / "metrics.json", self.figures())
+        if pictures:
+            from .pictures import save_run_pictures
+
+            save_run_pictures(self, folder)
+
+
+def _csv_rows(rows: Iterable[Iterable[str]]) -> bytes:
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue().encode()

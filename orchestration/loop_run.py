@@ -1,0 +1,181 @@
+"""A coupled run, and the loops and chunks that it is recorded in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .compiled import COURSE
+from .coupling import Coupling, Loop
+from .memory import check_memory
+from .participant import StepFailed
+from .reference_signal import Reference
+from .structs import Struct, struct
+from .verdict import ACCURACY, Verdict
+
+Vector = npt.NDArray[np.float64]
+
+CHUNK = 4096  # most steps between two looks at the clock on the wall
+NEGLIGIBLE = 1e-7  # of the range: effects that add up to less are round-off
+UNBOUNDED = StepFailed("").advice
+
+
+class CouplingError(ValueError):
+    """The coupling asked for is impossible with these parts; the message says why."""
+
+
+@dataclass(frozen=True)
+class LoopRun:
+    """A coupled run.
+
+    Attributes
+    ----------
+    time : ndarray, shape (k,)
+        Communication points [s].
+    outputs : dict of str to ndarray, shape (k,)
+        The plant's outputs, under the names they are mapped to.
+    commands : dict of str to ndarray, shape (k,)
+        The controller's commands, under the names of the plant's inputs.
+    reference : ndarray, shape (k,)
+    coupling : Coupling
+    coupling_reason : str
+        Why this coupling, where it was chosen by rule.
+    corrected : bool
+    defect_max : dict of str to float
+        Largest interface defect of each command, in its unit.
+    effect_rate_max : dict of str to float
+        Largest effect of the defect on each output, per second; empty where nothing could be
+        corrected.
+    macro_steps : int
+    step_range : tuple of two floats
+        Shortest and longest communication step [s].
+    verdict : Verdict
+    stopped : str
+        Why the run ended before its time; empty if it did not.
+    """
+
+    time: Vector
+    outputs: dict[str, Vector]
+    commands: dict[str, Vector]
+    reference: Vector
+    coupling: Coupling
+    coupling_reason: str
+    corrected: bool
+    defect_max: dict[str, float]
+    effect_rate_max: dict[str, float]
+    macro_steps: int
+    step_range: tuple[float, float]
+    verdict: Verdict
+    stopped: str = ""
+
+
+class RecordedLoop:
+    """One loop with everything recorded along its way; `parts` as in `PAIR`."""
+
+    def __init__(self, whole: Struct, loop: Loop, parts: int) -> None:
+        self.loop, self._whole = loop, whole
+        self._room = np.empty((CHUNK, len(loop.outputs)))
+        whole.set(parts=parts, recorded=self._room, failed=math.nan)
+        self.outputs = [loop.outputs[None].copy()]
+        self.failure = ""
+
+    @property
+    def record(self) -> Any:
+        """The pair as compiled code sees it."""
+        return self._whole.record
+
+    @property
+    def address(self) -> int:
+        return self._whole.address
+
+    def collect(self) -> None:
+        """Keep what the last chunk recorded."""
+        self.outputs.append(self._room[: self.record.rows].copy())
+        if not math.isnan(self.record.failed) and not self.failure:
+            t = self.record.failed
+            self.failure = f"the companion loop failed at t = {t:.6g} s: {self.error()}"
+
+    def error(self) -> StepFailed:
+        """What the loop failed with; raises what is no failure of a step, as an interruption."""
+        error = self.loop.failure()
+        assert error is not None
+        if not isinstance(error, StepFailed):
+            raise error
+        return error
+
+
+def check_room(outputs: int, commands: int, companions: int, steps: float) -> None:
+    """Refuse a run whose rows do not fit into memory.
+
+    All are there twice while the chunks become whole columns, and the verdict and the pictures
+    make some columns more.
+    """
+    rows = 2 * (outputs * (1 + companions) + commands + 2) + 3 * outputs
+    check_memory(
+        8.0 * rows * steps,
+        f"{steps:.3g} communication steps need",
+        "use a longer --step or a shorter --stop",
+    )
+
+
+class Course:
+    """The rows of a run as chunks, and what was measured along it.
+
+    Parameters
+    ----------
+    reference : Reference
+    width : int
+        Number of inputs that it goes to.
+    outputs, nominal : ndarray
+        Of the plant: at the start, and nominal values.
+    m : int
+        Number of commands.
+    """
+
+    def __init__(
+        self, reference: Reference, width: int, outputs: Vector, nominal: Vector, m: int
+    ) -> None:
+        self._whole = struct(COURSE)
+        self._rows = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m))
+        self.nominal = nominal
+        self.defect, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
+        self._whole.set(
+            times=self._rows[0],
+            references=self._rows[1],
+            commands=self._rows[2],
+            nominal=nominal,
+            low=outputs.copy(),
+            high=outputs.copy(),
+            defect=self.defect,
+            effect_rate=self.effect_rate,
+            apart=np.zeros(len(outputs)),
+            goal_times=np.ascontiguousarray(reference.times, dtype=float),
+            goal_values=np.ascontiguousarray(reference.values, dtype=float),
+            accuracy=ACCURACY,
+            before=np.zeros(width),
+            after=np.zeros(width),
+        )
+        self.start = reference.at(0.0)
+        self.times, self.references = [np.zeros(1)], [np.array([self.start])]
+        self.commands: list[Vector] = []
+
+    @property
+    def address(self) -> int:
+        return self._whole.address
+
+    def collect(self, rows: int) -> None:
+        """Keep what the last chunk recorded."""
+        for kept, room in zip(
+            (self.times, self.references, self.commands), self._rows, strict=True
+        ):
+            kept.append(room[:rows].copy())
+
+    @property
+    def contraction(self) -> float:
+        record = self._whole.record
+        weight = record.contraction_weight
+        return float(record.contraction / weight) if weight >= NEGLIGIBLE else 0.0
