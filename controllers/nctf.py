@@ -131,7 +131,7 @@ def design(
     """
     if mode not in ("printed", "fitted"):
         raise ValueError(f"design mode is {mode!r}, expected 'printed' or 'fitted'")
-    plant = Model(stored_kernel("plant", axis), plant_parameters)
+    plant = Model(stored_kernel("plant", axis, "ballscrew.plant.axis"), plant_parameters)
     plant.set_input("u", STEP_VOLTAGE)
     steady = plant.simulate(np.linspace(0.0, 1.0, 101)).outputs["v"]
     if not steady[-1] > 0 or abs(steady[-1] - steady[-11]) > 1e-6 * steady[-1]:

@@ -11,11 +11,15 @@ from ..plant import PLANTS
 from ..solver import kernel_cache
 from ..solver.kernel import Kernel
 from ..solver.stored import fingerprint, stored_kernel
+from .carried_runtime import carried_runtime
 
 if TYPE_CHECKING:
     from ..solver.component import Component
 
 NAMES = {**PLANTS, **CONTROLLERS}
+# what makes equations or files of components; named, since it is imported when it is needed
+_EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
+_CONNECT = "ballscrew.solver.connect"
 
 
 class UnknownComponent(KeyError):
@@ -32,10 +36,15 @@ def component(name: str) -> Component:
     ------
     UnknownComponent
     """
+    module = importlib.import_module(module_of(name))
+    return cast("Component", getattr(module, NAMES[name].partition(":")[2])())
+
+
+def module_of(name: str) -> str:
+    """The module that makes the component of this name; raises as `component` does."""
     if name not in NAMES:
         raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
-    module, function = NAMES[name].split(":")
-    return cast("Component", getattr(importlib.import_module(module), function)())
+    return NAMES[name].partition(":")[0]
 
 
 def fmu_kernel(name: str) -> Kernel:
@@ -46,16 +55,23 @@ def fmu_kernel(name: str) -> Kernel:
 
         return with_law_ports(component(name))
 
-    return stored_kernel(f"fmu_{name}", make)
+    return stored_kernel(f"fmu_{name}", make, module_of(name), _EXPORT)
 
 
 def fmu(name: str) -> Path:
     """Path of the FMU of this name in the user's cache, exported if it is not there yet."""
-    path = kernel_cache.folder() / "fmus" / f"{name}-{fingerprint()}.fmu"
+    return _stored_fmu(fmu_kernel(name))
+
+
+def _stored_fmu(kernel: Kernel) -> Path:
+    """Path of a kernel's FMU, kept under a hash of all that goes into it."""
+    package, _ = carried_runtime()
+    content = kernel.to_json() + package + fingerprint(_EXPORT)
+    path = kernel_cache.folder() / "fmus" / f"{kernel_cache.hashed_name(kernel.name, content)}.fmu"
     if not path.is_file():
         from .export import export_kernel
 
-        export_kernel(fmu_kernel(name), path)
+        export_kernel(kernel, path)
     return path
 
 
@@ -67,18 +83,12 @@ def variational_kernel(name: str, tangents: int) -> Kernel:
 
         return variational(component(name), tangents)
 
-    return stored_kernel(f"fmu_{name}_variational_{tangents}", make)
+    return stored_kernel(f"fmu_{name}_variational_{tangents}", make, module_of(name), _VARIATIONAL)
 
 
 def variational_fmu(name: str, tangents: int) -> Path:
     """Path of the FMU of this name with tangents, as `fmu`."""
-    stem = f"{name}_variational_{tangents}"
-    path = kernel_cache.folder() / "fmus" / f"{stem}-{fingerprint()}.fmu"
-    if not path.is_file():
-        from .export import export_kernel
-
-        export_kernel(variational_kernel(name, tangents), path)
-    return path
+    return _stored_fmu(variational_kernel(name, tangents))
 
 
 SETPOINT = 0.08  # [m] where a loop goes by itself, so that its default run shows the nominal step
@@ -106,14 +116,10 @@ def loop(controller: str, plant: str = "plant") -> Component:
 
 def loop_fmu_kernel(controller: str, plant: str = "plant") -> Kernel:
     """The compiled closed loop with this controller, from disk if there; raises as `loop` does."""
-    return stored_kernel(f"fmu_loop_{plant}_{controller}", lambda: loop(controller, plant))
+    parts = module_of(plant), module_of(controller), _CONNECT
+    return stored_kernel(f"fmu_loop_{plant}_{controller}", lambda: loop(controller, plant), *parts)
 
 
 def loop_fmu(controller: str) -> Path:
     """Path of the FMU of the closed loop with this controller, as `fmu`; raises as `loop` does."""
-    path = kernel_cache.folder() / "fmus" / f"{controller}_loop-{fingerprint()}.fmu"
-    if not path.is_file():
-        from .export import export_kernel
-
-        export_kernel(loop_fmu_kernel(controller), path)
-    return path
+    return _stored_fmu(loop_fmu_kernel(controller))

@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import os
 import sys
 import tempfile
 import zipfile
-from functools import cache
 from importlib.metadata import distribution
 from pathlib import Path
 
 from .. import __version__
-from ..solver.codegen import generate, hashed_name
+from ..solver.codegen import generate
 from ..solver.component import Component
-from ..solver.core import LIBRARY
 from ..solver.files import write_atomically
 from ..solver.kernel import Kernel
+from ..solver.kernel_cache import hashed_name
 from .accompanying import accompanying, licence
 from .archive import packed
+from .carried_runtime import carried_runtime
 from .feedback_law import accept_law, report_law
 from .interface import interface_of
 from .made_here import remember
 from .model_description import model_description
-
-RUNTIME = (
-    *("solver/core.py", "solver/stepper.py", f"solver/c/{LIBRARY}"),
-    *("fmus/runtime.py", "fmus/process_end.py"),
-)
-"""What of the package an FMU carries, in a package of its own whose name ends in its hash."""
 
 _SLAVE = '''"""The slave that pythonfmu loads: {description}."""
 
@@ -85,7 +78,7 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
     """Export a compiled component, law ports and all, as `export` does."""
     path = Path(path)
     interface = interface_of(kernel, kernel.name)
-    package, carried = _carried()
+    package, carried = carried_runtime()
     texts = {
         kernel.module: kernel.source,
         (tapes := hashed_name(f"tapes_{kernel.name}", kernel.tapes)): f"TAPES = {kernel.tapes!r}\n",
@@ -119,18 +112,6 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
         write_atomically(path, _normalized(built, ours))
     remember(path)
     return path
-
-
-@cache
-def _carried() -> tuple[str, dict[str, bytes]]:
-    """Name and files of the package that an FMU carries."""
-    top = Path(__file__).resolve().parents[1]
-    files = {name: (top / name).read_bytes() for name in RUNTIME}
-    digest = hashlib.sha256(
-        b"\0".join(part for f in files.items() for part in (f[0].encode(), f[1]))
-    )
-    empty = {f"{folder}__init__.py": b"" for folder in ("", "solver/", "fmus/")}
-    return f"ballscrew_{digest.hexdigest()[:12]}", files | empty
 
 
 def _build(script: Path, others: list[Path], target: Path) -> Path:

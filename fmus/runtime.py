@@ -1,6 +1,6 @@
 """What runs inside an exported FMU: a pythonfmu slave around generated equations.
 
-This file goes into every FMU with the few that it imports, see `RUNTIME` in ``export.py``, beside
+This file goes into every FMU with the few that it imports, see ``carried_runtime.py``, beside
 the generated equations; on the host it needs pythonfmu (which the FMU carries) and numpy.
 
 Errors never leave as Python exceptions, because those reach the master without a text and may take
@@ -18,8 +18,7 @@ import numpy as np
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
-from ..solver.core import CHATTER, DONE, REACHED, TOO_MANY_STEPS, System
-from ..solver.core import at as address
+from ..solver.core import CHATTER, DONE, NOT_FINITE, REACHED, TOO_MANY_STEPS, System
 from ..solver.stepper import PlainSystem
 from .process_end import end_cleanly
 
@@ -75,10 +74,8 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._nominal = np.array(at["nominal"])
         self._atol = np.zeros(n)
         self._system = system_of(self.equations, self.tapes, n)
-        # all of it stays where it is: to the core by address
         kept = (self._x, self._held, self._p, self._y, self._atol, self._info)
-        in_core = isinstance(self._system, System)
-        self._given = tuple(map(address, kept)) if in_core else kept
+        self._instance = self._system.instance(*kept)
         self._stale = True
 
     # -- variables ---------------------------------------------------------------------------
@@ -108,8 +105,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             self._initialize_states()
         self._take_frame()
         try:
-            x, held, p, y, _, _ = self._given
-            self._system.out(self.memory[self.layout["time"]], x, held, p, y)
+            self._instance.out(self.memory[self.layout["time"]])
         except (ArithmeticError, ValueError) as error:
             self._y[:] = math.nan
             self._fail(f"outputs cannot be computed: {error}")
@@ -167,8 +163,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         """Enter the mode that the start values and parameters lead to."""
         time = self.memory[self.layout["time"]]
         try:
-            x, held, p, _, _, info = self._given
-            status = self._system.settle(time, x, held, p, info)
+            status = self._system.settle(time, self._x, self._held, self._p, self._info)
         except (ArithmeticError, ValueError) as error:
             self._fail(f"the first mode cannot be found: {error}")
             return
@@ -199,16 +194,14 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             self._fail(f"{error} in the step from t = {current_time:.9g} s")
         self.memory[at["time"]] = current_time + step_size
         self._stale = True
-        if done and not np.isfinite(self._x).all():
-            self._fail(f"the state is not finite at t = {current_time + step_size:.9g} s")
-            return False
         return done
 
     def _advance(self, t0: float, t1: float) -> bool:
-        x, held, p, _, atol, info = self._given
         tolerance = self.memory[self.layout["tolerance"]]
-        status = self._system.advance(t0, t1, x, held, p, atol, tolerance, info, MAX_STEPS)
-        if status != DONE:
+        status = self._instance.advance(t0, t1, tolerance, MAX_STEPS)
+        if status == NOT_FINITE:
+            self._fail(f"the state is not finite at t = {t1:.9g} s")
+        elif status != DONE:
             reached = self._info[REACHED]
             what = {
                 TOO_MANY_STEPS: f"{MAX_STEPS} internal steps were not enough",

@@ -31,13 +31,15 @@ _ROUND_OFF = 1e-9
 def loop_kernel(plant: str, controller: str) -> Kernel:
     """The compiled closed loop of two components by name, its set-point a ramp within each step."""
 
+    from ..fmus.catalogue import component, module_of
+
     def make() -> Component:
-        from ..fmus.catalogue import component
         from ..solver.connect import connect
 
         return _with_ramps(connect(component(plant), component(controller)))
 
-    return stored_kernel(f"loop_{plant}_{controller}", make)
+    parts = module_of(plant), module_of(controller)
+    return stored_kernel(f"loop_{plant}_{controller}", make, __name__, *parts)
 
 
 def _with_ramps(loop: Component) -> Component:

@@ -95,7 +95,7 @@ def motion_kernel(name: str) -> Kernel:
     """
     friction = law(name)
     part = f"motion_{name}"
-    return stored_kernel(part, lambda: prescribed_motion(friction, part))
+    return stored_kernel(part, lambda: prescribed_motion(friction, part), __name__, law.__module__)
 
 
 def follow(

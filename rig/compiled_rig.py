@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..plant import LAWS
@@ -14,15 +12,6 @@ from .wiring import WIRINGS
 
 if TYPE_CHECKING:
     from ..solver.component import Component
-
-
-@cache
-def _sources() -> str:
-    """Hash of this folder's sources: what is compiled from them is kept under it."""
-    digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 @cache
@@ -43,7 +32,9 @@ def plant_kernel(law: str) -> Kernel:
 
         return rig_plant(laws.law(law), f"rig_plant_{law}")
 
-    return stored_kernel(f"rig_plant_{law}_{_sources()}", make)
+    return stored_kernel(
+        f"rig_plant_{law}", make, "ballscrew.rig.plant", LAWS[law].partition(":")[0]
+    )
 
 
 @cache
@@ -55,4 +46,6 @@ def program_kernel(control: str) -> Kernel:
 
         return program(WIRINGS[control], f"rig_{control}_program")
 
-    return stored_kernel(f"rig_{control}_program_{_sources()}", make)
+    return stored_kernel(
+        f"rig_{control}_program", make, "ballscrew.rig.program", "ballscrew.rig.wiring"
+    )

@@ -6,7 +6,6 @@ operation, and it goes into FMUs beside them.
 
 from __future__ import annotations
 
-import hashlib
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 
@@ -18,6 +17,7 @@ from .component import TIME, Component, Event, Mode, Output, symbol
 from .formulas import Writer, formula, label
 from .functions import slopes, symbols_in
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
+from .kernel_cache import hashed_name
 from .tape import UnsupportedComponent, recorded
 
 _HEAD = '''"""The equations of {name}, generated."""
@@ -305,11 +305,6 @@ def _symbols_of(component: Component, output: Output) -> set[str]:
         *(m.outputs[output.name] for m in component.modes if output.name in m.outputs),
     ]
     return {s.name for value in values for s in symbols_in(sp.sympify(value))}
-
-
-def hashed_name(stem: str, text: str) -> str:
-    """A module name that no other content can have."""
-    return f"{stem}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
 def _readable(component: Component) -> list[list[str]]:

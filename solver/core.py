@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 # how an integration ends
-DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, RAN_AWAY, STIFF, NO_MEMORY = range(7)
+DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, RAN_AWAY, STIFF, NO_MEMORY, NOT_FINITE = range(8)
 # what it leaves, see ``Info`` in ``c/stepper.h``
 NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = range(7)
 INFO_SIZE = 7
@@ -62,6 +62,10 @@ class _Work(ct.Structure):
     )
 
 
+class _Instance(ct.Structure):
+    _fields_ = tuple((name, _At) for name in ("system", "work", "x", "u", "y", "p", "atol", "info"))
+
+
 class Walk(ct.Structure):
     """``Walk`` in ``c/tangents.h``."""
 
@@ -103,6 +107,8 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "lay_work": (_At, _WHOLE, _WHOLE, _At),
     "settle": (_At, _NUMBER, *[_At] * 5),
     "integrate": (_At, _NUMBER, _NUMBER, *[_At] * 4, _NUMBER, _At, _At, _WHOLE),
+    "step": (_At, _NUMBER, _NUMBER, _NUMBER, _WHOLE),
+    "output": (_At, _NUMBER),
     "trajectory": (
         *(_At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _At),
         *(_NUMBER, _At, _At, _WHOLE),
@@ -125,7 +131,7 @@ def library() -> Any:
     for name, types in _SIGNATURES.items():
         function = getattr(loaded, f"core_{name}")
         function.argtypes = types
-        function.restype = None if name in ("play_tapes", "lay_work") else _WHOLE
+        function.restype = None if name in ("play_tapes", "lay_work", "output") else _WHOLE
     return loaded
 
 
@@ -280,6 +286,12 @@ class System:
             )
         )
 
+    def instance(self, x: Any, u: Any, p: Any, y: Any, atol: Any, info: Any) -> Instance:
+        """The system with memory that stays where it is; see `advance` and `out`."""
+        return Instance(
+            self, _Instance(self.address, self._work_address, *map(at, (x, u, y, p, atol, info)))
+        )
+
     def trajectory(
         self,
         times: Any,
@@ -334,3 +346,20 @@ class System:
         return int(
             self._core.core_returns(self.address, ct.addressof(crossings), explicitly, at(info))
         )
+
+
+class Instance:
+    """A system with its memory: what an FMU steps, twice as soon as by arrays."""
+
+    def __init__(self, system: System, given: _Instance) -> None:
+        self._kept = system, given
+        self._at = ct.addressof(given)
+        self._step, self._output = system._core.core_step, system._core.core_output
+
+    def advance(self, t0: float, t1: float, rtol: float, max_steps: int) -> int:
+        """As `System.advance`; `NOT_FINITE` where it ends with a state that is no number."""
+        return int(self._step(self._at, t0, t1, rtol, max_steps))
+
+    def out(self, t: float) -> None:
+        """Write the outputs."""
+        self._output(self._at, t)

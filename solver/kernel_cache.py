@@ -50,6 +50,11 @@ def _way_of_compiling() -> str:
     return hashlib.sha256(b"\0".join((here / n).read_bytes() for n in names)).hexdigest()[:8]
 
 
+def hashed_name(stem: str, text: str) -> str:
+    """A module name that no other content can have."""
+    return f"{stem}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+
 def can_be_written(place: Path) -> bool:
     """Whether a folder is there, or can be made, and takes files."""
     try:

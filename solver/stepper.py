@@ -22,6 +22,7 @@ from .core import (
     EVENTS,
     LAST_ERROR,
     NEXT_STEP,
+    NOT_FINITE,
     REACHED,
     REJECTED,
     STAGES,
@@ -176,6 +177,10 @@ class PlainSystem:
     def out(self, t: float, x: Any, u: Any, p: Any, y: Any) -> None:
         """Write the outputs."""
         self.f.out(t, x, u, p, y)
+
+    def instance(self, x: Any, u: Any, p: Any, y: Any, atol: Any, info: Any) -> PlainInstance:
+        """As `core.System.instance`."""
+        return PlainInstance(self, x, u, p, y, atol, info)
 
     def sample(self, t: float, x: Any, u: Any, p: Any, d: Any) -> None:
         """Write the next discrete states."""
@@ -426,3 +431,19 @@ class PlainSystem:
             high = low
             state = self._attempt(t, low, x)[1] if low > 0.0 else x
         return high, state, found
+
+
+class PlainInstance:
+    """As `core.Instance`."""
+
+    def __init__(self, system: PlainSystem, *given: Any) -> None:
+        self._system, self._given = system, given
+
+    def advance(self, t0: float, t1: float, rtol: float, max_steps: int) -> int:
+        x, u, p, _, atol, info = self._given
+        status = self._system.advance(t0, t1, x, u, p, atol, rtol, info, max_steps)
+        return NOT_FINITE if status == DONE and not all(map(math.isfinite, x)) else status
+
+    def out(self, t: float) -> None:
+        x, u, p, y, _, _ = self._given
+        self._system.out(t, x, u, p, y)

@@ -1,9 +1,14 @@
-"""Kernels kept on disk, so that a second process neither derives nor prints equations again."""
+"""Kernels kept on disk, so that a second process neither derives nor prints equations again.
+
+A kernel is kept under a hash of the sources that its equations come from: the modules that make the
+component, and all modules of this package that those import.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -16,19 +21,58 @@ from .kernel import Kernel
 if TYPE_CHECKING:
     from .component import Component
 
+_TOP = Path(__file__).parents[1]
+_GENERATOR = "ballscrew.solver.codegen"
+_FROM = re.compile(r"^[ \t]*from[ \t]+(\.*)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.M)
+_NAMED = re.compile(r'"(ballscrew(?:\.\w+)+):\w+"')  # "module:function", as lists of parts have it
+
 
 @cache
-def fingerprint() -> str:
-    """Hash of everything that decides what is generated: our sources and SymPy's version."""
-    top = Path(__file__).resolve().parent
-    parts = [top, *(top.parent / name for name in ("plant", "controllers", "fmus"))]
+def sources_of(module: str) -> dict[str, Path]:
+    """A module of this package and all those that it imports, and these import; their files."""
+    found: dict[str, Path] = {}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        file = _file_of(name)
+        if name in found or file is None:
+            continue
+        found[name] = file
+        waiting += _imported(name, file)
+    return found
+
+
+def _file_of(module: str) -> Path | None:
+    """None where there is no such module, but a name within one; nothing is imported."""
+    stem = _TOP.joinpath(*module.split(".")[1:])
+    files = stem.with_name(stem.name + ".py"), stem / "__init__.py"
+    return next((f for f in files if f.is_file()), None)
+
+
+def _imported(module: str, file: Path) -> Iterator[str]:
+    text = file.read_text(encoding="utf-8")
+    package = module.split(".") if file.name == "__init__.py" else module.split(".")[:-1]
+    for dots, name, imported in _FROM.findall(text):
+        start = package[: len(package) + 1 - len(dots)] if dots else []
+        parent = ".".join([*start, *([name] if name else [])])
+        if parent.startswith("ballscrew."):  # the package itself has no equations
+            yield parent
+        if parent.partition(".")[0] == "ballscrew":
+            yield from (f"{parent}.{n}" for n in re.findall(r"\w+", imported) if n.islower())
+    yield from _NAMED.findall(text)
+
+
+@cache
+def fingerprint(*modules: str) -> str:
+    """Hash of all that decides what is generated: sources of these modules, and SymPy's version."""
+    sources = {n: f for m in (_GENERATOR, *modules) for n, f in sources_of(m).items()}
     digest = hashlib.sha256(version("sympy").encode())
-    for file in sorted(f for part in parts for f in part.glob("*.py")):
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    for name in sorted(sources):
+        digest.update(name.encode() + b"\0" + sources[name].read_bytes())
     return digest.hexdigest()[:16]
 
 
-def stored_kernel(name: str, make: Callable[[], Component]) -> Kernel:
+def stored_kernel(name: str, make: Callable[[], Component], *modules: str) -> Kernel:
     """The kernel of the component that `make` builds; `name` must determine what it builds.
 
     Parameters
@@ -37,8 +81,10 @@ def stored_kernel(name: str, make: Callable[[], Component]) -> Kernel:
         An identifier, unique among all callers.
     make : function without arguments
         Called only when the kernel is not on disk yet.
+    *modules : str
+        Modules of this package that the component's equations come from.
     """
-    path = kernel_cache.folder() / "components" / f"{name}-{fingerprint()}.json"
+    path = kernel_cache.folder() / "components" / f"{name}-{fingerprint(*modules)}.json"
     try:
         return Kernel.from_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, TypeError, KeyError):

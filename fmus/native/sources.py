@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 from importlib import resources
 
 from ... import solver
-from ...solver.codegen import generate, hashed_name
+from ...solver.codegen import generate
 from ...solver.component import Component
 from ...solver.kernel import Kernel
+from ...solver.kernel_cache import hashed_name
 from ...solver.stored import stored_kernel
 from ...solver.tape import functions
 from ...solver.translation import in_c
-from ..catalogue import component, fmu_kernel
+from ..catalogue import component, fmu_kernel, variational_kernel
 from ..export import with_law_ports
 from ..interface import MESSAGE, Interface, Variable, interface_of, numbered
 from ..variational import variational
@@ -99,7 +100,7 @@ def stored_model(name: str, kernel: Kernel, make: Callable[[], Component]) -> Na
         Makes the component; called only where something is not on disk yet.
     """
     maker = resources.files(__package__).joinpath("partials.py").read_text(encoding="utf-8")
-    stored = hashed_name(f"partials_{name}", maker)
+    stored = hashed_name(f"partials_{name}", maker + kernel.to_json())
     return _model(kernel, stored_kernel(stored, lambda: partials(make())))
 
 
@@ -125,7 +126,7 @@ def variational_model(name: str, tangents: int) -> NativeModel:
         return variational(component(name), tangents)
 
     stem = f"{name}_variational_{tangents}"
-    return stored_model(stem, stored_kernel(f"fmu_{stem}", make), make)
+    return stored_model(stem, variational_kernel(name, tangents), make)
 
 
 def with_kernel(model: NativeModel, kernel: Kernel) -> NativeModel:

@@ -38,7 +38,7 @@ def with_faster_bristles(scale: float) -> dict[str, float]:
 
 def coasting() -> Figures:
     """The open-loop step of Section 3.4.2.1: speed, and the way to a stop."""
-    plant = Model(stored_kernel("plant", axis), None)
+    plant = Model(stored_kernel("plant", axis, "ballscrew.plant.axis"), None)
     plant.set_input("u", STEP_VOLTAGE)
     plant.advance(0.0, 1.0)
     speed = plant.outputs(1.0, plant.x)["v"]
@@ -82,7 +82,7 @@ def coasting() -> Figures:
 
 
 def _steady_speed(voltage: float, values: dict[str, float] | None = None) -> float:
-    plant = Model(stored_kernel("plant", axis), values)
+    plant = Model(stored_kernel("plant", axis, "ballscrew.plant.axis"), values)
     plant.set_input("u", voltage)
     plant.advance(0.0, 1.0)
     return plant.outputs(1.0, plant.x)["v"]

@@ -34,6 +34,30 @@ API int core_integrate(const System *s, double t0, double t1, double *x, double 
     return integrate(s, t0, t1, x, u, p, atol, rtol, work, info, max_steps, NULL);
 }
 
+/* A system with its memory, which stays where it is; as in `core.py`. */
+typedef struct {
+    const System *system;
+    Work *work;
+    double *x, *u, *y;
+    const double *p, *atol;
+    Info *info;
+} Instance;
+
+API int core_step(const Instance *i, double t0, double t1, double rtol, int max_steps)
+{
+    const int status = integrate(i->system, t0, t1, i->x, i->u, i->p, i->atol, rtol, i->work,
+                                 i->info, max_steps, NULL);
+    for (int k = 0; status == DONE && k < i->system->states; k++)
+        if (!isfinite(i->x[k]))
+            return NOT_FINITE;
+    return status;
+}
+
+API void core_output(const Instance *i, double t)
+{
+    i->system->out(i->system, t, i->x, i->u, i->p, i->y);
+}
+
 /* States and outputs, rows of `states` and `outputs`, over a grid of times, of which the first state
  * is given; returns the rows that were reached.
  *

@@ -9,7 +9,7 @@
 #define STAGES 8
 #define MOST_AT_ONCE 64 /* events at one instant */
 
-enum { DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, RAN_AWAY, STIFF, NO_MEMORY };
+enum { DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, RAN_AWAY, STIFF, NO_MEMORY, NOT_FINITE };
 enum { EITHER, CHANGES_MODE, RESETS }; /* kinds of events */
 
 /* What an integration leaves for the next, and what it has counted. */
