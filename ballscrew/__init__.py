@@ -1,6 +1,8 @@
 """Friction, co-simulation and stability of a ball-screw axis."""
 
 import os.path
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
@@ -8,3 +10,51 @@ __version__ = "0.1.0"
 # started there finds this folder first.
 if not os.path.isdir(os.path.join(__path__[0], "solver")):
     __path__.append(os.path.dirname(__path__[0]))
+
+# name: module; a name is imported when it is first asked for, since SymPy takes half a second
+_PUBLIC = {
+    **dict.fromkeys(
+        (
+            *("catalogue", "component", "connect", "export", "run", "swap", "lyapunov"),
+            *("stability_map", "run_trial", "read_force_records", "read_drive_records"),
+            *("read_parameters", "identify", "diagnose"),
+        ),
+        "ballscrew.api",
+    ),
+    **dict.fromkeys(
+        (
+            *("Component", "Parameter", "Input", "Output", "State", "DiscreteState", "ForceTerm"),
+            *("ForceBalance", "Event", "Mode", "Delay", "symbol", "TIME"),
+        ),
+        "ballscrew.solver.component",
+    ),
+    "Coupling": "ballscrew.orchestration.coupling",
+    "Reference": "ballscrew.orchestration.reference_signal",
+}
+__all__ = sorted(_PUBLIC)
+
+if TYPE_CHECKING:
+    from .api import catalogue as catalogue
+    from .api import component as component
+    from .api import connect as connect
+    from .api import diagnose as diagnose
+    from .api import export as export
+    from .api import identify as identify
+    from .api import lyapunov as lyapunov
+    from .api import read_drive_records as read_drive_records
+    from .api import read_force_records as read_force_records
+    from .api import read_parameters as read_parameters
+    from .api import run as run
+    from .api import run_trial as run_trial
+    from .api import stability_map as stability_map
+    from .api import swap as swap
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PUBLIC:
+        return getattr(import_module(_PUBLIC[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -12,7 +12,7 @@ from typing import Any
 from .options import BAD_REQUEST
 from .supervision import tell, tell_kept
 
-LONGEST_LINE = 600  # characters of a complaint; what a stranger's file says may be endless
+LONGEST_LINE = 600  # characters of a complaint; what a third-party file says may be endless
 
 
 def forget_output() -> None:
@@ -73,7 +73,7 @@ def print_figures(figures: dict[str, Any], folder: Path) -> None:
         ("overshoot", figures.get("overshoot"), "m"),
         ("steady-state error", figures.get("steady_state_error"), "m"),
         ("integral of |error|", figures.get("iae"), "m*s"),
-        ("interface defect", figures["interface_defect_max"], "V"),
+        ("coupling residual", figures["coupling_residual_max"], "V"),
     ]
     for label, value, unit in rows:
         shown = "-" if value is None else f"{value:.6g} {unit}"

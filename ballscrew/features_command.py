@@ -78,7 +78,13 @@ def _features(options: argparse.Namespace) -> int:
         raise BadRequest(f"--identified: {error}") from error
     except IntegrationError as error:
         raise BadRequest(f"{error}; this law cannot take part") from error
-    save_results(options.out, table.save)
+    from .rig.feature_pictures import save_pictures
+
+    def save(folder: Path) -> None:
+        save_pictures(table.observations, folder)
+        table.save(folder)
+
+    save_results(options.out, save)
     if options.json:
         print(json.dumps(table.to_dict(), indent=1))
     else:

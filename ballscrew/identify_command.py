@@ -120,10 +120,12 @@ def _identify(options: argparse.Namespace) -> int:
         )
     except BadRecord as error:
         raise BadRequest(str(error)) from error
+    from .results import IdentifiedLaw
+
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
     result = identify(records, options.law, told, fixed, options.offset)
-    save_results(options.out, result.save)
+    save_results(options.out, IdentifiedLaw.of(result).save)
     if options.json:
         print(json.dumps(result.to_dict()))
     else:

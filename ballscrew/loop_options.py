@@ -44,7 +44,7 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
     add("--step", default="1e-3", metavar="SECONDS", help="communication step [s] (default 1e-3)")
     add("--coupling", metavar="NAME", help=f"{', '.join(COUPLINGS)} (default: by rule, and said)")
     add("--corrections", metavar="0|1", help="corrections of each step by rollback")
-    add("--adaptive", action="store_true", help="let the defect choose steps up to --step")
+    add("--adaptive", action="store_true", help="let the residual choose steps up to --step")
     add(
         "--set",
         action="append",
@@ -59,7 +59,7 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="THEIRS=OURS",
-        help="a stranger's port and the one it meets; of one of several controllers by its name, "
+        help="a third-party port and the one it meets; of one of several controllers by its name, "
         "as hand.pos=x",
     )
     add("--limit-voltage", metavar="V", help="amplifier voltage limit; 36 V is nominal")

@@ -55,6 +55,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
         raise BadRequest("--tolerance is for --via model; FMUs have a solver of their own")
     asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
     prepare_folder(options.out, [options.params])
+    from .results import Exponents
     from .solver.files import finite_or_null
     from .stability.loop_lyapunov import loop_lyapunov
     from .stability.lyapunov import NoExponents
@@ -85,7 +86,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
 
     def save(folder: Path) -> None:
         asked.parameters().save(folder)
-        result.save(folder)
+        Exponents.of(result).save(folder)
 
     save_results(options.out, save)
     figures = result.figures()

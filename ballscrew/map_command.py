@@ -80,6 +80,7 @@ def _map(options: argparse.Namespace) -> int:
         count = read_whole_number("--workers", options.workers, 1, MOST_WORKERS)
     from .orchestration.memory import NotEnoughMemory
     from .orchestration.workers import Dask, Processes, WorkersLost
+    from .stability.map_pictures import save_map_picture
     from .stability.stability_map import make_map
     from .stability.study import BadMap, MapStudy, read_axis
 
@@ -97,6 +98,11 @@ def _map(options: argparse.Namespace) -> int:
         prepare_folder(options.out, [options.params])
         workers = Dask(options.dask) if options.dask else Processes(count)
         progress = _MapProgress()
+
+        def beside(stage: Path) -> None:
+            asked.parameters().save(stage)
+            save_map_picture(study, stage)
+
         summary = make_map(
             study,
             options.out,
@@ -104,7 +110,7 @@ def _map(options: argparse.Namespace) -> int:
             options.resume,
             options.refine,
             progress,
-            asked.parameters().save,
+            beside,
         )
         progress.finish()
     except (BadMap, NotEnoughMemory, WorkersLost) as error:

@@ -111,9 +111,9 @@ def guarded(action: Any) -> Any:
     from .fmus.reading import FmuError
     from .fmus.system_reading import BadSystem
     from .orchestration.closed_loop import BadParameter
+    from .orchestration.fmu_instance import StepFailed
     from .orchestration.loop_run import CouplingError
     from .orchestration.memory import NotEnoughMemory
-    from .orchestration.participant import StepFailed
     from .orchestration.wiring import WiringError
 
     try:

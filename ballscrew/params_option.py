@@ -78,7 +78,7 @@ def params_values(
         plant = plant or told.plant_name
         values = guarded(lambda: _plant_values(told, plant))
         values_of = {n: guarded(lambda n=n: _controller_values(told, n)) for n in controllers}
-    _note_strangers(told, controllers)
+    _note_other_fmus(told, controllers)
     return plant, values, values_of
 
 
@@ -111,7 +111,7 @@ def _controller_values(told: ParameterFile, name: str) -> dict[str, float]:
     return told.controller_values(label_of(name), part_of(name).parameters)
 
 
-def _note_strangers(told: ParameterFile, controllers: Sequence[str]) -> None:
+def _note_other_fmus(told: ParameterFile, controllers: Sequence[str]) -> None:
     """Say which tables are of no controller that runs here, nor of one that is known."""
     from .controllers import CONTROLLERS
     from .orchestration.parts import label_of

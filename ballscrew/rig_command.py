@@ -14,7 +14,7 @@ from .params_option import add_params, note_aside, read_params
 from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
-    from .rig.trials import Trial
+    from .rig.rig_trials import Trial
 
 _EXAMPLES = """TRIAL is a table (2.2, 2.4, 2.6, 2.8, 2.10, 2.11), the constant velocities (2.3.1), a
 series (viscous, loading-rate, presliding), or one of its trials, as in 2.4/7.
@@ -80,7 +80,7 @@ def _rig(options: argparse.Namespace) -> int:
             if getattr(options, name):
                 given = "a TRIAL" if name == "trials" else f"--{name}"
                 raise BadRequest(f"--list and {given}: expected one of them")
-        from .rig.trials import TRIALS
+        from .rig.rig_trials import TRIALS
 
         for trial in TRIALS.values():
             print(trial.line())
@@ -98,6 +98,7 @@ def _rig(options: argparse.Namespace) -> int:
     prepare_folder(options.out, [options.params])
     from .orchestration.parameter_file import BadParameters
     from .plant.law import UnknownLaw
+    from .results import RigRecord
     from .rig.bench import run_trial
     from .rig.fmu_bench import export_trial
     from .rig.setup import BadRig
@@ -132,7 +133,8 @@ def _rig(options: argparse.Namespace) -> int:
                 told=told,
             )
             done += trial.duration
-            recorded.save(folder / trial.folder if len(trials) > 1 else folder)
+            place = folder / trial.folder if len(trials) > 1 else folder
+            RigRecord.of(recorded).save(place)
             notes[trial.name] = recorded.notes
             if told is not None and trial is trials[0]:
                 note_aside(told, recorded.used.plant, "the rig")
@@ -153,7 +155,7 @@ def _rig(options: argparse.Namespace) -> int:
 
 
 def _trials(names: list[str]) -> list[Trial]:
-    from .rig.trials import UnknownTrial, trials_named
+    from .rig.rig_trials import UnknownTrial, trials_named
 
     try:
         found = [trial for name in names for trial in trials_named(name)]

@@ -53,16 +53,17 @@ def run(options: argparse.Namespace) -> int:
     )
     prepare_folder(options.out, [options.params, options.reference])
     from .orchestration.closed_loop import Study, run_study
+    from .results import RunResult
     from .solver.files import finite_or_null
 
     if isinstance(study, Study):
         progress = Progress(study.stop)
-        result = guarded(lambda: run_study(study, progress))
+        result = RunResult.of(guarded(lambda: run_study(study, progress)))
     else:
         from .orchestration.system import run_system
 
         progress = Progress(study.stop)
-        result = guarded(lambda: run_system(study, progress))
+        result = RunResult.of(guarded(lambda: run_system(study, progress)))
     progress.finish()
     save_results(options.out, result.save)
     figures = result.figures()

@@ -1,6 +1,6 @@
 """The command runs in a child process, so that an interrupt ends it at once, whatever it does.
 
-Compiled code that runs for minutes, a stranger's library or a picture being drawn do not look for
+Compiled code that runs for minutes, a third-party library or a picture being drawn do not look for
 signals. The process that the user sees therefore does nothing but wait. At SIGINT or SIGTERM it
 ends the child, sees to it that the results folder holds one whole run, prints one line that says
 how far the work was, and exits with code 130. The child ends with it, however it ends.

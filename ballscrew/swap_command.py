@@ -37,10 +37,11 @@ def swap_controllers(options: argparse.Namespace) -> int:
     studies = read_studies(options, options.controllers)
     prepare_folder(options.out, [options.params, options.reference])
     from .orchestration.swap import swap
+    from .results import Comparison
     from .solver.files import finite_or_null
 
     progress = Progress(studies[0].stop)
-    result = guarded(lambda: swap(studies, lambda name, t: progress(t, name)))
+    result = Comparison.of(guarded(lambda: swap(studies, lambda name, t: progress(t, name))))
     progress.finish()
     save_results(options.out, result.save)
     if options.json:

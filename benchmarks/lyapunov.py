@@ -31,7 +31,7 @@ from ballscrew.solver.codegen import generate  # noqa: E402
 from ballscrew.solver.component import Component, Output, State, symbol  # noqa: E402
 from ballscrew.solver.connect import connect  # noqa: E402
 from ballscrew.solver.kernel import Model  # noqa: E402
-from ballscrew.solver.spectrum import follow  # noqa: E402
+from ballscrew.solver.spectrum import follow_tangents  # noqa: E402
 
 Vector = npt.NDArray[np.float64]
 
@@ -202,23 +202,27 @@ def rows_of(
     extra: dict[str, Callable[..., peers.Solver]],
 ) -> list[Row]:
     begin = time.perf_counter()
-    follow(make(1e-6), [0.0, 1e-3 * given.stop])
+    follow_tangents(make(1e-6), [0.0, 1e-3 * given.stop])
     prepared = time.perf_counter() - begin
     grid = [0.0, given.stop]
-    converged = follow(make(CONVERGED), grid).exponents
+    converged = follow_tangents(make(CONVERGED), grid).exponents
     rows = [
         measured(
-            "this program", prepared, lambda t: follow(make(t), grid).exponents, OURS, converged
+            "this program",
+            prepared,
+            lambda t: follow_tangents(make(t), grid).exponents,
+            OURS,
+            converged,
         )
     ]
     n = len(converged)
     if n > 3:
-        slow = follow(make(CONVERGED), grid, count=2).exponents
+        slow = follow_tangents(make(CONVERGED), grid, count=2).exponents
         rows.append(
             measured(
                 "this program, slowest two",
                 prepared,
-                lambda t: follow(make(t), grid, count=2).exponents,
+                lambda t: follow_tangents(make(t), grid, count=2).exponents,
                 OURS,
                 slow,
             )
@@ -242,7 +246,7 @@ def rows_of(
             continue
         goal = converged
         if solver.frame is not None:
-            goal = follow(make(CONVERGED), grid, frame=solver.frame).exponents
+            goal = follow_tangents(make(CONVERGED), grid, frame=solver.frame).exponents
         rows.append(measured(program, solver.prepared, solver.run, solver.tolerances, goal))
     return rows
 

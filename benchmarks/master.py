@@ -23,7 +23,7 @@ from ballscrew.orchestration.clock import Clock
 from ballscrew.orchestration.compiled import PAIR
 from ballscrew.orchestration.coupling import Coupling, Loop
 from ballscrew.orchestration.isolated import open_fmu
-from ballscrew.orchestration.loop_run import Course, RecordedLoop
+from ballscrew.orchestration.loop_run import RecordedLoop, RunLog
 from ballscrew.orchestration.master import march_on, run_loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.structs import struct
@@ -73,7 +73,7 @@ def step_cost(
 ) -> float:
     """Microseconds per communication step of the tangent coupling, best of three.
 
-    Without the companion that a run is judged by, which other masters do not have.
+    Without the reference co-run that a run is judged by, which other masters do not have.
     """
     best = math.inf
     goal = Reference.constant(0.08)
@@ -87,7 +87,7 @@ def step_cost(
         loop = Loop(p, c, wire(p, c), Coupling.TANGENT, corrected, True, start, part)
         main = RecordedLoop(whole, loop, 1)
         nominal = np.array([p.nominal(name) for name in p.outputs])
-        course = Course(goal, 1, loop.outputs, nominal, 1)
+        course = RunLog(goal, 1, loop.outputs, nominal, 1)
         time = Clock(seconds, h, False)
         began = perf_counter()
         stop = march_on(main, [], time, course, start)
@@ -99,7 +99,7 @@ def step_cost(
 
 
 def judged_cost(plant: Path, controller: Path, h: float, seconds: float) -> float:
-    """Microseconds per step of a whole run: corrected, with its companion, opening included."""
+    """Microseconds per step of a whole run: corrected, with its co-run, opening included."""
     best = math.inf
     for _ in range(3):
         began = perf_counter()

@@ -1,4 +1,4 @@
-"""Native FMUs beside pythonfmu's twins: cost of a step, size, time to export, in one run.
+"""Native FMUs beside the pythonfmu build: cost of a step, size, time to export, in one run.
 
 ``python benchmarks/native.py``. Every row is measured on the same machine in the same process; in
 each round every program has its turn, so that a busy machine is busy for all of them.

@@ -1,7 +1,7 @@
 """Nominal characteristic trajectory following (Eqs. 3.23-3.28 of the thesis), and its design.
 
 The thesis prints the inclination ``m = -h/A`` and divides by it; taken literally both gains are
-negative and the loop runs away. Its magnitude is meant.
+negative and the loop diverges. Its magnitude is meant.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Which of the chosen causes may be named: what data held out decide.
 
-A cause is named only where it foretells what it has not seen better than the model without it does,
+A cause is named only where it predicts what it has not seen better than the model without it does,
 better than any other cause in its place, and better than a free function of the same variables; and
 where its size is the same in all parts of the data.
 """
@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from .causes import CAUSES
 from .contests import freest_beside, gain, held_out_squares, rivalled
-from .course import Course
 from .diagnosis import NotNamed
 from .explanation import (
     MOST_CANCELLED,
@@ -28,6 +27,7 @@ from .explanation import (
     without,
 )
 from .held_out import Gain, with_values
+from .modelled_record import ModelledRecord
 from .plausibility import (
     at_an_end,
     drives,
@@ -45,14 +45,14 @@ Vector = npt.NDArray[np.float64]
 Folds = npt.NDArray[np.int64]
 
 LEAST_SHARE = 0.08
-"""Of the surprises that are left without a cause, that it has to take away."""
+"""Of the innovations that are left without a cause, that it has to take away."""
 LEAST_SHARE_OF_SWINGS = 0.05
 """The same of what swings along the travel: nothing that a law's own error leaves looks like it."""
 LEAST_SHARE_OF_VALUES = 0.1
 """The same of each value that may be anything: what is slightly wrong in a law looks like them."""
 LEAST_SHARE_OF_FORCE = 0.4
 """Of the mean square of the force, instead: what is slow shows there."""
-_SLOW = 0.3  # of the share of surprises, that is asked for then
+_SLOW = 0.3  # of the share of innovations, that is asked for then
 LEAST_EVIDENCE = 300.0
 """In natural logarithms: faultless records bring up to a hundred, wrong names more."""
 LEAST_SIZE = 0.005
@@ -115,7 +115,7 @@ def taken_back(
 
 
 def accepted(
-    problem: Problem, chosen: Explanation, folds: Folds, courses: Sequence[Course]
+    problem: Problem, chosen: Explanation, folds: Folds, courses: Sequence[ModelledRecord]
 ) -> Accepted:
     """Take away what does not hold, the weakest first.
 
@@ -202,7 +202,7 @@ def _small_beside(found: Mapping[str, Judged]) -> dict[str, NotNamed]:
 
 
 def _judged(
-    problem: Problem, now: Explanation, k: int, folds: Folds, courses: Sequence[Course]
+    problem: Problem, now: Explanation, k: int, folds: Folds, courses: Sequence[ModelledRecord]
 ) -> Judged:
     """What data held out say of a member, the cheapest question first."""
     member = now.members[k]
@@ -252,7 +252,7 @@ def _judged(
         if not gain(
             held_out_squares(problem, loosened(problem, base, m.name), folds), mine
         ).certain:
-            return refuse(f"{m.name} in another form foretells as much")
+            return refuse(f"{m.name} in another form predicts as much")
     lead = LEAST_LEAD if follows_within_a_sample(problem.model, courses) else 0.0
     reason, like, better = rivalled(problem, base, member, before, mine, folds, lead)
     if reason:
@@ -268,7 +268,7 @@ def _steady(over: Gain, before: Vector, after: Vector, noise: float) -> bool:
     before, after : ndarray, shape (stretches,)
         Squares that are left in each stretch without the cause and with it.
     noise : float
-        Variance of the surprises.
+        Variance of the innovations.
     """
     gains = before - after
     won = np.maximum(gains, 0.0)
@@ -278,7 +278,9 @@ def _steady(over: Gain, before: Vector, after: Vector, noise: float) -> bool:
     return bool(max(alike, clear) >= _PLACES and (over.sure or kept))
 
 
-def _forces(problem: Problem, explanation: Explanation, courses: Sequence[Course]) -> Vector:
+def _forces(
+    problem: Problem, explanation: Explanation, courses: Sequence[ModelledRecord]
+) -> Vector:
     """Force that an explanation leaves where samples tell anything [N]."""
     fitted = amplitudes(problem, explanation)
     added = added_by(explanation.members, fitted, courses)

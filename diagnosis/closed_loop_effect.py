@@ -13,7 +13,7 @@ from ..solver.component import Component, ContractError, symbol
 from ..solver.connect import connect
 from ..solver.kernel import IntegrationError, Kernel, Model
 from ..solver.tape import UnsupportedComponent
-from ..stability.attractor import judge
+from ..stability.attractor import classify_attractor
 
 Vector = npt.NDArray[np.float64]
 
@@ -132,7 +132,7 @@ def _course(loop: Kernel, time: Vector) -> LoopCourse:
             model.set_input(given.name, SETPOINT)
     model.settle(0.0)
     run = model.simulate(time)
-    motion = judge(model, STOP, STOP, exponents=False, rounds=_ROUNDS)
+    motion = classify_attractor(model, STOP, STOP, exponents=False, rounds=_ROUNDS)
     x, u = run.outputs["x"], run.outputs["u"]
     rest = motion.equilibrium
     return LoopCourse(

@@ -59,7 +59,7 @@ def rivalled(
     folds: Folds,
     least_lead: float,
 ) -> tuple[str, str, Explanation | None]:
-    """Why something else foretells as much: the reason, its name, and whether it is to be taken.
+    """Why something else predicts as much: the reason, its name, and whether it is to be taken.
 
     One explanation encompasses another if that one adds nothing beside it.
 
@@ -83,7 +83,7 @@ def rivalled(
         if instead.members[-1].is_rival:  # it may have the cause in it, and does as well then
             more = float((mine - others).sum())
             if gain(mine, others).certain and more > _FREER * brought:
-                return f"a free function ({other}) foretells more", "", None
+                return f"a free function ({other}) predicts more", "", None
             continue
         lead = gain(others, mine)
         worse = lead.certain and lead.share >= least_lead
@@ -94,7 +94,7 @@ def rivalled(
         if worse and float((mine - both).sum()) < _SUFFICES * less:
             continue
         if float((others - both).sum()) < _APART * brought:  # else they are two things
-            return f"{other} foretells as much", other, instead if less < 0.0 else None
+            return f"{other} predicts as much", other, instead if less < 0.0 else None
     for other in CAUSES:
         if other in (*base.names, member.name):
             continue
@@ -104,7 +104,7 @@ def rivalled(
         if more <= _FREER * brought or not gain(mine, others).certain:
             continue
         if float((others - together(instead)).sum()) < _APART * brought:
-            said = f"{other}, in several forms at once, foretells more"
+            said = f"{other}, in several forms at once, predicts more"
             return said, other, in_its_place.get(other)
     return "", "", None
 

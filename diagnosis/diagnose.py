@@ -13,26 +13,26 @@ import numpy as np
 from ..orchestration.parameter_file import ParameterFile
 from ..orchestration.parameter_reading import read_parameters
 from ..records.drive_record import DriveRecord, read_drive_records
-from ..records.tellable import check_tellable
+from ..records.identifiable import check_identifiable
 from .acceptance import SWINGS, Accepted, accepted, taken_back
 from .believed import believed as believed_of
 from .believed import lead_of, with_lead
 from .causes import CAUSES
 from .commanded import commanded
-from .course import opposing
 from .diagnosis import EXPLAINED, NONE, PARTLY, UNEXPLAINED, Curves, Diagnosis, Level, holds
 from .drive_model import DriveModel
 from .explanation import amplitudes
 from .faultless import RecordKind, p_value
 from .found_cause import found_cause, level
 from .held_out import HeldOut, gained, gained_ahead, judged, laps_of, parts_of, with_values
-from .load_cell import witness
+from .load_cell import validation_signal
+from .modelled_record import opposing
+from .nonparametric import LIVES
 from .plausibility import at_ends
 from .problem import Problem
 from .regression import Added
 from .remaining import AT_FLOOR, above_floor, next_experiment, out_of_reach, where_residual_is
 from .residuals import Residual, floor, repetition, residual
-from .rivals import LIVES
 from .search import Found, Situation, added_by, only_first, search
 from .search import adjusted as values_adjusted
 from .selection import strongest_alone
@@ -84,7 +84,7 @@ def diagnose_records(
     """As `diagnose`, of records in memory; `believed` of the result takes the command they have."""
     began = time.perf_counter()
     records, believed, notes = commanded(records, believed)
-    notes += check_tellable(records)
+    notes += check_identifiable(records)
     progress("looking for causes")
     found = search(records, believed)
     progress("judging on data held out")
@@ -194,7 +194,7 @@ def _concluded(
             f"at the end of what they can be: {', '.join(ends)}. A tolerance is too narrow, or "
             "something without a name is made up for"
         )
-    cell = witness(courses, believed, model, added_by(on_block, fitted, courses).force)
+    cell = validation_signal(courses, believed, model, added_by(on_block, fitted, courses).force)
     if cell is None and any("force" in r.signals for r in records):
         notes.append("the load cell's `force` is not used: the model does not say where it sits")
     predicted = np.concatenate([opposing(c, believed) for c in courses])

@@ -15,7 +15,7 @@ from ..solver.files import write_atomically
 from .drive_model import DriveModel
 from .experiment_motions import Motion
 from .faultless import RecordKind
-from .load_cell import Witness
+from .load_cell import ValidationSignal
 
 Vector = npt.NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Level:
     force : float
         Root mean square, at frequencies where the record tells forces [N].
     position : float
-        Root mean square of what is foretold from the start of each second [m].
+        Root mean square of what is predicted from the start of each second [m].
     """
 
     force: float
@@ -241,7 +241,7 @@ class Diagnosis:
     evidence: float
     kind: RecordKind
     p_value: float
-    load_cell: Witness | None
+    load_cell: ValidationSignal | None
     records: tuple[str, ...]
     curves: Curves
     seconds: float

@@ -156,7 +156,7 @@ def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
         Picture(
             "position_residual",
             "Position residual over time",
-            "By how much a position foretold from the start of each second is wrong.",
+            "By how much a position predicted from the start of each second is wrong.",
             x_time,
             f"residual [{unit}]",
             (
@@ -218,6 +218,11 @@ def save_pictures(diagnosis: Diagnosis, folder: Path) -> None:
     OSError
         If they cannot be written.
     """
+    write_figure(diagnosis_figure(diagnosis), folder, "diagnosis")
+
+
+def diagnosis_figure(diagnosis: Diagnosis) -> Any:
+    """A figure of the residual before and after, in force and position."""
     import matplotlib as mpl
 
     c = diagnosis.curves
@@ -228,12 +233,12 @@ def save_pictures(diagnosis: Diagnosis, folder: Path) -> None:
         force, position = grid[0][0], grid[1][0]
         for values, colour, dash, label in (
             (c.before, COLOURS[1], "-", "as believed"),
-            (c.after, COLOURS[0], "--", "mended"),
+            (c.after, COLOURS[0], "--", "corrected"),
         ):
             _plot(force, time, smoothed(values, c.record, step), colour, dash, label)
         for values, colour, dash, label in (
             (c.position_before, COLOURS[1], "-", "as believed"),
-            (c.position_after, COLOURS[0], "--", "mended"),
+            (c.position_after, COLOURS[0], "--", "corrected"),
         ):
             _plot(position, time, 1e6 * values, colour, dash, label)
         force.set_title(f"Residual before and after: {diagnosis.verdict}", loc="left")
@@ -244,7 +249,7 @@ def save_pictures(diagnosis: Diagnosis, folder: Path) -> None:
             axes.margins(x=0.01)
         force.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         figure.align_ylabels()
-        write_figure(figure, folder, "diagnosis")
+    return figure
 
 
 def _plot(axes: Any, time: Vector, values: Vector, colour: str, dash: str, label: str) -> None:

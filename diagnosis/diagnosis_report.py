@@ -13,7 +13,7 @@ from .diagnosis import NONE, Diagnosis, FoundCause, Level, names_of
 from .diagnosis_pictures import pictures_of, pictures_of_loop
 from .experiment_motions import COMMAND_FILE
 from .found_cause import UNITS
-from .load_cell import Witness
+from .load_cell import ValidationSignal
 from .page_pictures import drawn
 from .report_style import SCRIPT, STYLE
 from .report_words import (
@@ -150,11 +150,11 @@ def _levels(diagnosis: Diagnosis) -> str:
     )
 
 
-def _load_cell(found: Witness | None) -> str:
+def _load_cell(found: ValidationSignal | None) -> str:
     if found is None:
         return ""
     return (
-        "<p>The load cell, which took no part in this, is off what the model as believed foretells "
+        "<p>The load cell, which took no part in this, is off what the model as believed predicts "
         f"by {found.believed:.3g} N rms, and off what the mended one does by {found.mended:.3g} N."
         "</p>"
     )

@@ -55,7 +55,7 @@ class Explanation:
         return tuple(m.name for m in self.members if not m.is_rival)
 
     @property
-    def rivals(self) -> tuple[str, ...]:
+    def nonparametric_alternatives(self) -> tuple[str, ...]:
         return tuple(m.name for m in self.members if m.is_rival)
 
 
@@ -178,7 +178,7 @@ def apart(
     return cancelled(problem, products, alone) < MOST_CANCELLED
 
 
-def price_of_form(candidate: Candidate, most: float) -> float:
+def log_prior_odds_of_form(candidate: Candidate, most: float) -> float:
     """What a form of a cause has to bring more than a simpler one, the best bringing `most`."""
     each = max(_PER_AMPLITUDE, _INEXACT * most)
     return 0.0 if candidate.is_rival else each * len(candidate.columns)

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from .course import Course
 from .drive_model import DriveModel
 from .explanation import Explanation, amplitudes, restricted_to
+from .modelled_record import ModelledRecord
 from .problem import Problem
 from .regression import ends_of_stretches, stretches
 from .residuals import Residual, residual
@@ -51,13 +51,13 @@ def lap(x: Vector, step: float) -> float:
     return float(lags[best] * step) if apart[best] < _SAME else 0.0
 
 
-def laps_of(courses: Sequence[Course]) -> list[float]:
+def laps_of(courses: Sequence[ModelledRecord]) -> list[float]:
     """How long each record's laps take [s]; empty where not all have any, or records suffice."""
     laps = [lap(c.x, c.step) for c in courses] if len(courses) < _FOLDS else []
     return laps if all(laps) else []
 
 
-def parts_of(courses: Sequence[Course], laps: Sequence[float]) -> npt.NDArray[np.int64]:
+def parts_of(courses: Sequence[ModelledRecord], laps: Sequence[float]) -> npt.NDArray[np.int64]:
     """To which fold each stretch belongs: records, laps of one motion, or parts of a record.
 
     `laps` are empty where the records have none.

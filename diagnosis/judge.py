@@ -13,15 +13,15 @@ from ..orchestration.parameter_file import BadParameters, Diagnosed, ParameterFi
 from ..orchestration.parameter_reading import read_parameters
 from ..records.bad_record import BadRecord
 from ..records.drive_record import CURRENT, DriveRecord, read_drive_records
-from ..records.tellable import check_tellable
+from ..records.identifiable import check_identifiable
 from ..solver.files import write_json
 from .believed import believed
 from .blocks import Blocks, Estimate
 from .causes import CAUSES
 from .commanded import by_current
-from .course import Course, follow, lay_along
 from .diagnosis import Level
 from .drive_model import DriveModel
+from .modelled_record import ModelledRecord, lay_along, with_law_force
 from .motion_parts import PARTS, motion_parts
 from .regression import Added
 from .residuals import AHEAD, Residual, floor, residual
@@ -39,7 +39,7 @@ class Score:
     force : Estimate
         Force that the model does not have, where the drive does not rest [N].
     position : Estimate
-        Error of the position foretold from the state at the start of each second [m].
+        Error of the position predicted from the state at the start of each second [m].
     parts : dict of str to Estimate
         Force by part of the motion, those of `PARTS` that the record has [N].
     """
@@ -168,7 +168,7 @@ def judge_records(records: Sequence[DriveRecord], file: ParameterFile) -> Judgem
     told = _told(file)
     models = _models(file, told)
     records = [_commanded(r, told) for r in records]
-    notes = check_tellable(records)
+    notes = check_identifiable(records)
     courses = [_laid(r, models[BELIEVED], told) for r in records]
     nothing = Added.nothing(courses)
     named = _named(courses, models[CORRECTED], file, told)
@@ -261,19 +261,19 @@ def _commanded(record: DriveRecord, told: Diagnosed) -> DriveRecord:
     return record
 
 
-def _laid(record: DriveRecord, model: DriveModel, told: Diagnosed) -> Course:
+def _laid(record: DriveRecord, model: DriveModel, told: Diagnosed) -> ModelledRecord:
     """The record with its motion; the command acts when it did where the models come from."""
     course = lay_along(record, model)
     return replace(course, calibration={**course.calibration, "command_shift": told.command_shift})
 
 
 def _named(
-    courses: Sequence[Course], model: DriveModel, file: ParameterFile, told: Diagnosed
+    courses: Sequence[ModelledRecord], model: DriveModel, file: ParameterFile, told: Diagnosed
 ) -> Added:
     """What the named causes add along each record; those that are values are in the model."""
     forces, commands = [], []
     for course in courses:
-        alone = [follow(course, model)]
+        alone = [with_law_force(course, model)]
         added = Added.nothing(alone)
         for name, values in told.causes.items():
             if name not in CAUSES:
@@ -299,8 +299,8 @@ def _named(
     return Added(forces, commands)
 
 
-def _seconds(courses: Sequence[Course]) -> list[int]:
-    """Ends of the seconds over which positions are foretold, among all samples."""
+def _seconds(courses: Sequence[ModelledRecord]) -> list[int]:
+    """Ends of the seconds over which positions are predicted, among all samples."""
     ends = [0]
     for c in courses:
         every = max(2, round(AHEAD / c.step))

@@ -8,22 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .course import Course, opposing
 from .drive_model import DriveModel
+from .modelled_record import ModelledRecord, opposing
 from .residuals import rms
 
 Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Witness:
-    """What a load cell gives beyond what models foretell of it, root mean square [N]."""
+class ValidationSignal:
+    """What a load cell gives beyond what models predict of it, root mean square [N]."""
 
     believed: float
     mended: float
 
 
-def foretold(course: Course, model: DriveModel, more: Vector) -> Vector:
+def foretold(course: ModelledRecord, model: DriveModel, more: Vector) -> Vector:
     """Force that drags the block, at the samples, shape (n,) [N].
 
     Parameters
@@ -36,10 +36,13 @@ def foretold(course: Course, model: DriveModel, more: Vector) -> Vector:
     return np.asarray(0.5 * (between + np.append(between[0], between[:-1])))
 
 
-def witness(
-    courses: Sequence[Course], believed: DriveModel, mended: DriveModel, more: Sequence[Vector]
-) -> Witness | None:
-    """How well both models foretell the recorded ``force``; None where there is none to compare.
+def validation_signal(
+    courses: Sequence[ModelledRecord],
+    believed: DriveModel,
+    mended: DriveModel,
+    more: Sequence[Vector],
+) -> ValidationSignal | None:
+    """How well both models predict the recorded ``force``; None where there is none to compare.
 
     Parameters
     ----------
@@ -58,4 +61,4 @@ def witness(
             after.append((read - foretold(course, mended, force))[known])
     if not before:
         return None
-    return Witness(rms(np.concatenate(before)), rms(np.concatenate(after)))
+    return ValidationSignal(rms(np.concatenate(before)), rms(np.concatenate(after)))

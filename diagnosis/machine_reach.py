@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .course import Course
 from .drive_model import DriveModel
+from .modelled_record import ModelledRecord
 
 MARGIN = 0.05  # of the travel, left at each end
 USED = 0.9  # of the largest speed and command
@@ -49,7 +49,7 @@ class Reach:
         return self.high - self.low
 
 
-def reach_of(courses: Sequence[Course]) -> Reach:
+def reach_of(courses: Sequence[ModelledRecord]) -> Reach:
     """What the records of a study show together."""
     return Reach(
         low=min(float(c.x.min()) for c in courses),

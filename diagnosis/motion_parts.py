@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .course import Course
+from .modelled_record import ModelledRecord
 
 Mask = npt.NDArray[np.bool_]
 Vector = npt.NDArray[np.float64]
@@ -27,7 +27,7 @@ _AT_REVERSALS, _SLOW = 0.2, 0.5  # of the fast speed
 _DIRECTED = 0.01  # of the fast speed: slower has the direction of before
 
 
-def motion_parts(course: Course) -> dict[str, Mask]:
+def motion_parts(course: ModelledRecord) -> dict[str, Mask]:
     """Which samples belong to each part; where the drive rests, to none.
 
     Parameters

@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from .causes import CAUSES
 from .causes.cause import engaged
-from .course import Course, doubts, opposing
 from .drive_model import DriveModel
 from .explanation import OWN, Explanation, amplitudes, can_be, scores
 from .held_out import with_values
+from .modelled_record import ModelledRecord, doubts, opposing
 from .problem import Problem
 from .regression import calibrated
 from .search import added_by
@@ -32,7 +32,7 @@ _LIKE = (0.25, 2.5)  # size in one part of the data, relative to that in all
 _AGREE = 0.75  # of the information: parts whose size is like that
 
 
-def at_an_end(now: Explanation, k: int, courses: Sequence[Course]) -> str:
+def at_an_end(now: Explanation, k: int, courses: Sequence[ModelledRecord]) -> str:
     """Why a change in time is none: another constant value does nearly the same; empty if not."""
     member = now.members[k]
     longest = max(float(c.time[-1]) for c in courses)
@@ -42,7 +42,7 @@ def at_an_end(now: Explanation, k: int, courses: Sequence[Course]) -> str:
     return "it comes at the start or the end of the record only"
 
 
-def drives(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
+def drives(problem: Problem, now: Explanation, k: int, courses: Sequence[ModelledRecord]) -> str:
     """Why a friction cannot be one: it would hardly brake, or even drive; empty if it can."""
     if not CAUSES[now.members[k].name].of_friction:
         return ""
@@ -81,12 +81,12 @@ def size_differs(problem: Problem, now: Explanation, k: int, folds: Folds) -> st
     return "" if share >= _AGREE else "its size differs between parts of the data"
 
 
-def follows_within_a_sample(model: DriveModel, courses: Sequence[Course]) -> bool:
+def follows_within_a_sample(model: DriveModel, courses: Sequence[ModelledRecord]) -> bool:
     """Whether the drive's velocity has followed its command before the next sample is taken."""
     return model.inertia < model.damping * max(c.step for c in courses)
 
 
-def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
+def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[ModelledRecord]) -> str:
     """Why instruments could not show a cause of this size; empty if they could."""
     member, course = now.members[k], courses[0]
     fitted = amplitudes(problem, now)
@@ -110,7 +110,9 @@ def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Cour
     return "a command may be recorded as early as that" if later < least else ""
 
 
-def within_tolerance(problem: Problem, now: Explanation, k: int, courses: Sequence[Course]) -> str:
+def within_tolerance(
+    problem: Problem, now: Explanation, k: int, courses: Sequence[ModelledRecord]
+) -> str:
     """Why a freed value is no error: it is absurd, or hardly an error; empty if it is one."""
     member = now.members[k]
     if not member.shape.freed:
@@ -127,7 +129,7 @@ def within_tolerance(problem: Problem, now: Explanation, k: int, courses: Sequen
     return ""
 
 
-def at_ends(problem: Problem, now: Explanation, courses: Sequence[Course]) -> list[str]:
+def at_ends(problem: Problem, now: Explanation, courses: Sequence[ModelledRecord]) -> list[str]:
     """Values and calibrations that stand at the end of what they can be, freed ones left out."""
     fitted = amplitudes(problem, now)[problem.prior.columns]
     near = _AT_END * (problem.high - problem.low)
@@ -141,7 +143,7 @@ def at_ends(problem: Problem, now: Explanation, courses: Sequence[Course]) -> li
     ]
 
 
-def crossed(courses: Sequence[Course]) -> float:
+def crossed(courses: Sequence[ModelledRecord]) -> float:
     """Way that the drive goes after a reversal before samples tell anything of it, usually [m]."""
     ways = []
     for c in courses:

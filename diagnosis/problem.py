@@ -11,9 +11,10 @@ import numpy.typing as npt
 
 from .causes import CAUSES
 from .causes.cause import Shape
-from .course import Course
 from .drive_model import DriveModel
 from .evidence import Columns, Prior, conditioned, fit
+from .modelled_record import ModelledRecord
+from .nonparametric import nonparametric_alternatives
 from .regression import (
     Added,
     Noise,
@@ -26,7 +27,6 @@ from .regression import (
     sensitivities,
     whitened,
 )
-from .rivals import rivals
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -89,7 +89,7 @@ class Problem:
 
 
 def state_problem(
-    courses: Sequence[Course],
+    courses: Sequence[ModelledRecord],
     model: DriveModel,
     believed: DriveModel,
     noise: Noise,
@@ -118,7 +118,11 @@ def state_problem(
         for (cause, _), s in zip(asked, shapes, strict=True)
         if set(s.freed) <= set(names)  # a value that is certain is no cause
     ]
-    named += [(r.name, shape, True) for r in rivals(courses, model) for shape in r.shapes]
+    named += [
+        (r.name, shape, True)
+        for r in nonparametric_alternatives(courses, model)
+        for shape in r.shapes
+    ]
     shown = [None if s.freed else responses(courses, model, s) for _, s, _ in named]
     candidates = []
     at = 1 + len(names) + len(calibrated(courses))
@@ -152,7 +156,7 @@ def state_problem(
     )
 
 
-def _prior(courses: Sequence[Course], model: DriveModel, believed: DriveModel) -> Prior:
+def _prior(courses: Sequence[ModelledRecord], model: DriveModel, believed: DriveModel) -> Prior:
     """Of relative changes of values, and of calibrations, around a model."""
     mean = believed_changes(believed, model, courses)
     spread = np.array([believed.tolerance[n] for n in model.adjustable]) / math.sqrt(3.0)
@@ -161,7 +165,7 @@ def _prior(courses: Sequence[Course], model: DriveModel, believed: DriveModel) -
 
 
 def _least_noise(
-    courses: Sequence[Course],
+    courses: Sequence[ModelledRecord],
     model: DriveModel,
     noise: Noise,
     parts: Sequence[Sequence[Matrix]],
@@ -170,7 +174,7 @@ def _least_noise(
 ) -> Noise:
     """The noise beside all that free values and a few causes, taken greedily, can explain.
 
-    An autoregression fitted to an effect foretells it and hides it, a periodic one most of all.
+    An autoregression fitted to an effect predicts it and hides it, a periodic one most of all.
 
     Parameters
     ----------
@@ -214,14 +218,19 @@ def _explained(inner: Matrix, signal: Vector) -> float:
     return float(signal @ np.linalg.solve(inner + ridge, signal))
 
 
-def believed_changes(believed: DriveModel, model: DriveModel, courses: Sequence[Course]) -> Vector:
+def believed_changes(
+    believed: DriveModel, model: DriveModel, courses: Sequence[ModelledRecord]
+) -> Vector:
     """Changes that lead from a model and a calibration back to what was believed."""
     values = [believed.values[n] / model.values[n] - 1.0 for n in model.adjustable]
     return np.array([*values, *(-courses[0].calibration[n] for n in calibrated(courses))])
 
 
 def bounds(
-    believed: DriveModel, model: DriveModel, freed: Collection[str], courses: Sequence[Course]
+    believed: DriveModel,
+    model: DriveModel,
+    freed: Collection[str],
+    courses: Sequence[ModelledRecord],
 ) -> tuple[Vector, Vector]:
     """How far values and calibrations may still change: to the ends of what is believed.
 

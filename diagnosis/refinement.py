@@ -13,10 +13,10 @@ from scipy.optimize import minimize_scalar
 
 from .causes import CAUSES
 from .causes.cause import Shape
-from .course import Course
 from .drive_model import DriveModel
 from .evidence import Prior, conditioned, evidence_of, fit, side_by_side
-from .explanation import Explanation, bring_of, price_of_form, within_bounds, without
+from .explanation import Explanation, bring_of, log_prior_odds_of_form, within_bounds, without
+from .modelled_record import ModelledRecord
 from .problem import Candidate, Problem
 from .regression import Filter, responses, whitened
 
@@ -31,7 +31,7 @@ _SURE = 0.02  # of an amplitude that is one: the size is the value's
 def refine(
     problem: Problem,
     explanation: Explanation,
-    courses: Sequence[Course],
+    courses: Sequence[ModelledRecord],
     model: DriveModel,
     made: Sequence[Filter],
     forms: int = _FORMS,
@@ -47,7 +47,7 @@ def refine(
         search = _Refinement(problem, explanation, k, courses, model, made)
         found = [search.best(c) for c in _best_of_forms(problem, m, search.others)[:forms]]
         most = max(f.evidence for f in found) - search.nothing
-        best = max(found, key=lambda f: f.evidence - price_of_form(f.candidate, most))
+        best = max(found, key=lambda f: f.evidence - log_prior_odds_of_form(f.candidate, most))
         problem, explanation = search.with_member(best)
     return problem, explanation
 
@@ -93,7 +93,7 @@ class _Refinement:
     problem: Problem
     explanation: Explanation
     place: int
-    courses: Sequence[Course]
+    courses: Sequence[ModelledRecord]
     model: DriveModel
     made: Sequence[Filter]
 

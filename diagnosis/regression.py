@@ -16,8 +16,16 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 
 from .causes.cause import Shape
-from .course import Course, Doubt, doubts, mean_current, sluggishness, true_current, voltage_scale
 from .drive_model import DriveModel
+from .modelled_record import (
+    Doubt,
+    ModelledRecord,
+    doubts,
+    mean_current,
+    sluggishness,
+    true_current,
+    voltage_scale,
+)
 from .weak_form import averaged, lagged, rate, windows
 
 Vector = npt.NDArray[np.float64]
@@ -57,7 +65,7 @@ class Added:
     command: list[Vector]
 
     @classmethod
-    def nothing(cls, courses: Sequence[Course]) -> Added:
+    def nothing(cls, courses: Sequence[ModelledRecord]) -> Added:
         return cls(*([np.zeros(len(c.x)) for c in courses] for _ in range(2)))
 
     def more(self, shape: Shape, amplitudes: Vector) -> Added:
@@ -71,13 +79,13 @@ class Added:
         return Added(sums(self.force, shape.force), sums(self.command, shape.command))
 
 
-def law_forces(courses: Sequence[Course], model: DriveModel) -> list[Vector]:
+def law_forces(courses: Sequence[ModelledRecord], model: DriveModel) -> list[Vector]:
     """The law along each record."""
     return [model.friction(c.x, c.v, c.step) for c in courses]
 
 
 def balance(
-    course: Course, model: DriveModel, friction: Vector, force: Vector, command: Vector
+    course: ModelledRecord, model: DriveModel, friction: Vector, force: Vector, command: Vector
 ) -> Matrix:
     """What is left of each balance in each window, shape (windows, channels) [N, V].
 
@@ -110,10 +118,10 @@ def balance(
     return np.column_stack([forces, voltage_scale(course, model) * left_volts])
 
 
-def _forces(course: Course, model: DriveModel, acting: Vector) -> Vector:
+def _forces(course: ModelledRecord, model: DriveModel, acting: Vector) -> Vector:
     """What is left of the balance of forces, shape (windows,) [N].
 
-    The motion is what a model foretells: were it a term like others, a model whose forces and
+    The motion is what a model predicts: were it a term like others, a model whose forces and
     masses are all too small would leave less than the true one. So what is left counts by how
     far it moves the drive within a window.
     """
@@ -121,7 +129,9 @@ def _forces(course: Course, model: DriveModel, acting: Vector) -> Vector:
     return course.inertia * acting / sluggishness(course, model)
 
 
-def shown(course: Course, model: DriveModel, shape: Shape, record: int) -> npt.NDArray[np.float64]:
+def shown(
+    course: ModelledRecord, model: DriveModel, shape: Shape, record: int
+) -> npt.NDArray[np.float64]:
     """What a cause of amplitude one takes from each balance, shape (windows, channels, m)."""
     m = len(shape.amplitudes)
     out = np.zeros((windows(len(course.x), course.width), len(course.channels), m))
@@ -170,7 +180,7 @@ class Filter:
         return np.asarray(out * self.telling.reshape(-1, 1, *extra))
 
 
-def telling(course: Course, order: int = _ORDER) -> Vector:
+def telling(course: ModelledRecord, order: int = _ORDER) -> Vector:
     """Weights of the windows, shape (windows,): zero where one rests, or remembers a rest."""
     rests = course.resting > 0.0
     remembered = np.convolve(rests, np.ones(order + 1))[: len(rests)] > 0.0
@@ -178,25 +188,25 @@ def telling(course: Course, order: int = _ORDER) -> Vector:
     return (~remembered).astype(float)
 
 
-def filters(courses: Sequence[Course], noise: Noise) -> list[Filter]:
+def filters(courses: Sequence[ModelledRecord], noise: Noise) -> list[Filter]:
     """The filter of each record."""
     return [
         Filter(noise, telling(c), force_weights(c, noise.sizes[0], noise.growth)) for c in courses
     ]
 
 
-def force_weights(course: Course, size: float, growth: float) -> Vector:
+def force_weights(course: ModelledRecord, size: float, growth: float) -> Vector:
     """Weights of the balance of forces whose noise has this size, shape (windows,)."""
     remembered = np.convolve(course.doubt, np.ones(3))[: len(course.doubt)]
     return np.asarray(1.0 / np.sqrt(1.0 + (remembered + _grown(course, growth)) / size**2))
 
 
-def _grown(course: Course, growth: float) -> Vector:
+def _grown(course: ModelledRecord, growth: float) -> Vector:
     return growth**2 * averaged(course.v**2, course.width)
 
 
 def leftovers(
-    courses: Sequence[Course],
+    courses: Sequence[ModelledRecord],
     model: DriveModel,
     added: Added,
     law: Sequence[Vector] | None = None,
@@ -209,8 +219,8 @@ def leftovers(
     ]
 
 
-def surprises(
-    courses: Sequence[Course],
+def innovations(
+    courses: Sequence[ModelledRecord],
     model: DriveModel,
     made: Sequence[Filter],
     added: Added,
@@ -221,7 +231,7 @@ def surprises(
     return np.concatenate([f.whitened(y).ravel() for f, y in zip(made, left, strict=True)])
 
 
-def responses(courses: Sequence[Course], model: DriveModel, shape: Shape) -> list[Matrix]:
+def responses(courses: Sequence[ModelledRecord], model: DriveModel, shape: Shape) -> list[Matrix]:
     """What a cause of amplitude one takes from the balances of each record, see `shown`."""
     return [shown(c, model, shape, r) for r, c in enumerate(courses)]
 
@@ -232,12 +242,14 @@ def whitened(made: Sequence[Filter], parts: Sequence[Matrix]) -> Matrix:
     return np.vstack([w.reshape(-1, w.shape[2]) for w in white])
 
 
-def calibrated(courses: Sequence[Course]) -> dict[str, Doubt]:
+def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, Doubt]:
     """What the instruments of a study may be off by."""
     return doubts(courses[0])
 
 
-def sensitivities(courses: Sequence[Course], model: DriveModel, added: Added) -> list[Matrix]:
+def sensitivities(
+    courses: Sequence[ModelledRecord], model: DriveModel, added: Added
+) -> list[Matrix]:
     """What values and calibrations take from the balances, (windows, channels, columns) a record.
 
     A relative change of each adjustable value, then a change of each of `calibrated`.
@@ -264,7 +276,9 @@ def sensitivities(courses: Sequence[Course], model: DriveModel, added: Added) ->
     return [np.stack(record, axis=2) for record in zip(*columns, strict=True)]
 
 
-def recalibrated(courses: Sequence[Course], changes: Mapping[str, float]) -> list[Course]:
+def recalibrated(
+    courses: Sequence[ModelledRecord], changes: Mapping[str, float]
+) -> list[ModelledRecord]:
     """The courses with their calibration changed by so much."""
     return [
         replace(c, calibration={n: v + changes.get(n, 0.0) for n, v in c.calibration.items()})
@@ -272,13 +286,13 @@ def recalibrated(courses: Sequence[Course], changes: Mapping[str, float]) -> lis
     ]
 
 
-def stretches(course: Course) -> int:
+def stretches(course: ModelledRecord) -> int:
     """Into how many stretches a record is cut."""
     return max(2, round(len(course.x) * course.step / STRETCH))
 
 
-def edges(courses: Sequence[Course]) -> list[int]:
-    """Ends of the stretches among the surprises."""
+def edges(courses: Sequence[ModelledRecord]) -> list[int]:
+    """Ends of the stretches among the innovations."""
     found = [0]
     for c in courses:
         n, per = windows(len(c.x), c.width), len(c.channels)
@@ -288,7 +302,7 @@ def edges(courses: Sequence[Course]) -> list[int]:
     return found
 
 
-def ends_of_stretches(courses: Sequence[Course]) -> npt.NDArray[np.int64]:
+def ends_of_stretches(courses: Sequence[ModelledRecord]) -> npt.NDArray[np.int64]:
     """Ends of the stretches among all samples, shape (stretches + 1,)."""
     found = [0]
     for c in courses:
@@ -298,7 +312,7 @@ def ends_of_stretches(courses: Sequence[Course]) -> npt.NDArray[np.int64]:
 
 
 def likelihood(
-    courses: Sequence[Course],
+    courses: Sequence[ModelledRecord],
     model: DriveModel,
     noise: Noise,
     added: Added,
@@ -306,26 +320,28 @@ def likelihood(
 ) -> float:
     """Minus the logarithm of the records' likelihood under a model and its noise."""
     made = filters(courses, noise)
-    e = surprises(courses, model, made, added, law)
+    e = innovations(courses, model, made, added, law)
     count = sum(float(f.telling.sum()) for f in made)
     weights = sum(float(np.sum(f.telling * np.log(f.force_weights))) for f in made)
     return float(0.5 * np.sum(e**2) + count * np.sum(np.log(noise.sizes)) - weights)
 
 
-def fitted_noise(courses: Sequence[Course], model: DriveModel, left: Sequence[Matrix]) -> Noise:
+def fitted_noise(
+    courses: Sequence[ModelledRecord], model: DriveModel, left: Sequence[Matrix]
+) -> Noise:
     """The autoregression that is most likely, given what is left of each record's balances."""
     exact = _EXACT * model.friction_scale
     size, growth = exact, 0.0
     for _ in range(_ROUNDS):  # the weights of doubtful windows need the size
         each = [force_weights(c, size, growth) for c in courses]
-        found, surprise = _autoregression(courses, [y[:, 0] for y in left], each, exact)
-        size, growth = _size_and_growth(courses, surprise, exact * _amplified(found))
+        found, innovation = _autoregression(courses, [y[:, 0] for y in left], each, exact)
+        size, growth = _size_and_growth(courses, innovation, exact * _amplified(found))
     weights, sizes = [found], [size]
     if left[0].shape[1] > 1:
         exact = exact / model.per_command
         even = [np.ones(len(y)) for y in left]
-        found, surprise = _autoregression(courses, [y[:, 1] for y in left], even, exact)
-        square = float(np.mean(np.concatenate(surprise) ** 2))
+        found, innovation = _autoregression(courses, [y[:, 1] for y in left], even, exact)
+        square = float(np.mean(np.concatenate(innovation) ** 2))
         weights.append(found)
         sizes.append(math.hypot(math.sqrt(square), exact * _amplified(found)))
     return Noise(np.array(weights), np.array(sizes), growth)
@@ -337,12 +353,15 @@ def _amplified(weights: Vector) -> float:
 
 
 def _autoregression(
-    courses: Sequence[Course], left: Sequence[Vector], weights: Sequence[Vector], exact: float
+    courses: Sequence[ModelledRecord],
+    left: Sequence[Vector],
+    weights: Sequence[Vector],
+    exact: float,
 ) -> tuple[Vector, list[Vector]]:
-    """Weights of the windows before, shape (order,), and what they do not foretell.
+    """Weights of the windows before, shape (order,), and what they do not predict.
 
     White noise of the size `exact` is always there: without it, whatever is smooth would be
-    foretold from its own course to any digit, an effect like noise.
+    predicted from its own course to any digit, an effect like noise.
     """
     rows, goals, scales = [], [], []
     for c, y, w in zip(courses, left, weights, strict=True):
@@ -358,11 +377,11 @@ def _autoregression(
 
 
 def _size_and_growth(
-    courses: Sequence[Course], surprise: Sequence[Vector], least: float
+    courses: Sequence[ModelledRecord], innovation: Sequence[Vector], least: float
 ) -> tuple[float, float]:
     """Of the balance of forces: what drives it at rest [N], and how that grows [N*s/m]."""
     squares, doubts_, paces = [], [], []
-    for c, e in zip(courses, surprise, strict=True):
+    for c, e in zip(courses, innovation, strict=True):
         counts = np.flatnonzero(telling(c) > 0.0)
         squares.append(e**2)
         doubts_.append(np.convolve(c.doubt, np.ones(3))[: len(c.doubt)][counts])

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from .causes import CAUSES
-from .course import Course
 from .diagnosis import NONE, Level, NextExperiment, NotNamed, OutOfReach
 from .drive_model import DriveModel
 from .evidence import Conditioned, conditioned
@@ -15,9 +14,10 @@ from .experiment_motions import UNNAMED
 from .explanation import Explanation
 from .found_cause import FREED_SHOWN, SEEN, SMALLEST, whole_force
 from .machine_reach import reach_of
+from .modelled_record import ModelledRecord
 from .next_experiment import motion_for, trial_for
+from .nonparametric import LIVES
 from .problem import Candidate, Problem
-from .rivals import LIVES
 from .search import Found
 
 AT_FLOOR = 2.0  # times the floor: more is not explained
@@ -56,7 +56,7 @@ def _length(metres: float) -> str:
 
 
 def out_of_reach(
-    courses: Sequence[Course], model: DriveModel, problem: Problem, best: Explanation
+    courses: Sequence[ModelledRecord], model: DriveModel, problem: Problem, best: Explanation
 ) -> tuple[OutOfReach, ...]:
     """Causes that would not have shown had they been as large as a twentieth of the friction."""
     left = conditioned(problem.columns.products(), best.priors)
@@ -99,7 +99,10 @@ def _shows(candidate: Candidate, left: Conditioned, size: float, model: DriveMod
 
 
 def next_experiment(
-    refused: Sequence[NotNamed], structure: bool, courses: Sequence[Course], model: DriveModel
+    refused: Sequence[NotNamed],
+    structure: bool,
+    courses: Sequence[ModelledRecord],
+    model: DriveModel,
 ) -> NextExperiment | None:
     """What would tell apart what this record cannot."""
     for r in refused:

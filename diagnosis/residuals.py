@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 
-from .course import Course, position_noise
 from .drive_model import DriveModel
+from .modelled_record import ModelledRecord, position_noise
 from .regression import Added, balance
 from .weak_form import acceleration, centres
 
 Vector = npt.NDArray[np.float64]
 
-AHEAD = 1.0  # over which a position is foretold from a known state [s]
+AHEAD = 1.0  # over which a position is predicted from a known state [s]
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Residual:
     force : ndarray, shape (n,)
         Force that acts against motion in +x and that the model does not have [N].
     position : ndarray, shape (n,)
-        By how much a position foretold from the state at the start of each second is wrong [m].
+        By how much a position predicted from the state at the start of each second is wrong [m].
     telling : ndarray of bool, shape (n,)
         Samples that count.
     """
@@ -52,7 +52,7 @@ def rms(values: Vector) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def residual(courses: Sequence[Course], model: DriveModel, added: Added) -> Residual:
+def residual(courses: Sequence[ModelledRecord], model: DriveModel, added: Added) -> Residual:
     """The unknown force that each record asks for, and what it does to a prediction.
 
     Parameters
@@ -81,7 +81,7 @@ def residual(courses: Sequence[Course], model: DriveModel, added: Added) -> Resi
     return Residual(np.concatenate(forces), np.concatenate(positions), np.concatenate(telling))
 
 
-def floor(courses: Sequence[Course], model: DriveModel) -> Residual:
+def floor(courses: Sequence[ModelledRecord], model: DriveModel) -> Residual:
     """What rounding and noise of the position leave by themselves."""
     random = np.random.default_rng(0)
     forces, positions, telling = [], [], []
@@ -95,7 +95,7 @@ def floor(courses: Sequence[Course], model: DriveModel) -> Residual:
     return Residual(np.concatenate(forces), np.concatenate(positions), np.concatenate(telling))
 
 
-def repetition(found: Residual, courses: Sequence[Course], laps: Sequence[float]) -> float:
+def repetition(found: Residual, courses: Sequence[ModelledRecord], laps: Sequence[float]) -> float:
     """By how much what is left differs from one lap to the next, root mean square [N].
 
     Half of the mean square of the difference is each lap's own.
@@ -110,7 +110,7 @@ def repetition(found: Residual, courses: Sequence[Course], laps: Sequence[float]
     return rms(np.sqrt(np.concatenate(squares)))
 
 
-def at_samples(course: Course, values: Vector) -> Vector:
+def at_samples(course: ModelledRecord, values: Vector) -> Vector:
     """What is known in windows, shape (windows,), at the samples, shape (n,)."""
     return np.interp(np.arange(len(course.x)), centres(len(course.x), course.width), values)
 

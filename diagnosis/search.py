@@ -10,10 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..records.drive_record import DriveRecord
-from .course import Course, driven_by_current, follow, lay_along, with_own_offsets
 from .drive_model import DriveModel
 from .evidence import Prior, fit_within, volume
 from .explanation import Explanation, amplitudes, nothing_in, stands
+from .modelled_record import (
+    ModelledRecord,
+    driven_by_current,
+    lay_along,
+    with_law_force,
+    with_own_offsets,
+)
 from .problem import Candidate, Problem, believed_changes, bounds, free_spreads, state_problem
 from .refinement import refine
 from .regression import (
@@ -29,7 +35,7 @@ from .regression import (
     whitened,
 )
 from .residuals import at_samples
-from .selection import PRICE, Choice, again, choose, pruned, with_one_value
+from .selection import LOG_PRIOR_ODDS, Choice, again, choose, pruned, with_one_value
 
 Vector = npt.NDArray[np.float64]
 
@@ -45,14 +51,14 @@ _MOST_CONTENDERS = 2
 class Situation:
     """Records, the model's adjusted values and the noise, under one explanation."""
 
-    courses: list[Course]
+    courses: list[ModelledRecord]
     model: DriveModel
     noise: Noise
     added: Added
 
 
 def adjusted(
-    courses: list[Course],
+    courses: list[ModelledRecord],
     model: DriveModel,
     believed: DriveModel,
     added: Added,
@@ -83,7 +89,7 @@ def adjusted(
             {n: model.values[n] * (1.0 + float(c)) for n, c in zip(names, change, strict=False)}
         )
         moved = dict(zip(doubts, change[len(names) :].tolist(), strict=True))
-        courses = [follow(c, model) for c in recalibrated(courses, moved)]
+        courses = [with_law_force(c, model) for c in recalibrated(courses, moved)]
         if np.all(np.abs(change) < _SETTLED * spread):
             break
     left = leftovers(courses, model, added)
@@ -93,7 +99,9 @@ def adjusted(
     return Situation(courses, model, fitted_noise(courses, model, left), added)
 
 
-def added_by(members: Iterable[Candidate], amplitude: Vector, courses: Sequence[Course]) -> Added:
+def added_by(
+    members: Iterable[Candidate], amplitude: Vector, courses: Sequence[ModelledRecord]
+) -> Added:
     """What members of these amplitudes, shape (c,), add to the records' forces and commands."""
     added = Added.nothing(courses)
     for member in members:
@@ -111,7 +119,7 @@ def _unlikelihood(situation: Situation, noise: Noise) -> float:
     return likelihood(situation.courses, situation.model, noise, situation.added)
 
 
-def _first_situation(courses: list[Course], believed: DriveModel) -> Situation:
+def _first_situation(courses: list[ModelledRecord], believed: DriveModel) -> Situation:
     """Values adjusted, forces by voltage or by current, whichever leaves less."""
     nothing = Added.nothing(courses)
     situation = adjusted(courses, believed, believed, nothing)
@@ -180,13 +188,13 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
                 break
             return _nothing_found(situation, believed, choice, first)
         noise = min((s.situation.noise for s in steps), key=lambda n: float(n.sizes[0]))
-        costs = [_unlikelihood(s.situation, noise) + s.price for s in steps]
+        costs = [_unlikelihood(s.situation, noise) + s.log_prior_odds for s in steps]
         step, cost = steps[int(np.argmin(costs))], min(costs)
         before = _unlikelihood(situation, noise)
-        if not best and cost + PRICE > before + _strain(situation, believed):
+        if not best and cost + LOG_PRIOR_ODDS > before + _strain(situation, believed):
             return _nothing_found(situation, believed, choice, first)
         # what was found before may be the better whole, along its own motion
-        if best and cost > before + best.price:
+        if best and cost > before + best.log_prior_odds:
             choice = _kept(problem, choice, best.explanation)
             break
         problem, choice = step.problem, replace(choice, best=step.explanation)
@@ -245,7 +253,7 @@ class Step:
 
     Attributes
     ----------
-    price : float
+    log_prior_odds : float
         In natural logarithms: for values that are not those believed, and for amplitudes that were
         as likely to be others.
     """
@@ -253,7 +261,7 @@ class Step:
     situation: Situation
     problem: Problem
     explanation: Explanation
-    price: float
+    log_prior_odds: float
 
     @property
     def stands(self) -> bool:
@@ -276,8 +284,8 @@ def _step(
         freed,
         rounds=2,
     )
-    price = _strain(after, believed, freed) + _freedom(problem, best)
-    return Step(after, problem, best, price)
+    log_prior_odds = _strain(after, believed, freed) + _freedom(problem, best)
+    return Step(after, problem, best, log_prior_odds)
 
 
 def _strain(situation: Situation, believed: DriveModel, freed: Sequence[str] = ()) -> float:
@@ -308,7 +316,7 @@ def _contenders(choice: Choice, first: bool) -> list[Explanation]:
     """
     ranked: dict[tuple[str, ...], Explanation] = {}
     for e in sorted(choice.others, key=lambda e: -e.score):
-        if not e.rivals and e.members:
+        if not e.nonparametric_alternatives and e.members:
             ranked.setdefault(_key(e), e)
     best = choice.best
     if not ranked:
@@ -339,4 +347,4 @@ def _best_single(steps: Sequence[Step]) -> Step | None:
     if not alone:
         return None
     noise = min((s.situation.noise for s in steps), key=lambda n: float(n.sizes[0]))
-    return min(alone, key=lambda s: _unlikelihood(s.situation, noise) + s.price)
+    return min(alone, key=lambda s: _unlikelihood(s.situation, noise) + s.log_prior_odds)

@@ -18,8 +18,8 @@ from .explanation import (
     Explanation,
     apart,
     bring_of,
+    log_prior_odds_of_form,
     nothing_in,
-    price_of_form,
     stands,
     within_bounds,
     without,
@@ -28,9 +28,9 @@ from .problem import BESIDE, KEPT, LOOKED_AT, Candidate, Problem
 
 Matrix = npt.NDArray[np.float64]
 
-PRICE = 7.0  # of the first name, in natural logarithms of the odds
-NEXT_PRICE = 11.0  # of each further one: two things wrong at once are rarer than one
-RIVALS_PRICE = 5.0  # what has a shape for everything has to be better by so much
+LOG_PRIOR_ODDS = 7.0  # of the first name, in natural logarithms of the odds
+NEXT_LOG_PRIOR_ODDS = 11.0  # of each further one: two things wrong at once are rarer than one
+NONPARAMETRIC_LOG_PRIOR_ODDS = 5.0  # what has a shape for everything has to be better by so much
 LARGEST = 7  # members of a set: real machines have several things wrong at once
 
 
@@ -158,7 +158,7 @@ def _search(
         ranked = [e for e in ranked[:LOOKED_AT] if stands(problem, products, e)]
         beam = ranked[:KEPT]
         seen += ranked if size == 0 else ranked[: 4 * KEPT]
-        if not beam or beam[0].score < max(e.score for e in seen) - NEXT_PRICE:
+        if not beam or beam[0].score < max(e.score for e in seen) - NEXT_LOG_PRIOR_ODDS:
             break
     return sorted(seen, key=lambda e: -e.score)
 
@@ -167,7 +167,7 @@ def pruned(problem: Problem, products: Matrix, best: Explanation) -> Explanation
     """An explanation, in order, without the members that later ones made needless."""
     best = _ordered(problem, products, best)
     while len(best.members) > 1:
-        needless = [k for k, g in enumerate(best.gains) if g < NEXT_PRICE]
+        needless = [k for k, g in enumerate(best.gains) if g < NEXT_LOG_PRIOR_ODDS]
         if not needless:
             break
         best = _ordered(problem, products, without(problem, best, needless[-1]))
@@ -212,18 +212,20 @@ def _grow(
     for name, options in found.items():
         # of forms that explain alike, the simplest
         most = max(o[0] for o in options)
-        options.sort(key=lambda o: price_of_form(o[1], most) - o[0])
+        options.sort(key=lambda o: log_prior_odds_of_form(o[1], most) - o[0])
         best = next((o for o in options if apart(problem, products, start, o[1], o[2])), options[0])
         # one of many shapes was to be picked as well
         brings = float(np.logaddexp.reduce([o[0] for o in options])) - math.log(len(options))
-        price = max(NEXT_PRICE, BESIDE * max(start.gains)) if start.members else PRICE
+        log_prior_odds = (
+            max(NEXT_LOG_PRIOR_ODDS, BESIDE * max(start.gains)) if start.members else LOG_PRIOR_ODDS
+        )
         if best[1].is_rival:
-            price += RIVALS_PRICE
+            log_prior_odds += NONPARAMETRIC_LOG_PRIOR_ODDS
         members = (*start.members, best[1])
         out[name] = Explanation(
             members,
             within_bounds(problem, products, members, best[2][1:]),
-            start.score + brings - price,
+            start.score + brings - log_prior_odds,
             (*start.gains, brings),
         )
     return out

@@ -75,6 +75,14 @@ def _stored_fmu(kernel: Kernel) -> Path:
     return path
 
 
+def fmu_of(made: Component) -> Path:
+    """Path of a component's FMU in the user's cache, as `fmu`; raises as `export` does."""
+    from ..solver.codegen import generate
+    from .export import with_law_ports
+
+    return _stored_fmu(generate(with_law_ports(made)))
+
+
 def variational_kernel(name: str, tangents: int) -> Kernel:
     """The compiled component of this name with tangents, from disk if there."""
 

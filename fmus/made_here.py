@@ -1,6 +1,6 @@
 """Which FMUs this program wrote on this machine, known by their content.
 
-They run in the master's own process. Anything else is a stranger's program, whatever its name.
+They run in the master's own process. Anything else is a third-party program, whatever its name.
 """
 
 from __future__ import annotations

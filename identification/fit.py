@@ -9,7 +9,7 @@ over displacement. Unknown besides the law's parameters, each with the spread th
 - the displacement of each record before its first sample, of the size of the position's error, or
   free where a record does not begin without force;
 - the scale of each record's position, where its sensor was calibrated with an error;
-- how fast each record's body is shaken to and fro below what its position shows;
+- how fast each record's body is vibrating below what its position shows;
 - if asked for, a constant force beside the friction, a load or the zero of the load cell.
 
 The classical law says nothing of a block that sticks: there only the largest force before each
@@ -32,15 +32,15 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from ballscrew.identification.fit_errors import intervals_of, summed_up
-from ballscrew.identification.fit_result import Fit, fitted_names, without_direction
-from ballscrew.identification.fitted_law import LAWS, OFFSET, Law, coordinates_of
-from ballscrew.identification.layout import Course, lay_out
-from ballscrew.identification.likelihood import Problem
-from ballscrew.identification.optimizer import Climb
-from ballscrew.plant.maxwell_slip import ELEMENTS
-from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
-from ballscrew.records.force_record import Record
+from ..plant.maxwell_slip import ELEMENTS
+from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
+from ..records.force_record import Record
+from .fit_errors import intervals_of, summed_up
+from .fit_result import Fit, fitted_names, without_direction
+from .fitted_law import LAWS, OFFSET, Law, coordinates_of
+from .layout import StackedRecords, lay_out
+from .likelihood import Problem
+from .optimizer import Climb
 
 Vector = npt.NDArray[np.float64]
 
@@ -50,7 +50,7 @@ _UNTIL_COMPARED = 12  # iterations from each first guess: with five the wrong on
 def fit_along(
     records: Sequence[Record],
     law: str,
-    course: Course | None = None,
+    course: StackedRecords | None = None,
     tied: bool | None = None,
     guess: Mapping[str, float] | None = None,
     follow: bool = True,
@@ -114,7 +114,7 @@ def fit_along(
     return replace(fit, intervals=intervals_of(fit, best, follow, fixed))
 
 
-def _first_offset(course: Course) -> float:
+def _first_offset(course: StackedRecords) -> float:
     """What lies between the friction of both directions [N]; 0 where there is but one."""
     friction = course.force - course.inertial
     fast = 0.3 * float(np.quantile(np.abs(course.v), 0.98))
@@ -122,7 +122,7 @@ def _first_offset(course: Course) -> float:
     return 0.5 * sum(float(np.median(s)) for s in sides) if all(map(len, sides)) else 0.0
 
 
-def _starts(course: Course, law: Law, offset: float) -> list[Vector]:
+def _starts(course: StackedRecords, law: Law, offset: float) -> list[Vector]:
     """First guesses from what the eye would take from the friction-velocity map."""
     friction = course.force - course.inertial - offset
     pull = np.abs(friction)

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from .fit_result import DRAWN, Fit, draw_coordinates, fitted_names, without_direction
 from .fitted_law import OFFSET, values_of
 from .intervals import CONFIDENCE, NARROW, Interval, is_narrow
-from .law_along_record import with_play
+from .law_along_record import with_backlash
 from .optimizer import OWN, Climb, Pieces
 from .unseen_parameters import blurred_elements, hardly_slides, peak_unseen, presliding_way
 
@@ -71,7 +71,7 @@ def summed_up(climb: Climb, cost: float) -> Fit:
     moved = [inverse[:p] @ climb.pull(pieces, problem.weight[0] * e) for e in climb.errors]
     of_motion = np.mean(np.square(moved), axis=0)
     whole = inverse[:p] ** 2 @ prior
-    short = with_play(course.x, course.starts, course.play)
+    short = with_backlash(course.x, course.starts, course.play)
     more = climb.force_on(np.stack([short, course.v, course.inertial])) - climb.force(point)
     rounded = (inverse[:p] @ climb.pull(pieces, problem.weight[0] * more)) ** 2
     heard = _of_noise(climb, pieces, inverse, white)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from .fit_result import Fit
 from .fitted_law import OFFSET, values_of
 from .intervals import NARROW
-from .layout import Course
+from .layout import StackedRecords
 from .likelihood import Problem
 from .lugre_dynamics import assumed_damping
 from .optimizer import Climb
@@ -32,7 +32,7 @@ _FINE = 5e-8  # noise of a capacitance sensor [m]
 _FAST = 5e-4  # sampling interval of an acquisition ten times as fast [s]
 
 
-def ways(course: Course) -> list[str]:
+def ways(course: StackedRecords) -> list[str]:
     """The directions in which records move, at least one of `FORWARDS` and `BACKWARDS`."""
     found = []
     for way, sign in ((FORWARDS, 1.0), (BACKWARDS, -1.0)):
@@ -173,12 +173,12 @@ def _expected_error(
     return math.sqrt(float(turn @ covariance @ turn))
 
 
-def _course(option: Candidate, noise: float, count: float) -> Course:
+def _course(option: Candidate, noise: float, count: float) -> StackedRecords:
     times: Vector = option.step * np.arange(round(option.duration / option.step), dtype=float)
     xs = [motion(times) for motion in option.motions]
     n, records = len(times), len(xs)
     v: list[Vector] = [np.asarray(np.gradient(x, option.step)) for x in xs]
-    return Course(
+    return StackedRecords(
         x=np.concatenate(xs),
         v=np.concatenate(v),
         inertial=np.concatenate([np.asarray(np.gradient(u, option.step)) for u in v]),
@@ -198,7 +198,7 @@ def _course(option: Candidate, noise: float, count: float) -> Course:
     )
 
 
-def why_not(fit: Fit, parameter: str, course: Course) -> str:
+def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
     """The reason why an interval is wide, from the motion that was recorded."""
     name = parameter.removesuffix("_pos").removesuffix("_neg")
     sign = {"_pos": 1.0, "_neg": -1.0}.get(parameter[-4:], 0.0)

@@ -18,7 +18,7 @@ from .fitted_law import OFFSET
 from .friction_estimation import FrictionEstimate
 from .identifiability import BACKWARDS, FORWARDS
 from .intervals import Interval
-from .layout import Course
+from .layout import StackedRecords
 from .stribeck_fit import StribeckPoints
 
 MISFIT = 2.0  # what the law leaves, in noise of the force, beyond which it is not believed
@@ -60,7 +60,7 @@ class Identification:
     per_direction: dict[str, dict[str, Interval]]
     thesis: dict[str, Any]
     fit: Fit
-    course: Course
+    course: StackedRecords
     estimates: tuple[FrictionEstimate, ...]
     points: StribeckPoints
     unexplained: float
@@ -125,20 +125,17 @@ class Identification:
         )
 
     def save(self, folder: Path | str) -> None:
-        """Write ``identified.json``, ``parameters.toml`` and the pictures into `folder`.
+        """Write ``identified.json``, and ``parameters.toml`` into `folder`.
 
         Raises
         ------
         OSError
             If a file cannot be written.
         """
-        from .identification_pictures import save_pictures
-
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "identified.json", self.to_dict())
         self.parameter_file().save(folder)
-        save_pictures(self, folder)
 
 
 def _bounds(i: Interval) -> tuple[float, float]:

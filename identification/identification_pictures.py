@@ -16,8 +16,16 @@ _MOST_POINTS = 6000
 
 
 def save_pictures(result: Identification, folder: Path) -> None:
-    """Write ``friction_map`` and ``residuals`` as PNG and SVG into `folder`."""
+    """Write ``friction_map`` and ``residuals`` into `folder`."""
+    for stem, figure in identification_figures(result).items():
+        write_figure(figure, folder, stem)
+
+
+def identification_figures(result: Identification) -> dict[str, Any]:
+    """Figures of friction over velocity and of what the fit leaves, by name."""
     import matplotlib as mpl
+
+    figures = {}
 
     course, fit = result.course, result.fit
     open_ones = [n for n, i in result.parameters.items() if not i.identified]
@@ -57,7 +65,7 @@ def save_pictures(result: Identification, folder: Path) -> None:
         over_way.set_xlabel("displacement from the start [µm]")
         over_way.set_ylabel("friction [N]")
         over_way.set_title("Presliding")
-        write_figure(figure, folder, "friction_map")
+        figures["friction_map"] = figure
 
         figure, grid = new_figure(2, 1, (9, 6))
         course_axes, histogram = grid[0][0], grid[1][0]
@@ -77,7 +85,8 @@ def save_pictures(result: Identification, folder: Path) -> None:
         )
         histogram.set_xlabel("force less fit [N]")
         histogram.set_ylabel("density [1/N]")
-        write_figure(figure, folder, "residuals")
+        figures["residuals"] = figure
+    return figures
 
 
 def _scatter(axes: Any, where: Any, measured: Any, friction: Any) -> None:

@@ -20,7 +20,7 @@ from .friction_estimation import estimate_friction
 from .identifiability import ways, which_would_do, why_not
 from .identification import MISFIT, SIDES, Identification
 from .intervals import Interval, averaged
-from .layout import Course, lay_out
+from .layout import StackedRecords, lay_out
 from .stribeck_fit import stribeck_points
 from .thesis_estimates import TOGETHER, thesis_estimates
 
@@ -148,13 +148,13 @@ def identify(
             f"{unexplained / noise:.3g} times its noise of {noise:.3g} N: this is not the friction "
             "of these records"
         )
-    strangers = [r for r in records if not r.about]
-    if strangers:
-        way = max(float(np.ptp(r.position)) for r in strangers)
-        pull = max(float(np.abs(r.force).max()) for r in strangers)
+    foreign = [r for r in records if not r.about]
+    if foreign:
+        way = max(float(np.ptp(r.position)) for r in foreign)
+        pull = max(float(np.abs(r.force).max()) for r in foreign)
         notes.append(
             f"without trial.json, by name and --unit, positions cover up to {way:.3g} m, forces "
-            f"reach {pull:.3g} N, samples come every {strangers[0].step:.3g} s: if that is not so, "
+            f"reach {pull:.3g} N, samples come every {foreign[0].step:.3g} s: if that is not so, "
             "say the units"
         )
     if offset:
@@ -196,7 +196,7 @@ def identify(
     )
 
 
-def _judged(fit: Fit, name: str, course: Course) -> Interval:
+def _judged(fit: Fit, name: str, course: StackedRecords) -> Interval:
     interval = fit.intervals[name]
     if interval.identified:
         return interval

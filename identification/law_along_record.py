@@ -78,7 +78,7 @@ def _library() -> Any:
         ("force_behind_spring", array, array, array, many, number, number, number, array),
         ("force_behind_gap", array, array, array, many, number, number, number, array),
         ("score", array, array, array, many, number, array, array, ct.c_int),
-        ("with_play", array, array, many, array, array),
+        ("with_backlash", array, array, many, array, array),
     ):
         function = getattr(loaded, name)
         function.argtypes = types
@@ -93,7 +93,7 @@ def friction_along(
     step: Vector,
     starts: Bounds,
     shifts: Vector,
-    shaking: Vector,
+    vibration: Vector,
 ) -> Vector:
     """A law along several records, laid end to end, shape (n,) [N].
 
@@ -108,7 +108,7 @@ def friction_along(
         First sample of each record; the last entry is n.
     shifts : ndarray, shape (records,)
         Displacement of each record before its first sample, from a state without force [m].
-    shaking : ndarray, shape (records,)
+    vibration : ndarray, shape (records,)
         Mean speed of a motion to and fro that the samples do not show; it wears the deflection
         down without getting anywhere [m/s].
     """
@@ -121,7 +121,7 @@ def friction_along(
         starts.ctypes.data,
         len(starts) - 1,
         at(shifts),
-        at(shaking),
+        at(vibration),
         at(friction),
     )
     return friction
@@ -232,7 +232,7 @@ def score(
     )
 
 
-def with_play(x: Vector, starts: Bounds, play: Vector) -> Vector:
+def with_backlash(x: Vector, starts: Bounds, play: Vector) -> Vector:
     """Positions that come short by `play` [m] after a record's start and after each reversal.
 
     What rebuilding does at corners is the same at all of them and in all records, and a replay of
@@ -246,5 +246,5 @@ def with_play(x: Vector, starts: Bounds, play: Vector) -> Vector:
     play : ndarray, shape (records,)
     """
     dragged = np.empty_like(x)
-    _library().with_play(at(x), starts.ctypes.data, len(play), at(play), at(dragged))
+    _library().with_backlash(at(x), starts.ctypes.data, len(play), at(play), at(dragged))
     return dragged

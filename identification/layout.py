@@ -27,7 +27,7 @@ _CORNER = 1.3  # the smoothed position is less certain where a motion begins
 
 
 @dataclass(frozen=True)
-class Course:
+class StackedRecords:
     """Records laid end to end, as the compiled laws take them.
 
     Attributes
@@ -88,7 +88,7 @@ class Course:
 
 def lay_out(
     records: Sequence[Record], estimates: Sequence[FrictionEstimate] | None = None
-) -> Course:
+) -> StackedRecords:
     """Put the records end to end.
 
     Parameters
@@ -121,7 +121,7 @@ def lay_out(
     x, v, inertial = together([e.motion for e in estimates])
     random = np.random.default_rng(0)
     replays = [together([replayed(e, random) for e in estimates]) for _ in range(EXAMPLES)]
-    return Course(
+    return StackedRecords(
         x=x,
         v=v,
         inertial=inertial,
@@ -150,7 +150,7 @@ def _may_stick(motion: Motion) -> npt.NDArray[np.bool_]:
     return np.asarray(np.convolve(still, np.ones(2 * near + 1), "same") > 0.5)
 
 
-def break_aways(course: Course) -> dict[int, float]:
+def break_aways(course: StackedRecords) -> dict[int, float]:
     """Samples of the largest force before a block slides, and its direction."""
     found = {}
     friction = course.force - course.inertial

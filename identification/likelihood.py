@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from .fitted_law import Law, values_of
 from .law_along_record import KINDS, LawValues, friction_along, score
-from .layout import AROUND, Course, break_aways
+from .layout import AROUND, StackedRecords, break_aways
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -23,7 +23,7 @@ _UNSEEN = 0.3  # share of a sample's change of force that the course between sam
 class Problem:
     """Prediction, likelihood and information of a law on a course."""
 
-    def __init__(self, course: Course, law: Law, tied: bool) -> None:
+    def __init__(self, course: StackedRecords, law: Law, tied: bool) -> None:
         self.course, self.law, self.tied = course, law, tied
         self.of_law = len(law.parameters) * (1 if tied else 2)
         self.size = self.of_law + law.offset
@@ -57,7 +57,7 @@ class Problem:
         coordinates: Vector,
         shifts: Vector,
         gains: Matrix,
-        shaking: Vector,
+        vibration: Vector,
         motion: Matrix | None = None,
     ) -> Vector:
         """Force along the records, or another motion, before the delay, shape (n,) [N]."""
@@ -73,7 +73,7 @@ class Problem:
         constant = float(values[-1]) if self.law.offset else 0.0
         sharpness = 0.0 if self.law.name == "lugre" else SHARPNESS
         law = LawValues(KINDS[self.law.name], forwards, backwards, sharpness)
-        friction = friction_along(law, x, v, course.step, course.starts, shifts, shaking)
+        friction = friction_along(law, x, v, course.step, course.starts, shifts, vibration)
         friction += constant
         if self.law.name == "classical":
             where = ~self.spoken

@@ -14,11 +14,11 @@ from .likelihood import Problem
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-OWN = 4  # unknowns that each record has for itself: displacement, scale twice, shaking
+OWN = 4  # unknowns that each record has for itself: displacement, scale twice, vibration
 _WIDE = 3.0  # spread of the logarithm of a parameter of which nothing is known
 _WIDE_OFFSET = 10.0  # spread of a constant force of which nothing is known, in the largest force
 _CERTAIN = 1e-9  # spread of what is held
-_SHAKING = 5e-7  # spread of a motion below what sensors show [m/s]: 0.05 um at some hertz
+_VIBRATION = 5e-7  # spread of a motion below what sensors show [m/s]: 0.05 um at some hertz
 UNDER = 0.01  # share by which the fit may leave Fs below Fc
 _LONGEST_TOGETHER = 100.0  # samples whose position is wrong in the same way
 _STEP = 1e-4  # of finite differences, in logarithms
@@ -30,26 +30,26 @@ class Point:
     """All that is unknown.
 
     The law's coordinates, the delays, each record's displacement before its first sample, its
-    errors of scale, linear and quadratic over its way, and its shaking, the logarithm of the noise.
+    errors of scale, linear and quadratic over its way, its vibration, the logarithm of the noise.
     """
 
     coordinates: Vector
     delays: Vector
     shifts: Vector
     gains: Matrix
-    shaking: Vector
+    vibration: Vector
     noise: float
 
     def moved(self, step: Vector) -> Point:
         cuts = np.cumsum([len(self.coordinates), len(self.delays), len(self.shifts)])
         coordinates, delays, shifts, rest = np.split(step, cuts)
-        linear, quadratic, shaking = rest[:-1].reshape(3, -1)
+        linear, quadratic, vibration = rest[:-1].reshape(3, -1)
         return Point(
             self.coordinates + coordinates,
             self.delays + delays,
             self.shifts + shifts,
             self.gains + np.stack([linear, quadratic]),
-            self.shaking + shaking,
+            self.vibration + vibration,
             self.noise + float(rest[-1]),
         )
 
@@ -66,7 +66,7 @@ class Pieces:
         Derivatives of the force.
     own : ndarray, shape (OWN, n)
         Derivatives of the force by what only the sample's record has: displacement
-        before, errors of scale, shaking.
+        before, errors of scale, vibration.
     noisy : ndarray, shape (n,)
         Derivative of the spread by the logarithm of the noise.
     """
@@ -109,7 +109,7 @@ class Climb:
                 course.shift_doubt,
                 course.gain_doubt,
                 0.5 * course.gain_doubt,
-                np.full(course.records, _SHAKING),
+                np.full(course.records, _VIBRATION),
                 [_WIDE],
             ]
         )
@@ -127,7 +127,7 @@ class Climb:
                 point.delays,
                 point.shifts,
                 point.gains.ravel(),
-                point.shaking,
+                point.vibration,
                 [point.noise],
             ]
         )
@@ -147,13 +147,13 @@ class Climb:
 
     def force(self, point: Point) -> Vector:
         problem = self.problem
-        before = problem.along(point.coordinates, point.shifts, point.gains, point.shaking)
+        before = problem.along(point.coordinates, point.shifts, point.gains, point.vibration)
         return problem.later(before, point.delays)
 
     def force_on(self, motion: Matrix) -> Vector:
         """Force at the point reached, had the records moved so, shape (n,) [N]."""
         u = self.point
-        force = self.problem.along(u.coordinates, u.shifts, u.gains, u.shaking, motion)
+        force = self.problem.along(u.coordinates, u.shifts, u.gains, u.vibration, motion)
         return self.problem.later(force, u.delays)
 
     def look_back(self) -> None:
@@ -179,13 +179,13 @@ class Climb:
         problem = self.problem
         course = problem.course
         p = problem.size
-        base = problem.along(point.coordinates, point.shifts, point.gains, point.shaking)
+        base = problem.along(point.coordinates, point.shifts, point.gains, point.vibration)
         here = problem.later(base, point.delays)
         columns = np.empty((p + course.clocks, len(base)))
         for j in range(p):
             moved = point.coordinates.copy()
             moved[j] += _STEP
-            force = problem.along(moved, point.shifts, point.gains, point.shaking)
+            force = problem.along(moved, point.shifts, point.gains, point.vibration)
             columns[j] = (problem.later(force, point.delays) - here) / _STEP
         for c in range(course.clocks):
             moved = point.delays.copy()
@@ -193,15 +193,15 @@ class Climb:
             moved[c] += tiny
             columns[p + c] = (problem.later(base, moved) - here) / tiny
         own = np.empty((OWN, len(base)))
-        force = problem.along(point.coordinates, point.shifts + 1e-9, point.gains, point.shaking)
+        force = problem.along(point.coordinates, point.shifts + 1e-9, point.gains, point.vibration)
         own[0] = (problem.later(force, point.delays) - here) / 1e-9
         for k in range(2):
             bent = point.gains.copy()
             bent[k] += 1e-5
-            force = problem.along(point.coordinates, point.shifts, bent, point.shaking)
+            force = problem.along(point.coordinates, point.shifts, bent, point.vibration)
             own[1 + k] = (problem.later(force, point.delays) - here) / 1e-5
-        tiny = 1e-3 * _SHAKING
-        force = problem.along(point.coordinates, point.shifts, point.gains, point.shaking + tiny)
+        tiny = 1e-3 * _VIBRATION
+        force = problem.along(point.coordinates, point.shifts, point.gains, point.vibration + tiny)
         own[3] = (problem.later(force, point.delays) - here) / tiny
         return columns, own
 

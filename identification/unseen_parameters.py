@@ -11,8 +11,8 @@ from ..plant.maxwell_slip import ELEMENTS
 from .fit_result import Fit, draw_coordinates, without_direction
 from .fitted_law import OFFSET, Law
 from .intervals import CONFIDENCE
-from .law_along_record import with_play
-from .layout import Course
+from .law_along_record import with_backlash
+from .layout import StackedRecords
 from .optimizer import UNDER
 
 _SLIDING = ("lugre", "modified_lugre", "directional_lugre", "maxwell_slip", "classical")
@@ -47,7 +47,7 @@ def presliding_way(law: Law, values: Mapping[str, float], end: str = "") -> floa
     return own["Fs"] / own["sigma0"]
 
 
-def peak_unseen(fit: Fit, course: Course, parameter: str) -> bool:
+def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     """Whether a parameter is one of break-away, and the records do not show that.
 
     Either they end below it, so that it is but guessed from how the loading curve bends, as a
@@ -69,7 +69,7 @@ def peak_unseen(fit: Fit, course: Course, parameter: str) -> bool:
     return float(np.max(pull)) < _REACHED * fit.values[static + end]
 
 
-def hardly_slides(fit: Fit, course: Course, parameter: str) -> bool:
+def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     """Whether a parameter is one of sliding, and the records do not slide enough to tell it.
 
     Where they are all but presliding, the smallest error of a sensor looks like a Stribeck curve;
@@ -86,7 +86,9 @@ def hardly_slides(fit: Fit, course: Course, parameter: str) -> bool:
         return False
     end = parameter[len(name) :]
     yielding = presliding_way(fit.law, fit.values, end)
-    dragged = with_play(course.x, course.starts, np.full(course.records, _BROKEN_AWAY * yielding))
+    dragged = with_backlash(
+        course.x, course.starts, np.full(course.records, _BROKEN_AWAY * yielding)
+    )
     moves = np.diff(dragged, prepend=dragged[0])
     moves[course.starts[:-1]] = 0.0
     ways = {"_pos": np.maximum(moves, 0.0), "_neg": np.maximum(-moves, 0.0)}.get(end, np.abs(moves))

@@ -16,11 +16,11 @@ from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
 from ..plant import PLANTS
 from .closed_loop_result import ClosedLoopResult
 from .coupling import Coupling
-from .isolated import TIME_LIMIT, IsolatedParticipant, open_fmu
+from .fmu_instance import FmuInstance
+from .isolated import TIME_LIMIT, IsolatedInstance, open_fmu
 from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
 from .parameter_file import ParameterFile
-from .participant import FmuParticipant
 from .parts import label_of, used_parameters
 from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
@@ -28,7 +28,7 @@ from .whole_loop import run_monolithic
 from .wiring import CONTROLLER, SET_POINT, Wiring, names_on, wire
 
 LIMIT = "voltage_limit"  # the plant's parameter
-_Fmu = FmuParticipant | IsolatedParticipant
+_Fmu = FmuInstance | IsolatedInstance
 
 
 class BadParameter(ValueError):
@@ -52,7 +52,7 @@ class Study:
     plant_values, controller_values : mapping of str to float
         Parameters that are not default.
     mapping : mapping of str to str
-        Names of a stranger's ports, ``theirs -> ours``.
+        Names of a third-party ports, ``theirs -> ours``.
     isolate : bool, optional
         Whether FMUs run each in a process of its own. Default: those that are not of the catalogue.
     time_limit : float
@@ -153,7 +153,7 @@ def _connection_notes(study: Study, controller: _Fmu, wiring: Wiring) -> tuple[s
 
 
 def _meet_samples(study: Study, plant: _Fmu, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:
-    """Tell a stranger's controller its own sampling period, where it has one; notes of it."""
+    """Tell a third-party controller its own sampling period, where it has one; notes of it."""
     sizes = np.array([plant.nominal(name) for name, _ in wiring.signals])
     values = study.controller_values or {}
     try:
@@ -196,7 +196,7 @@ def amplifier_notes(
     if LIMIT not in parameters or "u" not in run.commands or limit <= NOMINAL_VOLTAGE:
         return ()
     peak = float(np.max(np.abs(run.commands["u"])))
-    if not peak > NOMINAL_VOLTAGE or run.stopped:  # how a loop ran away says nothing of amplifiers
+    if not peak > NOMINAL_VOLTAGE or run.stopped:  # how a loop diverged says nothing of amplifiers
         return ()
     has = "has no limit" if limit >= UNLIMITED else f"is limited to {limit:g} V"
     return (

@@ -53,8 +53,8 @@ class ClosedLoopResult:
         if {"x"} <= set(run.outputs) and {"u"} <= set(run.commands):
             figures |= metrics(run).to_dict()
         return figures | {
-            "interface_defect_max": max(run.defect_max.values(), default=0.0),
-            "interface_defect_effect_per_second": run.effect_rate_max,
+            "coupling_residual_max": max(run.residual_max.values(), default=0.0),
+            "coupling_residual_effect_per_second": run.effect_rate_max,
             "error_estimate": verdict.error_estimate,
             "contraction": verdict.contraction,
             "macro_steps": run.macro_steps,
@@ -82,18 +82,14 @@ class ClosedLoopResult:
             piece = [column[first : first + ROWS].tolist() for column in table]
             yield _csv_rows(map(repr, row) for row in zip(*piece, strict=True))
 
-    def save(self, folder: Path | str, pictures: bool = True) -> None:
-        """Write trajectory.csv, metrics.json, parameters.toml and, by default, the pictures."""
+    def save(self, folder: Path | str) -> None:
+        """Write trajectory.csv, metrics.json and parameters.toml."""
         folder = Path(folder)
         write_atomically(folder / "trajectory.csv", self.trajectory_csv())
         parameters = self.study.parameters()
         if parameters is not None:
             parameters.save(folder)
         write_json(folder / "metrics.json", self.figures())
-        if pictures:
-            from .pictures import save_run_pictures
-
-            save_run_pictures(self, folder)
 
 
 def _csv_rows(rows: Iterable[Iterable[str]]) -> bytes:

@@ -21,7 +21,7 @@ DIRECT, STEPPED, SAMPLED = range(3)
 USES = 3  # what states are saved for
 RAMP_SHARE = 2 / 3  # of a defect, that a ramp makes up for
 RUNAWAY = 1e4  # times an output's nominal value
-GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, RUNS_AWAY, CALL_FAILED, NO_MEMORY = range(7)
+GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED, NO_MEMORY = range(7)
 
 CONTROLLER = np.dtype(
     [
@@ -62,10 +62,10 @@ LOOP = np.dtype(
         ("kept_late", VECTOR),
         ("kept_following", VECTOR),
         ("kept_has_following", np.int64),
-        # what the last step did: interface defect as accepted; how far the correction moved each
-        # output; share of the defect that was left, small if correcting converges fast, one or more
-        # if the step is too long for it, NaN if nothing was corrected
-        ("defect", VECTOR),
+        # what the last step did: coupling residual as accepted; how far the correction moved each
+        # output; share of the residual that was left, small if correcting converges fast, one
+        # or more if the step is too long for it, NaN if nothing was corrected
+        ("residual", VECTOR),
         ("effect", VECTOR),
         ("contraction", float),
         # room for one step
@@ -87,10 +87,13 @@ LOOP = np.dtype(
 PAIR = np.dtype(
     [
         ("loop", LOOP),
-        ("parts", np.int64),  # into how many a companion divides each step; 0 if it is not there
+        (
+            "parts",
+            np.int64,
+        ),  # into how many a reference co-run divides each step; 0 if it is not there
         ("recorded", VECTOR),  # outputs at the end of each step, row by row
         ("rows", np.int64),
-        ("failed", float),  # time of the step in which a companion failed [s], NaN before
+        ("failed", float),  # time of the step in which a reference co-run failed [s], NaN before
     ]
 )
 """A loop with what it records."""
@@ -103,12 +106,12 @@ COURSE = np.dtype(
         ("nominal", VECTOR),  # of each output, and its range so far
         ("low", VECTOR),
         ("high", VECTOR),
-        ("defect", VECTOR),  # largest of each command,
+        ("residual", VECTOR),  # largest of each command,
         ("effect_rate", VECTOR),  # and of its effect on each output, per second
         ("accuracy", float),  # share of an output's range that may be wrong in the end
         ("contraction", float),  # sums of contraction by weight and of weight
         ("contraction_weight", float),
-        ("apart", VECTOR),  # run and companion after the last step
+        ("apart", VECTOR),  # run and reference co-run after the last step
         # the reference: its points, and how many inputs it goes to; room for two set-points
         ("goal_times", VECTOR),
         ("goal_values", VECTOR),
@@ -171,7 +174,7 @@ TRAIL = np.dtype(
         ("growth", VECTOR),
         ("trace", VECTOR),
         ("rows", np.int64),
-        ("bound", VECTOR),  # outputs beyond which the loop runs away
+        ("bound", VECTOR),  # outputs beyond which the loop diverges
         ("accuracy", float),  # nats, and share of the growth, that correcting may change in all
         ("relative", float),
     ]
@@ -208,7 +211,7 @@ def library() -> Any:
 
 
 def ask(function: str, whom: Struct, *arguments: Vector | float) -> None:
-    """Call one of the functions that ask a participant something.
+    """Call one of the functions that ask a FMU instance something.
 
     Parameters
     ----------

@@ -9,10 +9,10 @@
     The plant gets the controller's output with its derivatives and applies the feedback law inside
     its own solver (`fmus/feedback_law.py`).
 
-Whatever the coupling, a step can be *corrected*: the **interface defect** is the controller's true
+Whatever the coupling, a step can be *corrected*: the **coupling residual** is the controller's true
 output at the end of the step less what the plant had applied there; the step is taken back and done
 again from the controller's true output at the start, with a ramp that ends on the true value. How
-far the plant's outputs move under the correction is the defect's effect.
+far the plant's outputs move under the correction is the residual's effect.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy.typing as npt
 from . import compiled
 from .compiled import ask
 from .fmi_calls import Bound, failure_of, raising
-from .participant import Participant
+from .fmu_instance import Instance
 from .structs import Struct, struct
 from .wiring import Wiring
 
@@ -75,7 +75,7 @@ class ControllerSide:
 
     Parameters
     ----------
-    participant : Participant
+    FMU instance : Participant
         Initialized.
     wiring : Wiring
     signals, reference : ndarray
@@ -92,7 +92,7 @@ class ControllerSide:
 
     def __init__(
         self,
-        participant: Participant,
+        instance: Instance,
         wiring: Wiring,
         signals: Vector,
         reference: Vector,
@@ -104,15 +104,15 @@ class ControllerSide:
         law = wiring.controller_law() if wiring.reports_law else []
         outputs = [*(c for c, _ in wiring.commands), *law]
         calls = self._side.part("calls")
-        self.bound = Bound(participant, inputs, outputs, compiled.USES, calls)
-        self.answer = Answer.SAMPLED if participant.sample_time > 0 else Answer.DIRECT
+        self.bound = Bound(instance, inputs, outputs, compiled.USES, calls)
+        self.answer = Answer.SAMPLED if instance.sample_time > 0 else Answer.DIRECT
         self._side.set(
             m=self.m,
             n=self.n,
             answer=_ANSWERS[self.answer],
             reports=wiring.reports_law,
-            saves=participant.can_save,
-            nominal=np.array([participant.nominal(s) for _, s in wiring.signals]),
+            saves=instance.can_save,
+            nominal=np.array([instance.nominal(s) for _, s in wiring.signals]),
             ahead=np.zeros(self.m),
             moved=np.zeros(self.n),
             answered=np.zeros(self.m),
@@ -188,8 +188,8 @@ class Loop:
 
     def __init__(
         self,
-        plant: Participant,
-        controller: Participant,
+        plant: Instance,
+        controller: Instance,
         wiring: Wiring,
         coupling: Coupling,
         corrected: bool,
@@ -225,7 +225,7 @@ class Loop:
             contraction=np.nan,
         )
         self._whole.set(
-            **{name: np.zeros(m) for name in ("kept_late", "defect", "command", "first")}
+            **{name: np.zeros(m) for name in ("kept_late", "residual", "command", "first")}
         )
         self._whole.set(**{name: np.zeros(n) for name in ("start", "end", "mean")})
         laws = ("following", "kept_following", "law", "applied", "stepped")

@@ -1,7 +1,7 @@
-"""How compiled code calls a participant.
+"""How compiled code calls a FMU instance.
 
 An FMU in this process is called through the addresses of its own FMI 2.0 functions. Any other
-participant gets functions of the same shapes that call its Python methods, so that there is one
+FMU instance gets functions of the same shapes that call its Python methods, so that there is one
 text of the coupling for all of them.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .participant import ENTRY_POINTS, OK, STATE, STEP, FmuParticipant, Participant
+from .fmu_instance import ENTRY_POINTS, OK, STATE, STEP, FmuInstance, Instance
 from .structs import VECTOR, Struct, Vector
 
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # what failed
@@ -26,7 +26,7 @@ _ADDRESSES = ctypes.CFUNCTYPE(  # of the shape of fmi2SetReal, with nothing made
 
 
 class CallFailed(Exception):
-    """A participant refused a call; which and why is kept in its record."""
+    """A FMU instance refused a call; which and why is kept in its record."""
 
 
 CALLS = np.dtype(
@@ -45,15 +45,15 @@ CALLS = np.dtype(
         ("failed", np.int64),
     ]
 )
-"""A participant, see ``c/calls.h``: its functions, what they are called with and what they gave."""
+"""An FMU instance, see ``c/calls.h``: its functions, and what they take and gave."""
 
 
 class Bound:
-    """A participant with the inputs that will be set and the outputs that will be read.
+    """A FMU instance with the inputs that will be set and the outputs that will be read.
 
     Parameters
     ----------
-    participant : Participant
+    FMU instance : Participant
         Initialized.
     inputs, outputs : sequence of str
         As many of the first of them as wanted are set or read in one call.
@@ -65,7 +65,7 @@ class Bound:
 
     def __init__(
         self,
-        participant: Participant,
+        instance: Instance,
         inputs: Sequence[str],
         outputs: Sequence[str],
         uses: int,
@@ -75,13 +75,13 @@ class Bound:
         self._calls = calls
         references = [0] * len(inputs), [0] * len(outputs)
         given, taken = np.zeros(len(inputs)), np.zeros(len(outputs))
-        if isinstance(participant, FmuParticipant):
-            self._fmu: FmuParticipant | None = participant
-            entry_points = participant.entry_points()
-            references = participant.references(inputs), participant.references(outputs)
+        if isinstance(instance, FmuInstance):
+            self._fmu: FmuInstance | None = instance
+            entry_points = instance.entry_points()
+            references = instance.references(inputs), instance.references(outputs)
         else:
             self._fmu = None
-            self._python = _PythonCalls(participant, self._inputs, self._outputs, given, taken)
+            self._python = _PythonCalls(instance, self._inputs, self._outputs, given, taken)
             entry_points = self._python.entry_points()
         calls.set(
             **dict(zip(ENTRY_POINTS, entry_points, strict=True)),
@@ -93,7 +93,7 @@ class Bound:
         )
 
     def failure(self) -> BaseException | None:
-        """The error of the last call that failed, as the participant itself raises it."""
+        """The error of the last call that failed, as the FMU instance itself raises it."""
         status, what = int(self._calls.record.status), int(self._calls.record.failed)
         if status <= OK:
             return None
@@ -116,7 +116,7 @@ def failure_of(*bound: Bound) -> BaseException | None:
 
 @contextlib.contextmanager
 def raising(*bound: Bound) -> Iterator[None]:
-    """Raise a failed call as the error that the participant itself would raise."""
+    """Raise a failed call as the error that the FMU instance itself would raise."""
     try:
         yield
     except CallFailed as failed:
@@ -124,14 +124,14 @@ def raising(*bound: Bound) -> Iterator[None]:
 
 
 class _PythonCalls:
-    """Functions of FMI's shapes that call a participant's methods.
+    """Functions of FMI's shapes that call a FMU instance's methods.
 
     `given` and `taken` are the arrays whose addresses the functions are called with.
     """
 
     def __init__(
         self,
-        participant: Participant,
+        instance: Instance,
         inputs: Sequence[str],
         outputs: Sequence[str],
         given: Vector,
@@ -139,7 +139,7 @@ class _PythonCalls:
     ) -> None:
         self._given, self._taken = given, taken
         self.error: BaseException | None = None
-        self._participant = participant
+        self._participant = instance
         self._states: dict[int, Any] = {}
         self._count = 0
 
@@ -157,14 +157,14 @@ class _PythonCalls:
         self._functions = [
             _ADDRESSES(guarded(self._set)),
             _ADDRESSES(guarded(self._get)),
-            STEP(guarded(lambda _, t, h, __: participant.step(t, h))),
+            STEP(guarded(lambda _, t, h, __: instance.step(t, h))),
             STATE(guarded(self._save)),
-            STATE(guarded(lambda _, state: participant.restore(self._states[state]))),
+            STATE(guarded(lambda _, state: instance.restore(self._states[state]))),
             STATE(guarded(self._release)),
         ]
         # one for each number of signals that is asked for
-        self._writer = functools.cache(lambda count: participant.writer(inputs[:count]))
-        self._reader = functools.cache(lambda count: participant.reader(outputs[:count]))
+        self._writer = functools.cache(lambda count: instance.writer(inputs[:count]))
+        self._reader = functools.cache(lambda count: instance.reader(outputs[:count]))
 
     def entry_points(self) -> tuple[int, ...]:
         """No component, and the functions' addresses."""

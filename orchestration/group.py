@@ -1,4 +1,4 @@
-"""Several FMUs as one participant: what stands between a plant and its commands."""
+"""Several FMUs as one FMU instance: what stands between a plant and its commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .participant import Participant, Reader, Writer
+from .fmu_instance import Instance, Reader, Writer
 
 Vector = npt.NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class Feed:
 
 @dataclass(frozen=True)
 class _Member:
-    participant: Participant
+    instance: Instance
     write: Writer
     read: Reader
     sources: npt.NDArray[np.intp]
@@ -43,7 +43,7 @@ class _Member:
 
 
 class Group:
-    """Participants that feed each other, as one participant.
+    """Participants that feed each other, as one FMU instance.
 
     They are stepped one after the other in the order of the signals, each with the newest values of
     those before it. Outputs are named ``member.port``.
@@ -61,7 +61,7 @@ class Group:
     def __init__(
         self,
         name: str,
-        members: Mapping[str, Participant],
+        members: Mapping[str, Instance],
         feeds: Sequence[Feed],
         inputs: Sequence[str],
     ) -> None:
@@ -101,16 +101,16 @@ class Group:
         """Initialize every member; values are named ``member.variable``."""
         self._parts = []
         begin = len(self.inputs)
-        for name, participant in self._members.items():
+        for name, instance in self._members.items():
             own = {k[len(name) + 1 :]: v for k, v in values.items() if k.startswith(name + ".")}
-            participant.initialize(own, stop)
+            instance.initialize(own, stop)
             feeds = [f for f in self._feeds if f.member == name]
-            end = begin + len(participant.outputs)
+            end = begin + len(instance.outputs)
             self._parts.append(
                 _Member(
-                    participant,
-                    participant.writer([f.port for f in feeds]),
-                    participant.reader(participant.outputs),
+                    instance,
+                    instance.writer([f.port for f in feeds]),
+                    instance.reader(instance.outputs),
                     np.array([self._place[f.source] for f in feeds], dtype=np.intp),
                     np.array([f.factor for f in feeds]),
                     np.array([f.offset for f in feeds]),
@@ -154,31 +154,31 @@ class Group:
     def step(self, t: float, h: float) -> None:
         for part in self._parts:
             self._feed(part)
-            part.participant.step(t, h)
+            part.instance.step(t, h)
             self._values[part.outputs] = part.read()
         self._stale = False
 
     def save(self) -> Any:
-        states = [p.participant.save() for p in self._parts]
+        states = [p.instance.save() for p in self._parts]
         return states, self._values.copy(), self._stale
 
     def restore(self, state: Any) -> None:
         states, values, self._stale = state
         self._values[:] = values
         for part, saved in zip(self._parts, states, strict=True):
-            part.participant.restore(saved)
+            part.instance.restore(saved)
 
     def release(self, state: Any) -> None:
         for part, saved in zip(self._parts, state[0], strict=True):
-            part.participant.release(saved)
+            part.instance.release(saved)
 
     def reopened(self) -> Group:
         members = {name: p.reopened() for name, p in self._members.items()}
         return Group(self.name, members, self._feeds, self.inputs)
 
     def close(self) -> None:
-        for participant in self._members.values():
-            participant.close()
+        for instance in self._members.values():
+            instance.close()
 
 
 def _in_order(members: list[str], feeds: Sequence[Feed]) -> list[str]:

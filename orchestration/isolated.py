@@ -1,7 +1,7 @@
 """An FMU in a process of its own, so that its crash, its hang or its modules are not ours.
 
 The master's side. The other side is `isolated_host.py`, a fresh interpreter that runs an
-`FmuParticipant` and answers over a socket; what it prints goes to a file, of which a failure shows
+`FmuInstance` and answers over a socket; what it prints goes to a file, of which a failure shows
 the last line. Requests that need no answer wait for the next one that does, so that a communication
 step costs few exchanges.
 """
@@ -28,8 +28,8 @@ import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
 from ..fmus.reading import Description, FmuError, UnpackedFmu
+from .fmu_instance import FmuInstance, Reader, StepFailed, Writer, opened_source
 from .isolated_host import OK, REFUSED, Request, receive, send
-from .participant import FmuParticipant, Reader, StepFailed, Writer, opened_source
 
 Vector = npt.NDArray[np.float64]
 
@@ -37,7 +37,7 @@ TIME_LIMIT = 60.0  # s, for any one call
 _FAREWELL = 5.0  # s, to end in good order
 
 
-class IsolatedParticipant:
+class IsolatedInstance:
     """An FMI 2.0 co-simulation FMU, run in another process.
 
     Parameters
@@ -157,8 +157,8 @@ class IsolatedParticipant:
         if not self._dead:
             self._tell(Request.RELEASE, state)
 
-    def reopened(self) -> IsolatedParticipant:
-        other = IsolatedParticipant(self._fmu, self.name, self.time_limit)
+    def reopened(self) -> IsolatedInstance:
+        other = IsolatedInstance(self._fmu, self.name, self.time_limit)
         other.sample_time = self.sample_time
         return other
 
@@ -228,7 +228,7 @@ class IsolatedParticipant:
 
 def open_fmu(
     path: Path, name: str, isolate: bool | None = None, time_limit: float = TIME_LIMIT
-) -> FmuParticipant | IsolatedParticipant:
+) -> FmuInstance | IsolatedInstance:
     """Open an FMU in a process of its own if asked, or by default if it was not written here.
 
     Raises
@@ -236,8 +236,8 @@ def open_fmu(
     FmuError
     """
     if is_ours(path) if isolate is None else not isolate:
-        return FmuParticipant(path, name)
-    return IsolatedParticipant(path, name, time_limit)
+        return FmuInstance(path, name)
+    return IsolatedInstance(path, name, time_limit)
 
 
 def _started(

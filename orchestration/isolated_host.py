@@ -1,4 +1,4 @@
-"""The process that runs one FMU for `IsolatedParticipant`, and how the two talk.
+"""The process that runs one FMU for `IsolatedInstance`, and how the two talk.
 
 A packet is its length and then requests, each a kind, a length and its data. The last request of a
 packet is answered with a status and data; so is the first that fails, and the rest are dropped. No
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..fmus.reading import Description, FmuError, UnpackedFmu
-from .participant import FmuParticipant, StepFailed
+from .fmu_instance import FmuInstance, StepFailed
 
 OK, FAILED, REFUSED = 0, 1, 2
 _LARGEST = 1 << 28  # bytes of a packet
@@ -89,7 +89,7 @@ def main(descriptor: int) -> None:
             answer = bytes([FAILED]) + f"{type(error).__name__}: {error}".encode()
         closed = host.closed
         send(connection, answer)
-    # Not through the interpreter's end, where a stranger's library may still crash.
+    # Not through the interpreter's end, where a third-party library may still crash.
     os._exit(0)
 
 
@@ -125,7 +125,7 @@ class _Host:
         request = json.loads(data)
         description = Description.from_dict(request["description"])
         unpacked = UnpackedFmu(Path(request["path"]), description, Path(request["folder"]))
-        self._fmu = FmuParticipant(unpacked, request["name"])
+        self._fmu = FmuInstance(unpacked, request["name"])
 
     def _initialize(self, data: bytes) -> bytes:
         request = json.loads(data)

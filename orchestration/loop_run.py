@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from .compiled import COURSE
 from .coupling import Coupling, Loop
+from .fmu_instance import StepFailed
 from .memory import check_memory
-from .participant import StepFailed
 from .reference_signal import Reference
 from .structs import Struct, struct
 from .verdict import ACCURACY, Verdict
@@ -45,10 +45,10 @@ class LoopRun:
     coupling_reason : str
         Why this coupling, where it was chosen by rule.
     corrected : bool
-    defect_max : dict of str to float
-        Largest interface defect of each command, in its unit.
+    residual_max : dict of str to float
+        Largest coupling residual of each command, in its unit.
     effect_rate_max : dict of str to float
-        Largest effect of the defect on each output, per second; empty where nothing could be
+        Largest effect of the residual on each output, per second; empty where nothing could be
         corrected.
     macro_steps : int
     step_range : tuple of two floats
@@ -65,7 +65,7 @@ class LoopRun:
     coupling: Coupling
     coupling_reason: str
     corrected: bool
-    defect_max: dict[str, float]
+    residual_max: dict[str, float]
     effect_rate_max: dict[str, float]
     macro_steps: int
     step_range: tuple[float, float]
@@ -97,7 +97,7 @@ class RecordedLoop:
         self.outputs.append(self._room[: self.record.rows].copy())
         if not math.isnan(self.record.failed) and not self.failure:
             t = self.record.failed
-            self.failure = f"the companion loop failed at t = {t:.6g} s: {self.error()}"
+            self.failure = f"the reference co-run loop failed at t = {t:.6g} s: {self.error()}"
 
     def error(self) -> StepFailed:
         """What the loop failed with; raises what is no failure of a step, as an interruption."""
@@ -108,13 +108,13 @@ class RecordedLoop:
         return error
 
 
-def check_room(outputs: int, commands: int, companions: int, steps: float) -> None:
+def check_room(outputs: int, commands: int, co_runs: int, steps: float) -> None:
     """Refuse a run whose rows do not fit into memory.
 
     All are there twice while the chunks become whole columns, and the verdict and the pictures
     make some columns more.
     """
-    rows = 2 * (outputs * (1 + companions) + commands + 2) + 3 * outputs
+    rows = 2 * (outputs * (1 + co_runs) + commands + 2) + 3 * outputs
     check_memory(
         8.0 * rows * steps,
         f"{steps:.3g} communication steps need",
@@ -122,7 +122,7 @@ def check_room(outputs: int, commands: int, companions: int, steps: float) -> No
     )
 
 
-class Course:
+class RunLog:
     """The rows of a run as chunks, and what was measured along it.
 
     Parameters
@@ -142,7 +142,7 @@ class Course:
         self._whole = struct(COURSE)
         self._rows = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m))
         self.nominal = nominal
-        self.defect, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
+        self.residual, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
         self._whole.set(
             times=self._rows[0],
             references=self._rows[1],
@@ -150,7 +150,7 @@ class Course:
             nominal=nominal,
             low=outputs.copy(),
             high=outputs.copy(),
-            defect=self.defect,
+            residual=self.residual,
             effect_rate=self.effect_rate,
             apart=np.zeros(len(outputs)),
             goal_times=np.ascontiguousarray(reference.times, dtype=float),

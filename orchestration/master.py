@@ -14,20 +14,20 @@ from .clock import Clock
 from .compiled import (
     CALL_FAILED,
     COMMAND_FAILED,
+    DIVERGES,
     GOES_ON,
     NO_MEMORY,
     NOT_FINITE,
     PAIR,
-    RUNS_AWAY,
     STEP_FAILED,
     library,
 )
 from .coupling import Answer, Coupling, Loop
-from .loop_run import CHUNK, UNBOUNDED, CouplingError, Course, LoopRun, RecordedLoop, check_room
-from .participant import Participant
+from .fmu_instance import Instance
+from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
 from .reference_signal import Reference
 from .structs import struct
-from .verdict import judge
+from .verdict import verdict_of
 from .wiring import PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
@@ -37,8 +37,8 @@ LONGEST_WAIT = 0.05  # s, between them
 
 
 def run_loop(
-    plant: Participant,
-    controller: Participant,
+    plant: Instance,
+    controller: Instance,
     reference: Reference,
     stop: float,
     step: float,
@@ -52,7 +52,7 @@ def run_loop(
     wiring: Wiring | None = None,
     progress: Progress | None = None,
 ) -> LoopRun:
-    """Run a closed loop of two participants.
+    """Run a closed loop of two FMU instances.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def run_loop(
     corrections : {0, 1}, optional
         Default: 1 for tangent coupling where both sides can save their states, else 0.
     adaptive : bool
-        Let the defect's effect choose the steps.
+        Let the residual's effect choose the steps.
     mapping : mapping of str to str, optional
         Names of ports, ``theirs -> ours``, see `wire`.
     wiring : Wiring, optional
@@ -121,26 +121,24 @@ def run_loop(
         reason = _tangent_reason(main.loop, wiring)
     step, reason = _meet_samples(main.loop, step, reason)
     if reversible:
-        companions = [opened(True, not corrections, averaged=not tangent)]
+        co_runs = [opened(True, not corrections, averaged=not tangent)]
     else:
-        companions = [opened(True, False, averaged=tangent, parts=parts) for parts in (2, 4)]
+        co_runs = [opened(True, False, averaged=tangent, parts=parts) for parts in (2, 4)]
     check_room(len(names), len(commands), 1 if reversible else 2, stop / step)
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
-    course = Course(reference, len(start), main.loop.outputs, nominal, len(commands))
+    course = RunLog(reference, len(start), main.loop.outputs, nominal, len(commands))
     try:
         time = Clock(stop, step, adaptive)
-        why = march_on(main, companions, time, course, start, progress)
+        why = march_on(main, co_runs, time, course, start, progress)
     finally:
-        for companion in companions:
-            companion.loop.plant.close()
-            companion.loop.controller.close()
-    return _concluded(
-        course, why, main, companions, reversible, names, commands, chosen, reason, time
-    )
+        for co_run in co_runs:
+            co_run.loop.plant.close()
+            co_run.loop.controller.close()
+    return _concluded(course, why, main, co_runs, reversible, names, commands, chosen, reason, time)
 
 
 def _choose(
-    wiring: Wiring, plant: Participant, controller: Participant, wanted: Coupling | None
+    wiring: Wiring, plant: Instance, controller: Instance, wanted: Coupling | None
 ) -> tuple[Coupling, str]:
     if wanted is Coupling.MONOLITHIC:
         raise CouplingError("the monolithic coupling runs no FMUs; see run_monolithic")
@@ -191,13 +189,13 @@ class Stop:
 
 def march_on(
     main: RecordedLoop,
-    companions: list[RecordedLoop],
+    co_runs: list[RecordedLoop],
     clock: Clock,
-    course: Course,
+    course: RunLog,
     start: Vector,
     progress: Progress | None = None,
 ) -> Stop:
-    """Move a loop, and up to two companions, from the clock's time to its end.
+    """Move a loop, and up to two reference co-runs, from the clock's time to its end.
 
     Parameters
     ----------
@@ -211,9 +209,9 @@ def march_on(
         If a loop cannot go back to a state it had saved; other failures end the run.
     """
     course.commands.append(main.loop.command(0.0, clock.step_to_come, start)[None])
-    pairs = main, *companions
+    pairs = main, *co_runs
     nobody = struct(PAIR)
-    first, second = [*(p.address for p in companions), nobody.address, nobody.address][:2]
+    first, second = [*(p.address for p in co_runs), nobody.address, nobody.address][:2]
     why, most = GOES_ON, 1
     while why == GOES_ON and not clock.done:
         began = perf_counter()
@@ -242,18 +240,18 @@ def _stop(why: int, t: float, main: RecordedLoop, nominal: Vector) -> Stop:
         return Stop(f"{error} ({where})", error.advice)
     if why == NOT_FINITE:
         return Stop(f"an output is not finite at t = {t:.6g} s")
-    if why == RUNS_AWAY:
+    if why == DIVERGES:
         worst = int(np.argmax(np.abs(main.loop.outputs) / nominal))
         name = list(main.loop.plant.outputs)[worst]
-        return Stop(f"the loop runs away: {name} leaves every bound at t = {t:.6g} s")
+        return Stop(f"the loop diverges: {name} leaves every bound at t = {t:.6g} s")
     return Stop()
 
 
 def _concluded(
-    course: Course,
+    course: RunLog,
     why: Stop,
     main: RecordedLoop,
-    companions: list[RecordedLoop],
+    co_runs: list[RecordedLoop],
     reversible: bool,
     names: list[str],
     ours: list[str],
@@ -262,16 +260,16 @@ def _concluded(
     clock: Clock,
 ) -> LoopRun:
     outputs = np.concatenate(main.outputs)
-    others = [np.concatenate(pair.outputs) for pair in companions]
+    others = [np.concatenate(pair.outputs) for pair in co_runs]
     contraction = course.contraction
     if not reversible:
         contraction = _grid_contraction(outputs, *others)
-    failure = why.reason or next((p.failure for p in companions if p.failure), "")
+    failure = why.reason or next((p.failure for p in co_runs if p.failure), "")
     smaller = "use a smaller --step"
     if coupling is not Coupling.TANGENT:
         smaller += ", or --coupling tangent where both sides support it"
     smaller += f"; this run had steps of {clock.used[1]:g} s"
-    verdict = judge(
+    verdict = verdict_of(
         names,
         outputs,
         others[0],
@@ -290,7 +288,7 @@ def _concluded(
         coupling=coupling,
         coupling_reason=reason,
         corrected=main.loop.corrected,
-        defect_max=dict(zip(ours, course.defect.tolist(), strict=True)),
+        residual_max=dict(zip(ours, course.residual.tolist(), strict=True)),
         effect_rate_max=(
             dict(zip(names, course.effect_rate.tolist(), strict=True)) if reversible else {}
         ),

@@ -62,9 +62,12 @@ def _label(name: str) -> str:
 
 def write_figure(figure: Any, folder: Path, stem: str) -> None:
     """Write a figure as PNG and, where ``BALLSCREW_SVG`` is set, as SVG."""
+    import matplotlib as mpl
+
     for kind in ("png", "svg") if os.environ.get("BALLSCREW_SVG") else ("png",):
         stream = io.BytesIO()
-        figure.savefig(stream, format=kind, metadata={"Date": None} if kind == "svg" else {})
+        with mpl.rc_context(STYLE):
+            figure.savefig(stream, format=kind, metadata={"Date": None} if kind == "svg" else {})
         write_atomically(folder / f"{stem}.{kind}", stream.getvalue())
 
 
@@ -100,7 +103,15 @@ def new_figure(
 
 def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
     """Write position, voltage, states and phase into `folder`."""
+    for stem, figure in run_figures(result).items():
+        write_figure(figure, folder, stem)
+
+
+def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
+    """Figures of the position, the voltage, the states and the phase plane, by name."""
     import matplotlib as mpl
+
+    figures = {}
 
     run = result.run
     name = result.study.label
@@ -113,7 +124,7 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
             _draw_set_point(axes, run, label="set-point")
             axes.set_title(title)
             axes.legend(loc="best")
-            write_figure(figure, folder, "position")
+            figures["position"] = figure
         if "u" in run.commands:
             figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
             _draw_course(axes, run.time, run.commands["u"], "u", 1, "voltage")
@@ -126,7 +137,7 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
                 arrowprops={"arrowstyle": "-", "color": "#555555"},
             )
             axes.set_title(title)
-            write_figure(figure, folder, "voltage")
+            figures["voltage"] = figure
         shown: list[str] = [n for n in ("x", "v", "z", "i", "friction") if n in run.outputs]
         shown = shown or list(run.outputs)
         figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)), fixed_margins=True)
@@ -137,12 +148,13 @@ def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
                 axes_grid[k][0].tick_params(labelbottom=False)
         axes_grid[0][0].set_title(title)
         figure.align_ylabels()
-        write_figure(figure, folder, "states")
+        figures["states"] = figure
         if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
             figure, ((axes,),) = new_figure(1, 1, (6.5, 5.2), fixed_margins=True)
             _draw_phase(figure, axes, run)
             axes.set_title(title)
-            write_figure(figure, folder, "phase")
+            figures["phase"] = figure
+    return figures
 
 
 def _draw_course(axes: Any, time: Any, values: Any, name: str, colour: int, label: str) -> None:
@@ -198,6 +210,11 @@ def _draw_phase(figure: Any, axes: Any, run: Any) -> None:
 
 def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -> None:
     """Write one picture of several controllers on the same plant."""
+    write_figure(comparison_figure(results), folder, "comparison")
+
+
+def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
+    """A figure of several controllers on the same plant."""
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
@@ -243,4 +260,4 @@ def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -
         for axes, title in ((position, ""), (voltage, "peak")):  # beside the curves, never over
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title)
         figure.align_ylabels()
-        write_figure(figure, folder, "comparison")
+    return figure

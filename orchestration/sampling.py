@@ -1,4 +1,4 @@
-"""Find out whether a stranger's controller is sampled, and how often, by how its commands move.
+"""Find out whether a third-party controller is sampled, and how often, by how its commands move.
 
 FMI 2.0 has no clocks: nothing in a description says the period of a controller that reads its
 inputs at instants of its own and holds its commands between them. But it shows: inputs that move
@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.reading import Description, FmuError
-from .isolated import IsolatedParticipant
-from .participant import SAMPLE_TIME, FmuParticipant, StepFailed
+from .fmu_instance import SAMPLE_TIME, FmuInstance, StepFailed
+from .isolated import IsolatedInstance
 from .wiring import Wiring
 
 _STAGES = ((0.125, 200), (1.0, 1000))  # probing step, in communication steps, and how many
@@ -38,7 +38,7 @@ class Period:
 
 
 def sampling_period(
-    controller: FmuParticipant | IsolatedParticipant,
+    controller: FmuInstance | IsolatedInstance,
     wiring: Wiring,
     sizes: npt.NDArray[np.float64],
     values: Mapping[str, float],
@@ -85,7 +85,7 @@ def sampling_period(
 
 
 def _jumps(
-    controller: FmuParticipant | IsolatedParticipant,
+    controller: FmuInstance | IsolatedInstance,
     wiring: Wiring,
     sizes: npt.NDArray[np.float64],
     values: Mapping[str, float],

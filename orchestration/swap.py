@@ -22,7 +22,7 @@ COLUMNS = (
     "overshoot",
     "steady_state_error",
     "iae",
-    "interface_defect_max",
+    "coupling_residual_max",
     "macro_steps",
     "coupling",
     "verdict",
@@ -64,25 +64,14 @@ class SwapResult:
             writer.writerow(["" if figures[c] is None else figures[c] for c in COLUMNS])
         return stream.getvalue()
 
-    def save(self, folder: Path | str, pictures: bool = True) -> None:
-        """Write comparison.csv, comparison.json, trajectories, parameters.toml and a picture.
-
-        Parameters
-        ----------
-        folder : path-like
-        pictures : bool
-            Whether to write the picture.
-        """
+    def save(self, folder: Path | str) -> None:
+        """Write comparison.csv, comparison.json, trajectories and parameters.toml."""
         folder = Path(folder)
         self.parameters().save(folder)
         for name, result in zip(self.trajectories, self.results, strict=True):
             write_atomically(folder / name, result.trajectory_csv())
         write_atomically(folder / "comparison.csv", self.comparison_csv().encode())
         write_json(folder / "comparison.json", [result.figures() for result in self.results])
-        if pictures:
-            from .pictures import save_comparison_picture
-
-            save_comparison_picture(self.results, folder)
 
 
 def swap(

@@ -1,4 +1,4 @@
-"""Run a closed loop that an .ssp describes, ours or a stranger's."""
+"""Run a closed loop that an .ssp describes, ours or a third-party."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from ..fmus.system_reading import (
 from .closed_loop import LIMIT, BadParameter, amplifier_notes, check_values
 from .closed_loop_result import ClosedLoopResult
 from .coupling import Coupling
+from .fmu_instance import FmuInstance, Instance
 from .group import Feed, Group
-from .isolated import TIME_LIMIT, IsolatedParticipant, open_fmu
+from .isolated import TIME_LIMIT, IsolatedInstance, open_fmu
 from .master import Progress, run_loop
-from .participant import FmuParticipant, Participant
 from .parts import readable
 from .reference_signal import Reference
 from .wiring import Wiring
@@ -31,7 +31,7 @@ from .wiring import Wiring
 STOP = 20.0
 SET_POINT = "x_d"
 
-Fmus = Mapping[str, FmuParticipant | IsolatedParticipant]
+Fmus = Mapping[str, FmuInstance | IsolatedInstance]
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def _values(system: SystemStructure, study: SystemStudy, fmus: Fmus) -> dict[str
 
 
 def _of_side(
-    side: Participant, elements: Sequence[str], values: Mapping[str, Mapping[str, float]]
+    side: Instance, elements: Sequence[str], values: Mapping[str, Mapping[str, float]]
 ) -> dict[str, float]:
     if isinstance(side, Group):
         return {f"{e}.{name}": v for e in elements for name, v in values[e].items()}
@@ -184,8 +184,8 @@ class _Loop:
     """
 
     plant_name: str
-    plant: Participant
-    controller: Participant
+    plant: Instance
+    controller: Instance
     wiring: Wiring
     names: dict[str, str]
     goal: tuple[SystemConnection, ...]
@@ -223,12 +223,12 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
 
     plain = len(rest) == 1 and not inside and _plain([*measured, *goal], once=True)
     alone = _plain(commands, once=False) and not own
-    controller: Participant = (
+    controller: Instance = (
         fmus[rest[0]]
         if plain
         else _grouped("controller", {n: fmus[n] for n in rest}, inside, measured, goal)
     )
-    side: Participant = fmus[plant]
+    side: Instance = fmus[plant]
     if not alone:
         side = _grouped("plant", {plant: side}, own, commands, ())
 
@@ -302,7 +302,7 @@ def _plain(connections: Sequence[SystemConnection], once: bool) -> bool:
 
 def _grouped(
     name: str,
-    members: Mapping[str, Participant],
+    members: Mapping[str, Instance],
     inside: Sequence[SystemConnection],
     outside: Sequence[SystemConnection],
     goal: Sequence[SystemConnection],
@@ -348,7 +348,7 @@ def _law(command: SystemConnection, measured: Sequence[SystemConnection]) -> lis
 
 
 def _accepts_law(
-    plant: Participant, main: Sequence[SystemConnection], measured: Sequence[SystemConnection]
+    plant: Instance, main: Sequence[SystemConnection], measured: Sequence[SystemConnection]
 ) -> bool:
     return bool(main) and all(
         port in plant.inputs for command in main for _, port in _law(command, measured)

@@ -1,10 +1,10 @@
 """Whether a coupled run can be believed, judged by what was measured in it.
 
-Beside the run a second, differently coupled loop of the same FMUs goes along: where the run
-corrects its steps the companion does not, and the other way round, and their controllers see the
-signals of a step in different ways. What the two differ by is the defect's effect, carried along by
-the loop itself; divided by one less the measured contraction of the correction it estimates the
-error. Where states cannot be saved, companions with a half and a quarter of the step do.
+A reference co-run goes beside the run: the same FMUs in another coupling. Where the run corrects
+its steps the co-run does not, and the other way round, and their controllers see the signals of a
+step in different ways. What the two differ by is the effect of the coupling residual, which the
+loop itself carries along; divided by one less the measured contraction of the correction it
+estimates the error. Where states cannot be saved, co-runs with a half and a quarter of the step do.
 
 The verdict follows from these numbers alone, never from who is coupled how.
 """
@@ -21,7 +21,7 @@ Vector = npt.NDArray[np.float64]
 ACCURACY = 0.01
 """Largest share of an output's range that its estimated error may be."""
 WORST_CONTRACTION = 0.5
-"""Correcting must at least halve the defect, or its effect says little about the error."""
+"""Correcting must at least halve the residual, or its effect says little about the error."""
 
 
 @dataclass(frozen=True)
@@ -52,40 +52,40 @@ class Verdict:
         return "trusted" if self.trusted else "not converged"
 
 
-def judge(
+def verdict_of(
     names: list[str],
     run: Vector,
-    companion: Vector,
+    co_run: Vector,
     contraction: float,
     smaller: str,
     safety: float = 2.0,
     failure: str = "",
     advice: str = "",
 ) -> Verdict:
-    """The verdict on a run, from it and its companion.
+    """The verdict on a run, from it and its reference co-run.
 
     Parameters
     ----------
     names : list of str
         The plant outputs.
-    run, companion : ndarray, shape (k, n)
+    run, reference co-run : ndarray, shape (k, n)
         Outputs at the communication points; rows may end early where something failed.
     contraction : float
     smaller : str
         What to do about a defect that is too large.
     safety : float
-        Factor on the estimate: 1 where the companion is the worse of the two, so that the
+        Factor on the estimate: 1 where the reference co-run is the worse of the two, so that the
         difference is larger than the run's own error; 2 where it is the better.
     failure : str
-        Why the companion, or the run, ended early.
+        Why the reference co-run, or the run, ended early.
     advice : str
         What to do about the failure.
     """
-    rows = min(len(run), len(companion))
+    rows = min(len(run), len(co_run))
     scale = _scales(run[:rows])
     amplification = 1 / (1 - min(contraction, 0.999)) if np.isfinite(contraction) else 1.0
     with np.errstate(invalid="ignore", over="ignore"):
-        difference = np.abs(run[:rows] - companion[:rows]).max(axis=0) * amplification
+        difference = np.abs(run[:rows] - co_run[:rows]).max(axis=0) * amplification
     share = np.where(scale > 0, difference / np.where(scale > 0, scale, 1), 0.0)
     estimate = dict(zip(names, difference.tolist(), strict=True))
     worst = int(np.argmax(np.where(np.isfinite(share), share, np.inf)))
@@ -94,7 +94,7 @@ def judge(
     if np.isfinite(contraction) and contraction > WORST_CONTRACTION:
         return Verdict(
             False,
-            f"correcting the interface defect leaves {100 * contraction:.3g} % of it: the step is "
+            f"correcting the coupling residual leaves {100 * contraction:.3g} % of it: the step is "
             "too long for this loop to be cut between these parts",
             smaller,
             estimate,
@@ -103,7 +103,7 @@ def judge(
     if not np.isfinite(share[worst]) or safety * share[worst] > ACCURACY:
         return Verdict(
             False,
-            f"the interface defect may have moved {names[worst]} by {difference[worst]:.3g}, "
+            f"the coupling residual may have moved {names[worst]} by {difference[worst]:.3g}, "
             f"{100 * share[worst]:.3g} % of its range; {100 * ACCURACY / safety:g} % is allowed",
             smaller,
             estimate,
@@ -111,7 +111,7 @@ def judge(
         )
     return Verdict(
         True,
-        f"the interface defect moved no output by more than {100 * share[worst]:.2g} % of its "
+        f"the coupling residual moved no output by more than {100 * share[worst]:.2g} % of its "
         f"range ({names[worst]}: {difference[worst]:.2g})",
         "",
         estimate,

@@ -28,16 +28,24 @@ TIGHT, LOOSE = 1e-10, 1e-8
 _ROUND_OFF = 1e-9
 
 
-def loop_kernel(plant: str, controller: str) -> Kernel:
-    """The compiled closed loop of two components by name, its set-point a ramp within each step."""
+def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
+    """The compiled closed loop of two components, its set-point a ramp within each step.
+
+    Of two names it is kept on disk.
+    """
 
     from ..fmus.catalogue import component, module_of
 
     def make() -> Component:
         from ..solver.connect import connect
 
-        return _with_ramps(connect(component(plant), component(controller)))
+        sides = (component(c) if isinstance(c, str) else c for c in (plant, controller))
+        return _with_ramps(connect(*sides))
 
+    if not (isinstance(plant, str) and isinstance(controller, str)):
+        from ..solver.codegen import generate
+
+        return generate(make())
     parts = module_of(plant), module_of(controller)
     return stored_kernel(f"loop_{plant}_{controller}", make, __name__, *parts)
 
@@ -99,7 +107,7 @@ def run_monolithic(
         coupling=Coupling.MONOLITHIC,
         coupling_reason="as asked",
         corrected=False,
-        defect_max=dict.fromkeys(commands, 0.0),
+        residual_max=dict.fromkeys(commands, 0.0),
         effect_rate_max=dict.fromkeys(signals, 0.0),
         macro_steps=len(tight.time) - 1,
         step_range=(float(steps.min(initial=step)), float(steps.max(initial=0.0))),
@@ -148,7 +156,7 @@ def _simulate(
         left = np.abs(table[k]) > RUNAWAY * nominal
         if not np.isfinite(table[k]).all() or left.any():
             name = kernel.outputs[int(np.argmax(np.abs(table[k]) / nominal))].name
-            stopped = f"the loop runs away: {name} leaves every bound at t = {t:.6g} s"
+            stopped = f"the loop diverges: {name} leaves every bound at t = {t:.6g} s"
             break
         if k == points:
             break

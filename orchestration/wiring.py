@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
-from .participant import Participant
+from .fmu_instance import Instance
 
 PLANT, CONTROLLER = "plant", "controller"
 SET_POINT = "x_d"
@@ -61,15 +61,13 @@ class Wiring:
         return [*(gain_port(c, s) for c in commands for s in signals), *map(rate_port, commands)]
 
 
-def wire(
-    plant: Participant, controller: Participant, mapping: Mapping[str, str] | None = None
-) -> Wiring:
+def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | None = None) -> Wiring:
     """Match the ports of a plant and a controller.
 
     Parameters
     ----------
     mapping : mapping of str to str, optional
-        ``theirs -> ours``: names of a stranger's ports to the names they meet on the other side.
+        ``theirs -> ours``: names of a third-party ports to the names they meet on the other side.
         ``plant.theirs`` and ``controller.theirs`` are of one side alone.
 
     Raises
@@ -133,7 +131,7 @@ def names_on(side: str, ports: Iterable[str], mapping: Mapping[str, str]) -> dic
     return {n: mapping.get(f"{side}.{n}", mapping.get(n, n)) for n in ports}
 
 
-def _check_mapping(plant: Participant, controller: Participant, mapping: Mapping[str, str]) -> None:
+def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, str]) -> None:
     """Make sure that every name is a port, and that no port takes the name of another."""
     ports = {
         PLANT: [*plant.outputs, *plant.inputs],

@@ -98,7 +98,7 @@ def motion_kernel(name: str) -> Kernel:
     return stored_kernel(part, lambda: prescribed_motion(friction, part), __name__, law.__module__)
 
 
-def follow(
+def prescribed_friction(
     name: str,
     times: npt.ArrayLike,
     velocity: npt.ArrayLike,

@@ -150,7 +150,7 @@ def worst_first(rows: list[Row]) -> list[str]:
     return sorted(worlds, key=lambda w: -badness(r for r in rows if r.world == w))
 
 
-def p_values(rows: list[Row], world: str, stranger: bool) -> list[float]:
+def p_values(rows: list[Row], world: str, third_party: bool) -> list[float]:
     """Of a world's faultless records, each told by all others, or by those of other worlds only."""
     faultless = [r for r in rows if r.group == FAULTLESS and r.evidence is not None]
     known = np.array([[r.evidence, *r.kind] for r in faultless])
@@ -158,7 +158,9 @@ def p_values(rows: list[Row], world: str, stranger: bool) -> list[float]:
     for k, row in enumerate(faultless):
         if row.world != world:
             continue
-        others = [j for j, r in enumerate(faultless) if (r.world != world if stranger else j != k)]
+        others = [
+            j for j, r in enumerate(faultless) if (r.world != world if third_party else j != k)
+        ]
         if others:
             found.append(share_alike(known[k, 0], RecordKind(*row.kind), known[others]))
     return found
@@ -245,10 +247,12 @@ def report_of(rows: list[Row], code: str, first_seed: int) -> dict[str, object]:
         },
         **{
             title: {
-                "all worlds": uniformity([p for w in order for p in p_values(rows, w, stranger)]),
-                **{world: uniformity(p_values(rows, world, stranger)) for world in order},
+                "all worlds": uniformity(
+                    [p for w in order for p in p_values(rows, w, third_party)]
+                ),
+                **{world: uniformity(p_values(rows, world, third_party)) for world in order},
             }
-            for title, stranger in (
+            for title, third_party in (
                 ("p_values_of_faultless_records", False),
                 ("p_values_told_by_other_worlds", True),
             )

@@ -2,7 +2,7 @@
 
 They are what the verdict is proven on: nothing of the ball screw is in them, the plant's stiff
 poles are cancelled or moved by the controller as linearizing controllers do, and the exact course
-of the whole is a matrix exponential. A participant here is a slave made of matrices, exact within
+of the whole is a matrix exponential. A FMU instance here is a slave made of matrices, exact within
 itself, so that all error of a run is coupling error.
 """
 

@@ -28,7 +28,7 @@ from provenance import provenance
 
 from ballscrew.cli import main as ballscrew
 from ballscrew.diagnosis.diagnose import diagnose
-from ballscrew.rig.trials import trials_named
+from ballscrew.rig.rig_trials import trials_named
 from ballscrew.solver.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -82,7 +82,7 @@ def page(report: Figures) -> str:
         "Exponents are in bits/s. The first tangent vectors are the identity in the order x, v, "
         "z, i, controller, in SI units. Where nothing else is said the step is 8 cm from rest, 20 "
         "s long, and the linearizing controller takes x1'' from its estimates. \"Stands\", "
-        '"swings" and "runs away" are said of the last two of 20 s; swinging means more than '
+        '"swings" and "diverges" are said of the last two of 20 s; swinging means more than '
         f"{1e6 * SWING:g} um to either side.",
         "",
     ]

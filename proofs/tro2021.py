@@ -147,7 +147,7 @@ def forecasts(fit: Fit, seen: Sequence[Point], new: Sequence[Point]) -> list[For
 
 
 def speeds_left_out(records: Sequence[Record], per_cent: float) -> dict[str, Any]:
-    """Each speed foretold by the other speeds' records, for each model."""
+    """Each speed predicted by the other speeds' records, for each model."""
     speeds = sorted({abs(speed_of(Path(r.name))) for r in records})
     rows: dict[str, list[Forecast]] = {name: [] for name in MODELS}
     for fold in range(FOLDS):

@@ -21,10 +21,10 @@ import numpy.typing as npt
 from provenance import provenance
 
 from ballscrew.fmus.catalogue import variational_fmu
-from ballscrew.orchestration.participant import FmuParticipant
+from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
-from ballscrew.solver.spectrum import Spectrum, follow
+from ballscrew.solver.spectrum import Spectrum, follow_tangents
 from ballscrew.stability.tangents_over_fmus import TangentRun, follow_over_fmus
 
 Vector = npt.NDArray[np.float64]
@@ -74,13 +74,13 @@ def whole(case: Case, stop: float, tolerance: float = TIGHT) -> Spectrum:
     names = [s.name for s in kernel.states]
     order = [f"plant_{n}" for n in "xvzi"] + [n for n in names if n.startswith("controller_")]
     frame = np.eye(len(names))[[names.index(n) for n in order]]
-    return follow(model, np.linspace(0.0, stop, 2001), frame=frame)
+    return follow_tangents(model, np.linspace(0.0, stop, 2001), frame=frame)
 
 
 def over_fmus(case: Case, stop: float, step: float, **options: Any) -> TangentRun:
     """The tangents over the FMUs."""
-    plant = FmuParticipant(variational_fmu("plant", TANGENTS), "plant")
-    controller = FmuParticipant(variational_fmu(case.controller, TANGENTS), case.controller)
+    plant = FmuInstance(variational_fmu("plant", TANGENTS), "plant")
+    controller = FmuInstance(variational_fmu(case.controller, TANGENTS), case.controller)
     try:
         return follow_over_fmus(
             plant,

@@ -18,9 +18,9 @@ from .calibration import POINTS
 from .compiled_rig import plant_kernel, program_kernel
 from .noise import Noise
 from .record import TrialRecord
+from .rig_trials import VELOCITY, Trial, trials_named
+from .rig_wiring import COMMAND, PLANT, REFERENCE, WIRINGS
 from .setup import BadRig, Setup, set_up
-from .trials import VELOCITY, Trial, trials_named
-from .wiring import COMMAND, PLANT, REFERENCE, WIRINGS
 
 if TYPE_CHECKING:
     from ..orchestration.parameter_file import ParameterFile

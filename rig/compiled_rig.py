@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..plant import LAWS
 from ..solver.kernel import Kernel
 from ..solver.stored import stored_kernel
-from .wiring import WIRINGS
+from .rig_wiring import WIRINGS
 
 if TYPE_CHECKING:
     from ..solver.component import Component
@@ -47,5 +47,5 @@ def program_kernel(control: str) -> Kernel:
         return program(WIRINGS[control], f"rig_{control}_program")
 
     return stored_kernel(
-        f"rig_{control}_program", make, "ballscrew.rig.program", "ballscrew.rig.wiring"
+        f"rig_{control}_program", make, "ballscrew.rig.program", "ballscrew.rig.rig_wiring"
     )

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .observations import Course, Observations
+from .observations import ForceCurve, Observations
 
 Vector = npt.NDArray[np.float64]
 YES, CONDITIONAL, NO = "yes", "conditional", "no"
@@ -153,7 +153,7 @@ class Cell:
         return None if self.thesis is None else self.thesis == self.decision
 
 
-def judge(seen: Observations) -> dict[str, Cell]:
+def decide_features(seen: Observations) -> dict[str, Cell]:
     """Decide all features of one law, by name of the feature."""
     return {
         "breakaway_force": break_away(seen),
@@ -275,7 +275,7 @@ def presliding(seen: Observations) -> Cell:
     return _cell(seen, "presliding", decision, checks, figures, words)
 
 
-def rise_time(step: Course) -> float:
+def rise_time(step: ForceCurve) -> float:
     """Time from 10 to 90 % of the last displacement [s]; NaN if that is less than a nanometre."""
     if abs(step.x[-1]) < 1e-9:
         return math.nan

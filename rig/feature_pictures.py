@@ -13,7 +13,7 @@ import numpy as np
 
 from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
 from .feature_criteria import LAG_SPEED, MEASURED_BREAK_AWAY, STIFFNESS
-from .observations import Course, Observations
+from .observations import ForceCurve, Observations
 
 GREY = "#555555"
 MARKS = ("o", "s", "^", "v", "D", "P", "X")
@@ -228,7 +228,7 @@ def _step(laws: Laws, folder: Path) -> None:
     write_figure(figure, folder, "figure_2_19_force_step")
 
 
-def _limit(axes: Any, laws: Laws, courses: list[Course]) -> None:
+def _limit(axes: Any, laws: Laws, courses: list[ForceCurve]) -> None:
     """Leave out what slides away: the rest could not be seen beside it."""
     held = [c.x.max() for c in courses if c.x.max() < 5e-4]
     if held and len(held) < len(laws):

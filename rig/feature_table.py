@@ -12,7 +12,7 @@ from ..plant import LAWS
 from ..plant.law import UnknownLaw
 from ..solver.files import write_json
 from .compiled_rig import plant_kernel
-from .feature_criteria import CRITERIA, FEATURES, Cell, judge
+from .feature_criteria import CRITERIA, FEATURES, Cell, decide_features
 from .features import observe
 from .observations import Observations
 from .thesis_statements import NamedFigure, named_figures, statements
@@ -102,18 +102,15 @@ class FeatureTable:
         }
 
     def save(self, folder: Path | str) -> None:
-        """Write ``features.json`` and Figs. 2.14 to 2.19 as PNG into `folder`.
+        """Write ``features.json`` into `folder`.
 
         Raises
         ------
         OSError
             If a file cannot be written.
         """
-        from .feature_pictures import save_pictures
-
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        save_pictures(self.observations, folder)
         write_json(folder / "features.json", self.to_dict())
 
 
@@ -185,7 +182,7 @@ def feature_table(
     found.reverse()
     return FeatureTable(
         {s.law: s for s in found},
-        {s.law: judge(s) for s in found},
+        {s.law: decide_features(s) for s in found},
         {s.law: _sources(s, identified.get(s.law)) for s in found},
     )
 

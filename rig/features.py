@@ -17,11 +17,11 @@ import numpy.typing as npt
 
 from .bench import run_trial
 from .compiled_rig import plant_kernel, program_kernel
-from .observations import Course, ForceStep, Observations, Peak
+from .observations import ForceCurve, ForceStep, Observations, Peak
 from .record import TrialRecord
 from .regulators import loading_voltage
-from .trials import FORCE, VELOCITY, VOLTAGE, Trial, trials_named
-from .wiring import PLANT
+from .rig_trials import FORCE, VELOCITY, VOLTAGE, Trial, trials_named
+from .rig_wiring import PLANT
 
 Vector = npt.NDArray[np.float64]
 SLOW_RATE = 0.25
@@ -174,9 +174,9 @@ def _cycle(truth: Mapping[str, Vector]) -> tuple[Vector, Vector]:
     return fitted[:, 0], fitted[:, 1]
 
 
-def _course(record: TrialRecord) -> Course:
+def _course(record: TrialRecord) -> ForceCurve:
     truth = record.truth
-    return Course(truth["time"], truth["friction"], truth["x"])
+    return ForceCurve(truth["time"], truth["friction"], truth["x"])
 
 
 def _law_parameters(law: str, record: TrialRecord) -> dict[str, float]:

@@ -12,17 +12,17 @@ import numpy.typing as npt
 from ..fmus.export import export
 from ..fmus.interface import TOLERANCE as SOLVER_TOLERANCE
 from ..instruments.sampling_period import SAMPLE_TIME
+from ..orchestration.fmu_instance import FmuInstance
 from ..orchestration.parameter_file import ParameterFile
-from ..orchestration.participant import FmuParticipant
 from ..plant import law as laws
 from ..solver.files import write_atomically, write_json
 from .bench import TOLERANCE, finish, one_trial
 from .noise import Noise
 from .plant import rig_plant
 from .record import TrialRecord
+from .rig_trials import Trial
+from .rig_wiring import COMMAND, PLANT, WIRINGS
 from .setup import Setup, set_up
-from .trials import Trial
-from .wiring import COMMAND, PLANT, WIRINGS
 
 Vector = npt.NDArray[np.float64]
 
@@ -151,32 +151,32 @@ def run_trial_with_fmus(
     trial = one_trial(trial)
     setup = set_up(trial, law, parameters, seed, noise or Noise())
     names = [*(part.name for part in WIRINGS[trial.control].parts), PLANT]
-    participants = {name: FmuParticipant(fmus[name], name) for name in names}
+    instances = {name: FmuInstance(fmus[name], name) for name in names}
     try:
-        for name, participant in participants.items():
-            participant.initialize(_values(setup, name, tolerance), trial.duration)
-        taps, truth = _run(setup, participants)
+        for name, instance in instances.items():
+            instance.initialize(_values(setup, name, tolerance), trial.duration)
+        taps, truth = _run(setup, instances)
     finally:
-        for participant in participants.values():
-            participant.close()
+        for instance in instances.values():
+            instance.close()
     return finish(setup, taps, truth, tolerance)
 
 
 def _run(
-    setup: Setup, participants: Mapping[str, FmuParticipant]
+    setup: Setup, instances: Mapping[str, FmuInstance]
 ) -> tuple[dict[str, Vector], dict[str, Vector]]:
     trial, wiring = setup.trial, WIRINGS[setup.trial.control]
-    plant = participants[PLANT]
+    plant = instances[PLANT]
     outputs = [name for name in plant.outputs if "." not in name]
     read_plant, write_plant = plant.reader(outputs), plant.writer([COMMAND])
     ports = {}
     for part in wiring.parts:
-        participant = participants[part.name]
+        instance = instances[part.name]
         ports[part.name] = (
-            participant.writer(list(part.feeds)),
+            instance.writer(list(part.feeds)),
             list(part.feeds.values()),
-            participant.reader(participant.outputs),
-            [f"{part.name}.{name}" for name in participant.outputs],
+            instance.reader(instance.outputs),
+            [f"{part.name}.{name}" for name in instance.outputs],
         )
     taps: dict[str, list[float]] = {name: [] for name in (*wiring.taps, COMMAND)}
     truth: dict[str, list[float]] = {name: [] for name in outputs}
@@ -187,7 +187,7 @@ def _run(
         now |= dict(zip((f"{PLANT}.{n}" for n in outputs), read_plant().tolist(), strict=True))
         for name, (write, sources, read, given) in ports.items():
             write(np.array([now[source] for source in sources]))
-            participants[name].step(t, h)
+            instances[name].step(t, h)
             now |= dict(zip(given, read().tolist(), strict=True))
         write_plant(np.array([now[wiring.command]]))
         for name, value in zip(outputs, read_plant().tolist(), strict=True):

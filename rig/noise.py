@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .calibration import POINTS
-from .trials import Trial
+from .rig_trials import Trial
 
 Vector = npt.NDArray[np.float64]
 

@@ -43,7 +43,7 @@ class ForceStep:
 
 
 @dataclass(frozen=True)
-class Course:
+class ForceCurve:
     """Force [N] on the block and its displacement [m] over time [s], arrays of one shape."""
 
     time: Vector
@@ -91,7 +91,7 @@ class Observations:
     loop_friction: Vector
     rates: Vector
     rate_peaks: Vector
-    staircase: Course
+    staircase: ForceCurve
     hold_ends: npt.NDArray[np.int_]
-    step: Course
+    step: ForceCurve
     notes: list[str]

@@ -14,7 +14,7 @@ from ..orchestration.parameter_file import (
 )
 from ..orchestration.parts import part_of
 from ..solver.kernel import ParameterInfo
-from .wiring import PLANT, WIRINGS
+from .rig_wiring import PLANT, WIRINGS
 
 DRAWN = ("encoder.phase", "capacitance_sensor.separation")  # each trial draws them by its seed
 

@@ -20,7 +20,7 @@ from ..solver.component import (
     Parameter,
     symbol,
 )
-from .wiring import COMMAND, PLANT, Wiring
+from .rig_wiring import COMMAND, PLANT, Wiring
 
 
 def program(wiring: Wiring, name: str) -> Component:

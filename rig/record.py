@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..orchestration.parameter_file import ParameterFile
 from ..solver.files import write_atomically, write_json
 from .calibration import Calibration
-from .trials import Trial
+from .rig_trials import Trial
 
 Vector = npt.NDArray[np.float64]
 
@@ -87,7 +87,7 @@ class TrialRecord:
         return about
 
     def save(self, folder: Path | str) -> None:
-        """Write the record, the truth, ``trial.json``, ``parameters.toml`` and a picture.
+        """Write the record, the truth, ``trial.json`` and ``parameters.toml``.
 
         Raises
         ------
@@ -99,51 +99,7 @@ class TrialRecord:
         write_atomically(folder / "truth.csv", _csv(self.truth))
         write_json(folder / "trial.json", self.description())
         self.used.save(folder)
-        write_atomically(folder / "record.png", self.plot())
         write_atomically(folder / "record.csv", _csv(self.record))
-
-    def plot(self) -> bytes:
-        """A picture of the record over time, as PNG."""
-        import matplotlib as mpl
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        with mpl.rc_context({"axes.grid": True, "grid.color": "#dddddd", "font.size": 9}):
-            figure = Figure(figsize=(7, 6))
-            FigureCanvasAgg(figure)
-            rows = figure.subplots(3, 1, sharex=True)
-            # looking for the best layout would take as long as the drawing itself
-            figure.subplots_adjust(left=0.11, right=0.98, top=0.95, bottom=0.08, hspace=0.12)
-            self._draw(rows)
-            figure.align_ylabels(rows)
-            stream = io.BytesIO()
-            figure.savefig(stream, format="png", dpi=90)
-        return stream.getvalue()
-
-    def _draw(self, rows: Any) -> None:
-        blue, orange, black = "#0072B2", "#D55E00", "#000000"
-        record, truth, time = self.record, self.truth, self.record["time"]
-        motion, force, command = rows
-        motion.plot(time, 1e3 * record["x"], color=blue, label="encoder")
-        if "x_fine" in record:
-            motion.plot(time, 1e3 * record["x_fine"], color=orange, label="capacitance sensor")
-        motion.set_ylabel("position [mm]")
-        motion.set_title(f"{self.trial.name}: {self.trial.asked} ({self.law})", fontsize=10)
-        force.plot(time, record["force"], color=blue, linewidth=0.8, label="load cell")
-        force.plot(time, truth["friction"], color=black, linewidth=1, label="friction, true")
-        if "force_ref" in record:
-            force.plot(time, record["force_ref"], "--", color=orange, label="asked")
-        force.set_ylabel("force [N]")
-        if "v_ref" in record:
-            command.plot(time, 1e3 * truth["v"], color=black, linewidth=1, label="velocity, true")
-            command.plot(time, 1e3 * record["v_ref"], "--", color=orange, label="asked")
-            command.set_ylabel("velocity [mm/s]")
-        else:
-            command.plot(time, record["u"], color=blue, label="command")
-            command.set_ylabel("voltage [V]")
-        command.set_xlabel("time [s]")
-        for axes in rows:
-            axes.legend(loc="best", frameon=False, fontsize=8)
 
 
 def _csv(columns: dict[str, Vector]) -> bytes:

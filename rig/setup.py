@@ -16,8 +16,8 @@ from .calibration import POINTS, Calibration, calibrate
 from .compiled_rig import plant_kernel, program_kernel
 from .noise import Draw, Noise, draw
 from .parameters import used_by_trial, values_for
-from .trials import FORCE, Trial
-from .wiring import PLANT, REFERENCE, WIRINGS
+from .rig_trials import FORCE, Trial
+from .rig_wiring import PLANT, REFERENCE, WIRINGS
 
 if TYPE_CHECKING:
     from ..orchestration.parameter_file import ParameterFile

@@ -40,7 +40,7 @@ class Spectrum:
         Events met.
     failure : str
         Why the motion ends early; empty if it does not.
-    ran_away : bool
+    diverged : bool
         Whether it ends early because a state left every bound.
     """
 
@@ -51,7 +51,7 @@ class Spectrum:
     frame: Matrix
     events: int
     failure: str
-    ran_away: bool
+    diverged: bool
 
     @property
     def exponents(self) -> Vector:
@@ -60,7 +60,7 @@ class Spectrum:
         return self.growth[-1] / span if span > 0 else np.zeros(self.growth.shape[1])
 
 
-def follow(
+def follow_tangents(
     model: Model,
     times: npt.ArrayLike,
     count: int | None = None,
@@ -84,7 +84,7 @@ def follow(
         The tangents at the start, a row each, orthonormal; the states' axes if left out.
         Finite-time exponents depend on them.
     runaway : float
-        A state beyond this many times its nominal magnitude has run away.
+        A state beyond this many times its nominal magnitude has diverge.
 
     Returns
     -------
@@ -201,9 +201,9 @@ def _followed(
     status = int(model.info[core.STATUS])
     if status == core.NO_MEMORY:
         raise MemoryError(f"{n} states and {count} tangents")
-    if explicitly and status not in (core.DONE, core.RAN_AWAY):
+    if explicitly and status not in (core.DONE, core.DIVERGED):
         return None
-    failure, ran_away = _failure(model, states[min(done, len(grid) - 1)], grid[-1])
+    failure, diverged = _failure(model, states[min(done, len(grid) - 1)], grid[-1])
     model.x[:] = states[done - 1]
     return Spectrum(
         grid[:done],
@@ -213,21 +213,21 @@ def _followed(
         frame,
         int(model.info[core.EVENTS]),
         failure,
-        ran_away,
+        diverged,
     )
 
 
 def _failure(model: Model, state: Vector, end: float) -> tuple[str, bool]:
-    """Why the last call did not reach its end, if so, and whether the state ran away."""
+    """Why the last call did not reach its end, if so, and whether the state diverged."""
     kernel, status = model.kernel, int(model.info[core.STATUS])
     if status == core.DONE:
         return "", False
-    if status != core.RAN_AWAY:
+    if status != core.DIVERGED:
         return describe_failure(kernel.name, status, model.info, end), False
     size = np.abs(state) / kernel.nominal
     worst = kernel.states[int(np.argmax(np.nan_to_num(size, nan=np.inf)))].name
     reached = model.info[core.REACHED]
-    return f"{kernel.name} runs away: {worst} leaves every bound at t = {reached:.6g} s", True
+    return f"{kernel.name} diverges: {worst} leaves every bound at t = {reached:.6g} s", True
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ class Returns:
         The time that was reached [s].
     failure : str
         Why it ended early; empty if it did not.
-    ran_away : bool
+    diverged : bool
     """
 
     time: Vector
@@ -254,7 +254,7 @@ class Returns:
     high: Vector
     end: float
     failure: str
-    ran_away: bool
+    diverged: bool
 
 
 def follow_returns(
@@ -295,11 +295,11 @@ def follow_returns(
     if _may_be_explicit(model, start):
         state, before = model.x.copy(), model.info.copy()
         found = walk(explicitly=True)
-        if int(model.info[core.STATUS]) not in (core.DONE, core.RAN_AWAY):
+        if int(model.info[core.STATUS]) not in (core.DONE, core.DIVERGED):
             model.x[:], model.info[:] = state, before
             found = -1
     if found < 0:
         found = walk(explicitly=False)
-    failure, ran_away = _failure(model, model.x, stop)
+    failure, diverged = _failure(model, model.x, stop)
     reached = float(model.info[core.REACHED])
-    return Returns(times[:found], states[:found], low, high, reached, failure, ran_away)
+    return Returns(times[:found], states[:found], low, high, reached, failure, diverged)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..solver.kernel import IntegrationError, Model
-from ..solver.spectrum import Returns, follow, follow_returns
+from ..solver.spectrum import Returns, follow_returns, follow_tangents
 from .equilibria import Equilibrium, equilibrium_near
 
 Vector = npt.NDArray[np.float64]
@@ -47,7 +47,7 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Motion:
+class Attractor:
     """A verdict on a motion.
 
     Attributes
@@ -66,7 +66,7 @@ class Motion:
     return_error : float or None
         Distance between states one period apart, over the motion's size.
     since : float or None
-        When it ran away [s].
+        When it diverged [s].
     limit : ndarray, shape (count,), or None
         The exponents' limits [nats/s], largest first.
     limit_error : ndarray, shape (count,), or None
@@ -85,9 +85,9 @@ class Motion:
     limit_error: Vector | None = None
 
 
-def judge(
+def classify_attractor(
     model: Model, time: float, span: float, exponents: bool = True, rounds: int = ROUNDS
-) -> Motion:
+) -> Attractor:
     """Follow a model on from its present state and say what its motion becomes.
 
     Parameters
@@ -110,13 +110,13 @@ def judge(
             return resting
         coordinate, level, seen = _plane(model, time, 0.25 * span)
         if seen.failure:
-            return _run_away(seen) if seen.ran_away else _broken(seen)
+            return _run_away(seen) if seen.diverged else _broken(seen)
         end = seen.end + 4.0 * span
         start = seen.end
         for most in (FEW, CROSSINGS):  # a cycle that closes early is not followed on
             passes = follow_returns(model, start, end, coordinate, level, most)
             if passes.failure:
-                return _run_away(passes) if passes.ran_away else _broken(passes)
+                return _run_away(passes) if passes.diverged else _broken(passes)
             cycle = _cycle(model, passes, exponents)
             if cycle is not None:
                 return cycle
@@ -138,12 +138,12 @@ def judge(
             f"; all the while it stays near equilibria and moves by {2 * share:.2g} nominal "
             "magnitudes at most"
         )
-        return Motion(Kind.CREEPING, text, "a longer run", amplitude=amplitude)
-    return Motion(Kind.UNDECIDED, text, "a longer run", amplitude=amplitude)
+        return Attractor(Kind.CREEPING, text, "a longer run", amplitude=amplitude)
+    return Attractor(Kind.UNDECIDED, text, "a longer run", amplitude=amplitude)
 
 
-def _without_exponents(model: Model, passes: Returns) -> Motion:
-    return Motion(
+def _without_exponents(model: Model, passes: Returns) -> Attractor:
+    return Attractor(
         Kind.UNDECIDED,
         f"{len(passes.time)} returns until t = {passes.end:.4g} s that do not close",
         "the exponents",
@@ -151,7 +151,7 @@ def _without_exponents(model: Model, passes: Returns) -> Motion:
     )
 
 
-def _resting(model: Model, time: float) -> Motion | None:
+def _resting(model: Model, time: float) -> Attractor | None:
     """Rest, where the motion comes near an equilibrium and falls towards it as it must.
 
     The distance has to shrink to a fifth, over three time constants of the slowest eigenvalue, or
@@ -185,7 +185,7 @@ def _resting(model: Model, time: float) -> Motion | None:
 
 def _rest(
     model: Model, found: Equilibrium, time: float, wait: float, distance: float, left: float
-) -> Motion:
+) -> Attractor:
     names = [s.name for s in model.kernel.states]
     line = found.neutral > 0
     where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(names, found.state, strict=True))
@@ -198,7 +198,7 @@ def _rest(
     if line:
         some = "direction is" if found.neutral == 1 else "directions are"
         text += f"; {found.neutral} {some} neutral: every point along it is an equilibrium"
-    return Motion(
+    return Attractor(
         Kind.LINE if line else Kind.FIXED_POINT,
         text,
         equilibrium=found,
@@ -219,12 +219,12 @@ def _plane(model: Model, time: float, span: float) -> tuple[int, float, Returns]
     return widest, float(0.5 * (seen.high + seen.low)[widest]), seen
 
 
-def _run_away(passes: Returns) -> Motion:
-    return Motion(Kind.DIVERGES, passes.failure, since=passes.end)
+def _run_away(passes: Returns) -> Attractor:
+    return Attractor(Kind.DIVERGES, passes.failure, since=passes.end)
 
 
-def _broken(passes: Returns) -> Motion:
-    return Motion(Kind.UNDECIDED, passes.failure, "a solver that gets beyond that point")
+def _broken(passes: Returns) -> Attractor:
+    return Attractor(Kind.UNDECIDED, passes.failure, "a solver that gets beyond that point")
 
 
 def _ranges(model: Model, passes: Returns) -> dict[str, float]:
@@ -232,7 +232,7 @@ def _ranges(model: Model, passes: Returns) -> dict[str, float]:
     return dict(zip(names, (0.5 * (passes.high - passes.low)).tolist(), strict=True))
 
 
-def _cycle(model: Model, passes: Returns, exponents: bool) -> Motion | None:
+def _cycle(model: Model, passes: Returns, exponents: bool) -> Attractor | None:
     """A cycle, where states one period apart close upon each other faster than the motion dies."""
     count = len(passes.time)
     size = passes.high - passes.low
@@ -271,7 +271,7 @@ def _closed(
     period: float,
     error: float,
     exponents: bool,
-) -> Motion | None:
+) -> Attractor | None:
     """The cycle with its numbers; None where its exponents say that it closed by chance."""
     amplitude = _ranges(model, once)
     wide = max(amplitude, key=lambda n: amplitude[n] / _nominal(model, n))
@@ -280,7 +280,7 @@ def _closed(
         f"of the motion's size, {wide} swings by {amplitude[wide]:.4g} to either side"
     )
     if not exponents:
-        return Motion(Kind.CYCLE, text, period=period, amplitude=amplitude, return_error=error)
+        return Attractor(Kind.CYCLE, text, period=period, amplitude=amplitude, return_error=error)
     limit, doubt = _over_periods(model, once.end, period)
     order = np.argsort(-limit)
     limit, doubt = limit[order], doubt[order]
@@ -293,7 +293,7 @@ def _closed(
         kind = Kind.UNDECIDED
         text += f"; {zeros} of them are zero: the orbit closes but is one of many side by side"
         would = "whether a disturbed motion returns to the same orbit"
-    return Motion(
+    return Attractor(
         kind,
         text,
         would,
@@ -316,8 +316,10 @@ def _over_periods(
     # where a law turns over within a hair's breadth, exponents ask for more than the motion does
     model.tolerance *= SHARPER
     model.atol = model.atol * SHARPER
-    settle = follow(model, time + period * np.arange(periods + 1))
-    again = follow(model, time + period * (periods + np.arange(periods + 1)), frame=settle.frame)
+    settle = follow_tangents(model, time + period * np.arange(periods + 1))
+    again = follow_tangents(
+        model, time + period * (periods + np.arange(periods + 1)), frame=settle.frame
+    )
     half = periods // 2
     growth = again.growth
     if len(again.time) <= periods:
@@ -331,21 +333,21 @@ def _over_periods(
     return np.asarray(growth[-1] / (periods * period)), doubt
 
 
-def _unclosed(model: Model, passes: Returns) -> Motion:
+def _unclosed(model: Model, passes: Returns) -> Attractor:
     """A motion that keeps returning but does not close: by its exponents."""
     amplitude = _ranges(model, passes)
     between = float(np.mean(np.diff(passes.time)))
     blocks = 24
     grid = passes.end + between * MANY * np.arange(blocks + 1) / blocks
-    settle = follow(model, passes.end + between * np.array([0.0, 20.0]))
+    settle = follow_tangents(model, passes.end + between * np.array([0.0, 20.0]))
     grid = grid + 20.0 * between
-    run = follow(model, grid, frame=settle.frame)
+    run = follow_tangents(model, grid, frame=settle.frame)
     if run.failure:
-        return Motion(
-            Kind.DIVERGES if run.ran_away else Kind.UNDECIDED,
+        return Attractor(
+            Kind.DIVERGES if run.diverged else Kind.UNDECIDED,
             run.failure,
-            "" if run.ran_away else "a solver that gets beyond that point",
-            since=float(run.time[-1]) if run.ran_away else None,
+            "" if run.diverged else "a solver that gets beyond that point",
+            since=float(run.time[-1]) if run.diverged else None,
         )
     rates = np.diff(run.growth, axis=0) / np.diff(run.time)[:, None]
     limit = rates.mean(axis=0)
@@ -361,7 +363,7 @@ def _unclosed(model: Model, passes: Returns) -> Motion:
     zero = np.abs(limit) <= np.maximum(CERTAIN * error, 2.0 * small)
     common = {"amplitude": amplitude, "limit": limit, "limit_error": np.maximum(error, small)}
     if limit[0] > CERTAIN * error[0] and limit[0] > 5.0 * small:
-        return Motion(Kind.CHAOS, text, **common)
+        return Attractor(Kind.CHAOS, text, **common)
     if len(limit) > 1 and zero[:2].all() and not zero.all():
-        return Motion(Kind.TORUS, text, **common)
-    return Motion(Kind.UNDECIDED, text, "a longer run", **common)
+        return Attractor(Kind.TORUS, text, **common)
+    return Attractor(Kind.UNDECIDED, text, "a longer run", **common)

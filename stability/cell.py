@@ -10,8 +10,8 @@ import numpy as np
 
 from ..solver.core import System
 from ..solver.kernel import CONTROLLER, PLANT, Model
-from ..solver.spectrum import follow, follow_returns
-from .attractor import Kind, Motion, judge
+from ..solver.spectrum import follow_returns, follow_tangents
+from .attractor import Attractor, Kind, classify_attractor
 from .store import Columns
 from .study import DESIGN, SETPOINT, MapStudy, kernel_of
 
@@ -82,21 +82,21 @@ def run_cell(
     begin = (1.0 - LAST) * study.stop
     growth = math.nan
     if study.exponents:
-        run = follow(model, np.array([0.0, begin]), count=1)
-        lost, away, at = run.failure, run.ran_away, begin
+        run = follow_tangents(model, np.array([0.0, begin]), count=1)
+        lost, away, at = run.failure, run.diverged, begin
         frame, growth = run.frame, float(run.growth[-1, 0])
     else:
         passes = follow_returns(model, 0.0, begin, 0, np.inf, 0)
-        lost, away, at = passes.failure, passes.ran_away, passes.end
+        lost, away, at = passes.failure, passes.diverged, passes.end
     if not lost:
         last = model.x.copy()
         mode = model.u.copy()
         passes = follow_returns(model, begin, study.stop, position, np.inf, 1)
-        lost, away, at = passes.failure, passes.ran_away, passes.end
+        lost, away, at = passes.failure, passes.diverged, passes.end
         if study.exponents and not lost:
             end = model.x.copy(), model.u.copy()
             model.x[:], model.u[:] = last, mode
-            tail = follow(model, np.array([begin, study.stop]), count=1, frame=frame)
+            tail = follow_tangents(model, np.array([begin, study.stop]), count=1, frame=frame)
             growth += float(tail.growth[-1, 0])
             model.x[:], model.u[:] = end
     if lost:
@@ -104,7 +104,7 @@ def run_cell(
         return Cell(kind, math.nan, growth / at * _BITS, math.nan)
     error = float(model.x[position] - setpoint)
     swing = 0.5 * float(passes.high[position] - passes.low[position])
-    motion: Motion = judge(model, study.stop, study.stop, exponents=False, rounds=1)
+    motion: Attractor = classify_attractor(model, study.stop, study.stop, exponents=False, rounds=1)
     return Cell(motion.kind, error, growth / study.stop * _BITS, swing)
 
 

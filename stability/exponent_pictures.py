@@ -17,7 +17,12 @@ _BITS = 1.0 / math.log(2.0)
 
 
 def save_convergence_picture(run: LyapunovRun, folder: Path) -> None:
-    """Write the running estimates against time, with their limits, as PNG and SVG."""
+    """Write the running estimates against time, with their limits."""
+    write_figure(convergence_figure(run), folder, "lyapunov")
+
+
+def convergence_figure(run: LyapunovRun) -> Any:
+    """A figure of the running estimates against time, with their limits."""
     import matplotlib as mpl
 
     time, rates, _ = run.running()
@@ -51,7 +56,7 @@ def save_convergence_picture(run: LyapunovRun, folder: Path) -> None:
         )
         drift.set_xlabel("time [s]")
         figure.align_ylabels()
-        write_figure(figure, folder, "lyapunov")
+    return figure
 
 
 def _threshold(rates: Any) -> float:

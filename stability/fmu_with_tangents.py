@@ -20,7 +20,7 @@ from ..fmus.tangent_ports import (
 )
 from ..orchestration.compiled import USES
 from ..orchestration.fmi_calls import Bound
-from ..orchestration.participant import Participant
+from ..orchestration.fmu_instance import Instance
 from ..orchestration.structs import Struct
 
 Matrix = npt.NDArray[np.float64]
@@ -32,21 +32,21 @@ class TangentsImpossible(ValueError):
 
 @dataclass(frozen=True)
 class _Ports:
-    """A participant's ordinary ports, for wiring."""
+    """A FMU instance's ordinary ports, for wiring."""
 
     name: str
     inputs: Sequence[str]
     outputs: Sequence[str]
 
 
-def ordinary(participant: Participant) -> Participant:
-    states, _ = tangent_states(list(getattr(participant, "parameters", [])))
+def ordinary(instance: Instance) -> Instance:
+    states, _ = tangent_states(list(getattr(instance, "parameters", [])))
 
     def names(ports: Sequence[str]) -> list[str]:
         return [p for p in ports if not is_tangent_port(p, {*ports, *states})]
 
-    ports = _Ports(participant.name, names(participant.inputs), names(participant.outputs))
-    return cast("Participant", ports)
+    ports = _Ports(instance.name, names(instance.inputs), names(instance.outputs))
+    return cast("Instance", ports)
 
 
 class Side:
@@ -54,12 +54,12 @@ class Side:
 
     Parameters
     ----------
-    participant : Participant
+    FMU instance : Participant
     """
 
-    def __init__(self, participant: Participant) -> None:
-        self.participant = participant
-        parameters: list[str] = list(getattr(participant, "parameters", []))
+    def __init__(self, instance: Instance) -> None:
+        self.instance = instance
+        parameters: list[str] = list(getattr(instance, "parameters", []))
         self.states, self.tangents = tangent_states(parameters)
 
     def bind(
@@ -81,13 +81,13 @@ class Side:
         shown = [*own, TRACE] if own else []
         return (
             Bound(
-                self.participant,
+                self.instance,
                 [*inputs, *given],
                 [*outputs, *taken],
                 USES,
                 side.part("calls"),
             ),
-            Bound(self.participant, frame, shown, USES, side.part("frames")),
+            Bound(self.instance, frame, shown, USES, side.part("frames")),
         )
 
 

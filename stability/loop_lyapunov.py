@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..orchestration.whole_loop import loop_kernel
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.spectrum import Spectrum
+
+if TYPE_CHECKING:
+    from ..solver.component import Component
 from .lyapunov import FIRST, LAST, SAMPLES, TOLERANCE, LyapunovRun, Maker, NoExponents, lyapunov
 
 
 def loop_maker(
-    plant: str,
-    controller: str,
+    plant: str | Component,
+    controller: str | Component,
     setpoint: float,
     plant_values: Mapping[str, float] | None = None,
     controller_values: Mapping[str, float] | None = None,
 ) -> Maker:
-    """A `Maker` of the closed loop of two parts by name, around a constant set-point [m].
+    """A `Maker` of the closed loop of two parts, around a constant set-point [m].
 
     Raises
     ------
@@ -56,16 +60,16 @@ def loop_order(kernel: Kernel) -> list[int]:
 
 
 def loop_lyapunov(
-    controller: str,
+    controller: str | Component,
     stop: float,
     setpoint: float = 0.08,
-    plant: str = "plant",
+    plant: str | Component = "plant",
     plant_values: Mapping[str, float] | None = None,
     controller_values: Mapping[str, float] | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[[str], None] | None = None,
 ) -> LyapunovRun:
-    """Exponents of a closed loop of two parts by name; parameters as in `run_loop`.
+    """Exponents of a closed loop of two parts; parameters as in `run_loop`.
 
     Raises
     ------
@@ -75,7 +79,8 @@ def loop_lyapunov(
     kernel.compile()  # two tolerances, and the motion beyond, are worth half a second
     make = loop_maker(plant, controller, setpoint, plant_values, controller_values)
     order = loop_order(kernel)
-    label = f"{controller} on {plant}"
+    names = [c if isinstance(c, str) else c.name for c in (controller, plant)]
+    label = " on ".join(names)
     return lyapunov(make, stop, tolerance, order=order, label=label, progress=progress)
 
 
@@ -105,7 +110,7 @@ def loop_lyapunov_over_fmus(
         If the loop cannot be followed so.
     """
     from ..fmus.catalogue import variational_fmu
-    from ..orchestration.participant import FmuParticipant
+    from ..orchestration.fmu_instance import FmuInstance
     from ..solver.tape import UnsupportedComponent
     from .fmu_with_tangents import TangentsImpossible
     from .tangents_over_fmus import follow_over_fmus
@@ -116,8 +121,8 @@ def loop_lyapunov_over_fmus(
         progress(f"the FMUs over {stop:g} s")
     count = len(known.names)
     try:
-        ours = FmuParticipant(variational_fmu(plant, count), "plant")
-        theirs = FmuParticipant(variational_fmu(controller, count), "controller")
+        ours = FmuInstance(variational_fmu(plant, count), "plant")
+        theirs = FmuInstance(variational_fmu(controller, count), "controller")
         try:
             run = follow_over_fmus(
                 ours,

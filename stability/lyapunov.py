@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from ..solver.files import write_atomically, write_json
 from ..solver.kernel import Model
-from ..solver.spectrum import Spectrum, follow
-from .attractor import Kind, Motion, judge
+from ..solver.spectrum import Spectrum, follow_tangents
+from .attractor import Attractor, Kind, classify_attractor
 
 Vector = npt.NDArray[np.float64]
 Maker = Callable[[float], Model]
@@ -62,7 +62,7 @@ class LyapunovRun:
     names: list[str]
     spectrum: Spectrum
     tighter: Spectrum
-    motion: Motion
+    motion: Attractor
     tolerance: float
     label: str = ""
     method: str = "one solver"
@@ -152,13 +152,10 @@ class LyapunovRun:
         return run.time[1:], run.growth[1:] / span[:, None], run.trace[1:] / span
 
     def save(self, folder: Path | str) -> None:
-        """Write lyapunov.json, lyapunov.csv and a picture of the convergence."""
-        from .exponent_pictures import save_convergence_picture
-
+        """Write lyapunov.json and lyapunov.csv."""
         folder = Path(folder)
         write_atomically(folder / "lyapunov.csv", self.estimates_csv().encode())
         write_json(folder / "lyapunov.json", self.figures())
-        save_convergence_picture(self, folder)
 
 
 def lyapunov(
@@ -199,7 +196,7 @@ def lyapunov(
     if not 1e-13 <= tolerance <= 1e-3:
         raise ValueError(f"the tolerance is {tolerance:g}, expected 1e-13 to 1e-3")
     runs: list[Spectrum] = []
-    motions: list[Motion] = []
+    motions: list[Attractor] = []
     for share in (1.0, TIGHTER):
         model = make(tolerance * share)
         if model.kernel.discrete:
@@ -211,23 +208,23 @@ def lyapunov(
         if progress:
             progress(f"exponents over {stop:g} s at tolerance {tolerance * share:g}")
         frame = np.eye(n)[list(order) if order is not None else range(n)]
-        run = follow(
+        run = follow_tangents(
             model,
             np.linspace(0.0, stop, SAMPLES + 1),
             frame=frame[: count or n],
             count=count or n,
         )
         runs.append(run)
-        if run.ran_away:
-            motion = Motion(Kind.DIVERGES, run.failure, since=float(model.info[3]))
+        if run.diverged:
+            motion = Attractor(Kind.DIVERGES, run.failure, since=float(model.info[3]))
         elif run.failure:
-            motion = Motion(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
+            motion = Attractor(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
         else:
             onward = make(min(tolerance * JUDGED * share, COARSEST))
             onward.x[:], onward.u[:] = model.x, model.u
             if progress:
                 progress(f"what the motion becomes after {stop:g} s")
-            motion = judge(onward, stop, stop)
+            motion = classify_attractor(onward, stop, stop)
         motions.append(motion)
     return LyapunovRun(
         [s.name for s in model.kernel.states],
@@ -239,7 +236,7 @@ def lyapunov(
     )
 
 
-def _agreed(first: Motion, second: Motion) -> Motion:
+def _agreed(first: Attractor, second: Attractor) -> Attractor:
     """The second verdict, the tighter, unless the first is another."""
     same = first.kind is second.kind
     text = f"{first.kind.value} ({first.evidence}) against {second.kind.value}"
@@ -253,7 +250,7 @@ def _agreed(first: Motion, second: Motion) -> Motion:
         same = abs(ratio - 1.0) <= SAME and max(swings, default=0.0) <= SAME
         text = f"periods of {first.period:.6g} and {second.period:.6g} s, or their amplitudes"
     if not same:
-        return Motion(
+        return Attractor(
             Kind.UNDECIDED,
             f"a tenth of the tolerance changes the verdict: {text}",
             "a tighter tolerance, until two in a row agree",
@@ -265,4 +262,4 @@ def _agreed(first: Motion, second: Motion) -> Motion:
     error = np.maximum(second.limit_error, np.where(np.isfinite(moved), moved, 0.0))
     if second.kind is Kind.CHAOS:  # two orbits of one attractor differ by chance
         error = second.limit_error
-    return Motion(**{**vars(second), "limit_error": error})
+    return Attractor(**{**vars(second), "limit_error": error})

@@ -28,7 +28,12 @@ _BOUNDARY_POINTS = 48
 
 
 def save_map_picture(study: MapStudy, folder: Path) -> None:
-    """Draw ``map.parquet`` in `folder` as PNG and SVG."""
+    """Draw ``map.parquet`` in `folder` beside it."""
+    write_figure(map_figure(study, folder), folder, "map")
+
+
+def map_figure(study: MapStudy, folder: Path) -> Any:
+    """A figure of ``map.parquet`` in `folder`: verdicts, distances, swings, exponents."""
     import matplotlib as mpl
     import pyarrow.parquet as pq
     from matplotlib.colors import ListedColormap, LogNorm
@@ -83,7 +88,7 @@ def save_map_picture(study: MapStudy, folder: Path) -> None:
             place.ticklabel_format(useOffset=False, axis="both")
             place.tick_params(axis="x", rotation=30)
         axes[0].set_ylabel(_label(study, study.y.name))
-        write_figure(figure, folder, "map")
+    return figure
 
 
 def _label(study: MapStudy, name: str) -> str:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..orchestration.compiled import ASKED_ADVANCE, ASKED_LAW, USES
 from ..orchestration.coupling import Answer, ControllerSide
 from ..orchestration.fmi_calls import Bound
-from ..orchestration.participant import Participant, StepFailed
+from ..orchestration.fmu_instance import Instance, StepFailed
 from ..orchestration.structs import Struct
 from ..orchestration.wiring import Wiring
 from .fmu_with_tangents import TangentsImpossible, rows_at
@@ -34,8 +34,8 @@ class ProbedController:
 
     tangents = 0
 
-    def __init__(self, participant: Participant, wiring: Wiring) -> None:
-        self.participant = participant
+    def __init__(self, instance: Instance, wiring: Wiring) -> None:
+        self.instance = instance
         self.wiring = wiring
         self.states: list[str] = []
         self.remarks: list[str] = []
@@ -44,8 +44,8 @@ class ProbedController:
 
     def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Find out how it answers and whether it has a state; once it is initialized."""
-        self.side = ControllerSide(self.participant, self.wiring, signals, reference)
-        name = self.participant.name
+        self.side = ControllerSide(self.instance, self.wiring, signals, reference)
+        name = self.instance.name
         if self.side.answer is not Answer.DIRECT:
             raise TangentsImpossible(
                 f"{name} answers {self.side.answer.value}; tangents need a controller whose output "
@@ -70,7 +70,7 @@ class ProbedController:
         frame = np.append(np.zeros(count), math.nan)  # of its own trace nothing is known
         self._added = frame[:count]
         side.set(states=states)
-        bound = Bound(self.participant, [], [], USES, side.part("calls"))
+        bound = Bound(self.instance, [], [], USES, side.part("calls"))
         side.part("frames").set(given=np.zeros(count * states), taken=frame)
         self._functions = (
             ASKED_LAW(self._guarded(self._law)),
@@ -107,7 +107,7 @@ class ProbedController:
         if self.states:
             responses, fading = self._response(t, h, signals[0], self._reference)
             if not len(fading):
-                raise StepFailed(f"{self.participant.name}: its state cannot be seen any more")
+                raise StepFailed(f"{self.instance.name}: its state cannot be seen any more")
             strongest = float(fading[np.argmax(np.abs(responses[responses != 0.0]))])
             self._added[:] = strongest * self._added + signals[1:] @ responses
         self.side.advance(t, h, signals[0], self._reference)
@@ -123,16 +123,16 @@ class ProbedController:
             Volts, or whatever the command is, per unit of the signal; shares that are left after
             one more step.
         """
-        state = self.participant.save()
+        state = self.instance.save()
 
         def command(moved: Vector, steps: int) -> float:
             for k in range(steps):
                 self.side.advance(t + k * h, h, moved if k == 0 else signals, reference)
             value = self.side.command_at(signals, reference)
-            self.participant.restore(state)
+            self.instance.restore(state)
             return float(value[0])
 
-        nominal = np.array([self.participant.nominal(s) for _, s in self.wiring.signals])
+        nominal = np.array([self.instance.nominal(s) for _, s in self.wiring.signals])
         shift = SHIFT * nominal
         response, fading = np.zeros(len(signals)), []
         base = command(signals, 1), command(signals, 2)
@@ -146,5 +146,5 @@ class ProbedController:
             response[k] = ends[0] / shift[k]
             if ends[0] != 0.0:
                 fading.append(ends[1] / ends[0])
-        self.participant.release(state)
+        self.instance.release(state)
         return response, np.array(fading)

@@ -57,7 +57,7 @@ def make_map(
 ) -> MapSummary:
     """Compute a map, or finish one, and write it.
 
-    Writes ``map.parquet``, ``map.json`` and ``map.png``, with `refine` also
+    Writes ``map.parquet`` and ``map.json``, with `refine` also
     ``borders.csv``, into `folder`, all at once. `beside` may add files to the folder it is given.
 
     Raises
@@ -82,10 +82,7 @@ def make_map(
 
     def write(stage: Path) -> None:
         if new:
-            from .map_pictures import save_map_picture
-
             (parts / TABLE).replace(stage / TABLE)
-            save_map_picture(study, stage)
             if beside:
                 beside(stage)
         if borders is not None:

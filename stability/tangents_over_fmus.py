@@ -28,7 +28,7 @@ from ..fmus.tangent_ports import tangent_port
 from ..orchestration.clock import Clock
 from ..orchestration.compiled import GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
 from ..orchestration.fmi_calls import Bound, failure_of
-from ..orchestration.participant import Participant, StepFailed
+from ..orchestration.fmu_instance import Instance, StepFailed
 from ..orchestration.structs import struct
 from ..orchestration.wiring import Wiring, wire
 from .fmu_with_tangents import Side, TangentsImpossible, ordinary
@@ -85,8 +85,8 @@ class TangentRun:
 
 
 def follow_over_fmus(
-    plant: Participant,
-    controller: Participant,
+    plant: Instance,
+    controller: Instance,
     reference: float,
     stop: float,
     step: float,
@@ -125,10 +125,10 @@ def follow_over_fmus(
     StepFailed
         If a part refuses its parameters or initial values.
     """
-    for participant in (plant, controller):
-        if not participant.can_save:
+    for instance in (plant, controller):
+        if not instance.can_save:
             raise TangentsImpossible(
-                f"{participant.name} cannot save and restore its state, which tangents need here"
+                f"{instance.name} cannot save and restore its state, which tangents need here"
             )
     wiring = wire(ordinary(plant), ordinary(controller), mapping)
     refs = np.full(len(wiring.references), reference)
@@ -150,7 +150,7 @@ def follow_over_fmus(
     for side in (p, c) if ports else (p,):
         if side.states and side.tangents < count:
             raise TangentsImpossible(
-                f"{side.participant.name} carries {side.tangents} tangents and the loop has "
+                f"{side.instance.name} carries {side.tangents} tangents and the loop has "
                 f"{count} states; export it with {count}"
             )
     joint = _Joint(p, c, wiring, count, refs)
@@ -241,7 +241,7 @@ class _Joint:
 
         The run ends where one of them leaves its bound. A joint tangent is a row of the frame.
         """
-        plant, count = self._plant.participant, self._count
+        plant, count = self._plant.instance, self._count
         shown = Bound(plant, [], names, USES, self._whole.part("shown"))
         rooms = [np.zeros((CHUNK + 1, k)) for k in (1, len(names), count, 1)]
         rooms[1][0] = plant.reader(names)()
@@ -267,5 +267,5 @@ class _Joint:
         elif why != GOES_ON:
             beyond = np.nan_to_num(np.abs(outputs[-1]) / bound, nan=np.inf)
             name = names[int(np.argmax(beyond))]
-            stopped = f"the loop runs away: {name} leaves every bound at t = {clock.now:.6g} s"
+            stopped = f"the loop diverges: {name} leaves every bound at t = {clock.now:.6g} s"
         return _Trail(times[:, 0], outputs, growth, trace[:, 0], stopped)

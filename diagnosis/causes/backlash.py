@@ -11,13 +11,13 @@ from ...solver.component import Component
 from .cause import Cause, Courses, Shape, Values, Vector, parameter
 
 if TYPE_CHECKING:
-    from ..course import Course
     from ..drive_model import DriveModel
+    from ..modelled_record import ModelledRecord
 
 _GAPS = 1e-6 * 2.0 ** np.arange(1.0, 10.75, 0.5)  # [m]
 
 
-def _missing(course: Course, model: DriveModel, gap: float) -> Vector:
+def _missing(course: ModelledRecord, model: DriveModel, gap: float) -> Vector:
     """Force on the screw with the gap, beyond that without."""
     behind = model.force_behind_gap(course.x, course.v, course.step, gap)
     rigid = course.bristle + model.linear_friction * course.middle_v + model.block * course.mean_a

@@ -14,8 +14,8 @@ import sympy as sp
 from ...solver.component import Component, ForceTerm, Parameter, symbol
 
 if TYPE_CHECKING:
-    from ..course import Course
     from ..drive_model import DriveModel
+    from ..modelled_record import ModelledRecord
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -64,7 +64,7 @@ class Shape:
     freed: tuple[str, ...] = ()
 
 
-Courses = Sequence["Course"]
+Courses = Sequence["ModelledRecord"]
 Values = Mapping[str, float]
 
 
@@ -242,13 +242,16 @@ def force_cause(
     )
 
 
-def engaged(course: Course, model: DriveModel) -> Vector:
+def engaged(course: ModelledRecord, model: DriveModel) -> Vector:
     """`ENGAGED` along a record, shape (n,)."""
     return np.asarray(course.bristle / model.curve(course.middle_v))
 
 
 def _along(
-    expressions: Sequence[sp.Expr], course: Course, model: DriveModel, values: Mapping[str, float]
+    expressions: Sequence[sp.Expr],
+    course: ModelledRecord,
+    model: DriveModel,
+    values: Mapping[str, float],
 ) -> Matrix:
     signals: dict[str, Callable[[], Vector]] = {
         "x": lambda: course.middle_x,

@@ -14,14 +14,14 @@ from ...solver.component import Component
 from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 
 if TYPE_CHECKING:
-    from ..course import Course
     from ..drive_model import DriveModel
+    from ..modelled_record import ModelledRecord
 
 _YIELDING = 1e-6 * 2.0 ** np.arange(-4.0, 8.0)  # under the friction of slow sliding [m]
 _RESONANCES = (0.02, 1.0)  # of one over the sampling interval [rad/s]
 
 
-def _missing(course: Course, model: DriveModel, stiffness: float) -> np.ndarray:
+def _missing(course: ModelledRecord, model: DriveModel, stiffness: float) -> np.ndarray:
     """Force of the law on a block behind the spring, beyond that of one without."""
     behind = model.force_behind_spring(course.x, course.v, course.step, stiffness)
     rigid = course.bristle + model.linear_friction * course.middle_v + model.block * course.mean_a

@@ -13,8 +13,8 @@ from .in_time import InTime, in_time
 from .travel import changing, either_way, viscous_share
 
 if TYPE_CHECKING:
-    from ..course import Course
     from ..drive_model import DriveModel
+    from ..modelled_record import ModelledRecord
 
 _SHARE = "drift_viscous_share"
 _NAME = "friction_drift"
@@ -36,7 +36,7 @@ def _form(how: InTime) -> Cause:
     return replace(cause, when=how.refined)
 
 
-def _temperature(course: Course) -> Vector | None:
+def _temperature(course: ModelledRecord) -> Vector | None:
     """What a thermometer, perhaps a slower one, shows at each sample [degC]."""
     recorded = course.record.signals.get("temperature")
     if recorded is None:

@@ -10,7 +10,7 @@ import numpy as np
 import sympy as sp
 
 from ...solver.component import Component
-from ..course import follow
+from ..modelled_record import with_law_force
 from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def _less_damped_grid(courses: Courses, model: DriveModel) -> list[Values]:
 
 def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     bent = bristled(model, **values)
-    force = [(follow(c, bent).bristle - c.bristle)[:, None] for c in courses]
+    force = [(with_law_force(c, bent).bristle - c.bristle)[:, None] for c in courses]
     return Shape(("sigma0",), force=force, values=values, sure=0.3)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 
 from ...solver.component import Component, symbol
-from ..course import follow
+from ..modelled_record import with_law_force
 from .cause import ENGAGED, Courses, Shape, Values, force_cause, of_forms, parameter
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     if abs(size) < _SMALL * scale:
         size = _SMALL * scale
     bent = model.changed({**values, "dF_low": size})
-    force = [((follow(c, bent).bristle - c.bristle) / size)[:, None] for c in courses]
+    force = [((with_law_force(c, bent).bristle - c.bristle) / size)[:, None] for c in courses]
     return Shape(("dF_low",), force=force, values=values)
 
 

@@ -13,8 +13,8 @@ from ...solver.component import Component, symbol
 from .cause import Cause, Courses, Shape, Values, Vector, of_forms, parameter
 
 if TYPE_CHECKING:
-    from ..course import Course
     from ..drive_model import DriveModel
+    from ..modelled_record import ModelledRecord
 
 # of the largest command; the last cuts nothing off, as an end for what is sought between them
 _LEVELS = 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)
@@ -81,7 +81,7 @@ def _sagging_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     return Shape(("voltage_limit",), command=command, values=values, sure=0.3)
 
 
-def _drawn(course: Course, model: DriveModel, values: Values) -> Vector:
+def _drawn(course: ModelledRecord, model: DriveModel, values: Values) -> Vector:
     """Current at the limit, measured or as the limited voltage makes it once settled, (n,) [A]."""
     if course.has_current:
         return np.abs(course.mean_i)

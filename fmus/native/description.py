@@ -1,4 +1,4 @@
-"""The modelDescription.xml of a native FMU of FMI 2.0: that of pythonfmu's twin, and more."""
+"""The modelDescription.xml of a native FMU of FMI 2.0: that of the pythonfmu build, and more."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class NativeModel:
     partials : Kernel
         Of the component that `partials.partials` makes of it.
     interface : Interface
-        The variables of pythonfmu's twin, then states that are no outputs, then derivatives.
+        The variables of the pythonfmu build, then states that are no outputs, then derivatives.
     state_variables : tuple of Variable
         One per state: the output that is equal to it, or a variable of its own.
     derivatives : tuple of Variable

@@ -223,7 +223,7 @@ static void move(const Law *law, double *state, double d, double h, Pace before,
 
 API void friction_along(const Law *law, const double *x, const double *v, const double *step,
                         const int64_t *starts, int64_t records, const double *shifts,
-                        const double *shaking, double *friction)
+                        const double *vibration, double *friction)
 {
     double state[STATES];
     for (int64_t r = 0; r < records; r++) {
@@ -238,7 +238,7 @@ API void friction_along(const Law *law, const double *x, const double *v, const 
             if (k + 1 == starts[r + 1])
                 break;
             const Pace next = pace_of(law, v[k + 1]);
-            wear(law, state, shaking[r] * h, v[k]);
+            wear(law, state, vibration[r] * h, v[k]);
             move(law, state, x[k + 1] - x[k], h, now, next);
             now = next;
         }
@@ -362,7 +362,7 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
 }
 
 /* Positions that come short by `play` [m] after a record's start and after each reversal. */
-API void with_play(const double *x, const int64_t *starts, int64_t records, const double *play,
+API void with_backlash(const double *x, const int64_t *starts, int64_t records, const double *play,
                    double *dragged)
 {
     for (int64_t r = 0; r < records; r++) {

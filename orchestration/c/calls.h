@@ -1,4 +1,4 @@
-/* How a participant is called: through the addresses of the FMI 2.0 functions of an FMU in this
+/* How a FMU instance is called: through the addresses of the FMI 2.0 functions of an FMU in this
  * process, or of functions of the same shapes. */
 #ifndef CALLS_H
 #define CALLS_H
@@ -35,7 +35,7 @@ typedef int (*DoStep)(void *, double, double, int);
 typedef int (*GetState)(void *, void **);
 typedef int (*SetState)(void *, void *);
 
-/* A participant: its functions, what they are called with, and what they gave. */
+/* A FMU instance: its functions, what they are called with, and what they gave. */
 typedef struct {
     void *component;
     SetReal set_real;

@@ -47,10 +47,10 @@ typedef struct {
     /* the same, kept to come back to */
     Vector kept_outputs, kept_late, kept_following;
     int64_t kept_has_following;
-    /* what the last step did: interface defect as accepted; how far the correction moved each output;
-     * share of the defect that was left, small if correcting converges fast, one or more if the step
+    /* what the last step did: coupling residual as accepted; how far the correction moved each output;
+     * share of the residual that was left, small if correcting converges fast, one or more if the step
      * is too long for it, NaN if nothing was corrected */
-    Vector defect, effect;
+    Vector residual, effect;
     double contraction;
     /* room for one step */
     Vector start, end, mean, goal, law, applied, stepped, reached, command, first;
@@ -253,7 +253,7 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
     return 1;
 }
 
-/* Make up for part of the defect in the law. The defect grows like the square of the time within the
+/* Make up for part of the residual in the law. The defect grows like the square of the time within the
  * step, the ramp that mends it only like the time: two thirds of it give the plant the right impulse
  * over the step. A plant that takes no ramp gets its mean. */
 static void mend(Loop *l, double h)
@@ -304,7 +304,7 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
 }
 
 /* True command less applied command, at the end of the step or where it is larger. */
-static void find_defect(const Loop *l, double h, double *defect)
+static void find_residual(const Loop *l, double h, double *residual)
 {
     const int64_t m = l->controller.m, n = l->controller.n;
     const double *const applied = l->applied.at;
@@ -316,10 +316,10 @@ static void find_defect(const Loop *l, double h, double *defect)
                 change += applied[m + k * n + j] * (l->end.at[j] - l->start.at[j]);
             given = given + change + applied[m * (1 + n) + k] * h;
         }
-        defect[k] = l->command.at[k] - given;
+        residual[k] = l->command.at[k] - given;
         const double at_start = l->law.at[k] - applied[k];
-        if (!l->corrected && fabs(at_start) > fabs(defect[k]))
-            defect[k] = at_start;
+        if (!l->corrected && fabs(at_start) > fabs(residual[k]))
+            residual[k] = at_start;
     }
 }
 
@@ -329,7 +329,7 @@ static double contraction_of(const Loop *l)
     const double share = l->takes_law ? RAMP_SHARE : HOLD_SHARE;
     double size = 0.0, rest = 0.0;
     for (int64_t k = 0; k < l->controller.m; k++) {
-        const double first = l->first.at[k], left = l->defect.at[k] - (1 - share) * first;
+        const double first = l->first.at[k], left = l->residual.at[k] - (1 - share) * first;
         size += first * first;
         rest += left * left;
     }
@@ -363,19 +363,19 @@ static int step(Loop *l, double t, double h, const double *before, const double 
         copy(l->late.at, l->applied.at, l->controller.m);
     if (!l->corrected) {
         TRY(move_both(l, t, h, before, after));
-        find_defect(l, h, l->defect.at);
+        find_residual(l, h, l->residual.at);
         copy(l->reached.at, l->outputs.at, count);
         return 1;
     }
     TRY(save_both(l, CORRECTION));
     TRY(move_both(l, t, h, before, after));
-    find_defect(l, h, l->first.at);
+    find_residual(l, h, l->first.at);
     copy(l->reached.at, l->effect.at, count);
     mend(l, h);
     TRY(restore_both(l, CORRECTION));
     TRY(move_both(l, t, h, before, after));
     release_both(l, CORRECTION);
-    find_defect(l, h, l->defect.at);
+    find_residual(l, h, l->residual.at);
     copy(l->reached.at, l->outputs.at, count);
     for (int64_t k = 0; k < count; k++)
         l->effect.at[k] = fabs(l->outputs.at[k] - l->effect.at[k]);

@@ -42,7 +42,7 @@ typedef struct {
 typedef struct {
     Vector times, outputs, growth, trace; /* row by row; row 0 is what was before */
     int64_t rows;
-    Vector bound;              /* outputs beyond which the loop runs away */
+    Vector bound;              /* outputs beyond which the loop diverges */
     double accuracy, relative; /* nats, and share of the growth, that correcting may change in all */
 } Trail;
 
@@ -283,7 +283,7 @@ API int joint_march(Joint *j, Clock *clock, Trail *trail, int64_t most)
         release(&j->controller.calls, CORRECTION);
         for (int64_t k = 0; k < j->shown.taken.size && why == GOES_ON; k++) {
             if (!(fabs(j->shown.taken.at[k]) <= trail->bound.at[k]))
-                why = RUNS_AWAY;
+                why = DIVERGES;
         }
     }
     return why;

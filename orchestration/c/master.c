@@ -1,4 +1,4 @@
-/* Many communication steps of a loop and its companions, and what else `compiled.py` calls. */
+/* Many communication steps of a loop and its reference co-runs, and what else `compiled.py` calls. */
 #include "coupling.c"
 
 #include "clock.c"
@@ -8,17 +8,17 @@
 #define RUNAWAY 1e4      /* times an output's nominal value */
 #define LEAST_SHARE 1e-3 /* of the error that is allowed in all, to any one step */
 
-enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, RUNS_AWAY, CALL_FAILED, OUT_OF_MEMORY };
+enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED, OUT_OF_MEMORY };
 
 #include "joint_step.c"
 
 /* A loop with what it records. */
 typedef struct {
     Loop loop;
-    int64_t parts;   /* into how many a companion divides each step; 0 if it is not there */
+    int64_t parts;   /* into how many a reference co-run divides each step; 0 if it is not there */
     Vector recorded; /* outputs at the end of each step, row by row */
     int64_t rows;
-    double failed; /* time of the step in which a companion failed [s], NaN before */
+    double failed; /* time of the step in which a reference co-run failed [s], NaN before */
 } Pair;
 
 /* The run as it is recorded, what is measured along it, and what it is to follow. */
@@ -26,10 +26,10 @@ typedef struct {
     Vector times, references;
     Vector commands;             /* row by row */
     Vector nominal, low, high;   /* of each output, and its range so far */
-    Vector defect, effect_rate;  /* largest of each command, and its effect on each output, per second */
+    Vector residual, effect_rate;  /* largest of each command, and its effect on each output, per second */
     double accuracy;             /* share of an output's range that may be wrong in the end */
     double contraction, contraction_weight; /* sums of contraction by weight and of weight */
-    Vector apart;                /* run and companion after the last step */
+    Vector apart;                /* run and reference co-run after the last step */
     Vector goal_times, goal_values; /* the reference's points */
     Vector before, after;        /* room for two set-points */
 } Course;
@@ -55,9 +55,9 @@ static double set_point(const Course *c, double t)
     return slope * (t - times[low - 1]) + values[low - 1];
 }
 
-static int runs(const Pair *companion)
+static int runs(const Pair *co_run)
 {
-    return companion->parts > 0 && isnan(companion->failed);
+    return co_run->parts > 0 && isnan(co_run->failed);
 }
 
 static void record_outputs(Pair *pair)
@@ -67,8 +67,8 @@ static void record_outputs(Pair *pair)
     pair->rows++;
 }
 
-/* Move a companion over the same step, in as many parts as it has, until it fails. */
-static void step_companion(Pair *pair, double t, double h, const double *before,
+/* Move a reference co-run over the same step, in as many parts as it has, until it fails. */
+static void step_co_run(Pair *pair, double t, double h, const double *before,
                            const double *after, int64_t width, double *room)
 {
     if (!runs(pair))
@@ -89,10 +89,10 @@ static void step_companion(Pair *pair, double t, double h, const double *before,
     record_outputs(pair);
 }
 
-/* How far an output of the run and of its companion are from each other. */
-static double apart_by(const Pair *companion, const double *outputs, int64_t k)
+/* How far an output of the run and of its reference co-run are from each other. */
+static double apart_by(const Pair *co_run, const double *outputs, int64_t k)
 {
-    return runs(companion) ? outputs[k] - companion->loop.outputs.at[k] : 0.0;
+    return runs(co_run) ? outputs[k] - co_run->loop.outputs.at[k] : 0.0;
 }
 
 /* What a step was worth: its effect, and what it costs of what it may. */
@@ -101,12 +101,12 @@ typedef struct {
     double weight, share;
 } Judged;
 
-static Judged judge_step(const Pair *main, const Pair *companion, const Clock *clock, Course *course,
+static Judged judge_step(const Pair *main, const Pair *co_run, const Clock *clock, Course *course,
                          double h)
 {
     const double *const outputs = main->loop.outputs.at;
     const Loop *const corrected =
-        companion->loop.corrected && runs(companion) ? &companion->loop : &main->loop;
+        co_run->loop.corrected && runs(co_run) ? &co_run->loop : &main->loop;
     double weight = 0.0, worst = 0.0;
     for (int64_t k = 0; k < main->loop.outputs.size; k++) {
         course->low.at[k] = fmin(course->low.at[k], outputs[k]);
@@ -114,7 +114,7 @@ static Judged judge_step(const Pair *main, const Pair *companion, const Clock *c
         const double scale =
             fmax(course->high.at[k] - course->low.at[k], 1e-2 * course->nominal.at[k]);
         weight = fmax(weight, corrected->effect.at[k] / scale);
-        const double moved = apart_by(companion, outputs, k) - course->apart.at[k];
+        const double moved = apart_by(co_run, outputs, k) - course->apart.at[k];
         worst = fmax(worst, fabs(moved) / scale);
     }
     const double allowed = course->accuracy * fmax(h / clock->stop, LEAST_SHARE);
@@ -122,7 +122,7 @@ static Judged judge_step(const Pair *main, const Pair *companion, const Clock *c
 }
 
 /* Do up to `most` accepted steps, recorded from row 0 on; GOES_ON, or why the run ended. */
-API int master_march(Pair *main, Pair *companion, Pair *second, Clock *clock, Course *course,
+API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Course *course,
                      int64_t most)
 {
     Loop *const loop = &main->loop;
@@ -133,7 +133,7 @@ API int master_march(Pair *main, Pair *companion, Pair *second, Clock *clock, Co
     if (!room)
         return OUT_OF_MEMORY;
     int why = GOES_ON;
-    main->rows = companion->rows = second->rows = 0;
+    main->rows = co_run->rows = second->rows = 0;
     for (int64_t k = 0; k < width; k++)
         before[k] = set_point(course, clock_now(clock));
     while (why == GOES_ON && !clock_done(clock) && main->rows < most) {
@@ -141,35 +141,35 @@ API int master_march(Pair *main, Pair *companion, Pair *second, Clock *clock, Co
         const double goal = set_point(course, end);
         for (int64_t k = 0; k < width; k++)
             after[k] = goal;
-        const int kept = clock->adaptive && runs(companion);
-        if ((clock->adaptive && !keep(loop)) || (kept && !keep(&companion->loop))) {
+        const int kept = clock->adaptive && runs(co_run);
+        if ((clock->adaptive && !keep(loop)) || (kept && !keep(&co_run->loop))) {
             why = CALL_FAILED;
             break;
         }
         if (!stepped(loop, t, h, before, after)) {
             drop(loop);
-            drop(&companion->loop);
+            drop(&co_run->loop);
             why = STEP_FAILED;
             break;
         }
-        step_companion(companion, t, h, before, after, width, room);
-        step_companion(second, t, h, before, after, width, room);
-        const Judged judged = judge_step(main, companion, clock, course, h);
+        step_co_run(co_run, t, h, before, after, width, room);
+        step_co_run(second, t, h, before, after, width, room);
+        const Judged judged = judge_step(main, co_run, clock, course, h);
         if (clock->adaptive) {
             if (judged.share > 1.0 && clock->stride > 1) {
-                if (!take_back(loop) || (kept && !take_back(&companion->loop))) {
+                if (!take_back(loop) || (kept && !take_back(&co_run->loop))) {
                     why = CALL_FAILED;
                     break;
                 }
                 if (kept) {
-                    companion->rows = main->rows;
-                    companion->failed = NAN;
+                    co_run->rows = main->rows;
+                    co_run->failed = NAN;
                 }
                 clock_adapt(clock, judged.share);
                 continue;
             }
             drop(loop);
-            drop(&companion->loop);
+            drop(&co_run->loop);
         }
         clock_accept(clock);
         const double contraction = judged.corrected->contraction;
@@ -178,11 +178,11 @@ API int master_march(Pair *main, Pair *companion, Pair *second, Clock *clock, Co
             course->contraction_weight += judged.weight;
         }
         for (int64_t k = 0; k < m; k++)
-            course->defect.at[k] = fmax(course->defect.at[k], fabs(loop->defect.at[k]));
+            course->residual.at[k] = fmax(course->residual.at[k], fabs(loop->residual.at[k]));
         for (int64_t k = 0; k < n; k++) {
             course->effect_rate.at[k] =
                 fmax(course->effect_rate.at[k], judged.corrected->effect.at[k] / h);
-            course->apart.at[k] = apart_by(companion, outputs, k);
+            course->apart.at[k] = apart_by(co_run, outputs, k);
         }
         if (clock->adaptive)
             clock_adapt(clock, judged.share);
@@ -203,7 +203,7 @@ API int master_march(Pair *main, Pair *companion, Pair *second, Clock *clock, Co
             if (!isfinite(outputs[k]))
                 why = NOT_FINITE;
             else if (why == GOES_ON && fabs(outputs[k]) > RUNAWAY * course->nominal.at[k])
-                why = RUNS_AWAY;
+                why = DIVERGES;
         }
     }
     free(room);

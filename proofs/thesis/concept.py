@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ballscrew.orchestration.whole_loop import loop_kernel
-from ballscrew.solver.spectrum import follow
+from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.loop_lyapunov import loop_maker, loop_order
 from ballscrew.stability.lyapunov import lyapunov
 from thesis.claim import Claim, numbers
@@ -23,7 +23,7 @@ def concept() -> Figures:
         turned = order[shift:] + order[:shift]
         model = make(1e-11)
         frame = np.eye(len(order))[turned]
-        run = follow(model, np.array([0.0, STOP]), frame=frame)
+        run = follow_tangents(model, np.array([0.0, STOP]), frame=frame)
         frames[kernel.states[turned[0]].name] = float(run.growth[-1].max()) * BITS
     starts = {}
     for setpoint in (0.02, 0.04, 0.08, 0.12):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.kernel import IntegrationError
-from ballscrew.solver.spectrum import follow, follow_returns
+from ballscrew.solver.spectrum import follow_returns, follow_tangents
 from ballscrew.stability.loop_lyapunov import loop_maker, loop_order
 from ballscrew.stability.lyapunov import LyapunovRun
 from thesis.printed import BITS, SETPOINT, STOP
@@ -58,7 +58,7 @@ def growth(
     model = loop_maker("plant", controller, setpoint, None, values)(tolerance)
     first = loop_order(model.kernel)[0]
     frame = np.eye(len(model.x))[[first]]
-    run = follow(model, np.linspace(0.0, stop, points), count=1, frame=frame)
+    run = follow_tangents(model, np.linspace(0.0, stop, points), count=1, frame=frame)
     if run.failure:
         raise IntegrationError(run.failure)
     return run.time, run.growth[:, 0] * BITS
@@ -78,7 +78,7 @@ def spectrum_figures(run: LyapunovRun) -> Figures:
 class End:
     """What a loop does in the last two seconds of 20 s, as the thesis' pictures would show it."""
 
-    kind: str  # "runs away", "swings", "stands"
+    kind: str  # "diverges", "swings", "stands"
     swing: float  # m to either side
     offset: float  # m from the set-point
 
@@ -91,8 +91,8 @@ def end_of(
     x = [s.name for s in model.kernel.states].index("plant_x")
     for start, stop in ((0.0, STOP - 2.0), (STOP - 2.0, STOP)):
         seen = follow_returns(model, start, stop, x, math.inf, 1)
-        if seen.ran_away:
-            return End("runs away", math.inf, math.inf)
+        if seen.diverged:
+            return End("diverges", math.inf, math.inf)
         if seen.failure:
             raise IntegrationError(seen.failure)
     swing = float(seen.high[x] - seen.low[x]) / 2.0

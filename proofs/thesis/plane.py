@@ -25,9 +25,9 @@ def edge(settled: Callable[[float], bool], good: float, bad: float, width: float
 def runaway_edge(
     sigma1: float, setpoint: float = SETPOINT, controller: str = "iol"
 ) -> float | None:
-    """Least sigma0_hat from which the loop runs away, to 0.0005 N/m."""
+    """Least sigma0_hat from which the loop diverges, to 0.0005 N/m."""
     return edge(
-        lambda s0: end_of(s0, sigma1, controller, setpoint).kind != "runs away",
+        lambda s0: end_of(s0, sigma1, controller, setpoint).kind != "diverges",
         SIGMA0,
         SIGMA0 + 20.0,
         5e-4,
@@ -76,7 +76,7 @@ def plane() -> Figures:
         ends = [e for a, b, e in cells if inside(a, b)]
         shares[name] = {"loops": len(ends)} | {
             kind: sum(e.kind == kind for e in ends) / len(ends)
-            for kind in ("stands", "swings", "runs away")
+            for kind in ("stands", "swings", "diverges")
         }
     offsets = [abs(e.offset) for a, b, e in cells if e.kind == "stands" and a < SIGMA0]
     off = (float(d) for d in np.arange(0.05, 1.75, 0.05))
@@ -115,7 +115,7 @@ def plane_claims(f: Figures) -> list[Claim]:
             GRID_1,
             "The edge depends a little on sigma1_hat: "
             + ", ".join(f"{v:.3f} at {float(k):.6g}" for k, v in edges["runaway_by_sigma1"].items())
-            + " N*s/m. Beyond the first of these all loops run away. The printed value is a point "
+            + " N*s/m. Beyond the first of these all loops diverge. The printed value is a point "
             f"of the grid, {steps[0]:.2f} steps of {GRID_1} from the nominal. It is no property of "
             "the parameters alone but the edge of a basin: with set-points of "
             + ", ".join(f"{100 * float(k):g}" for k in edges["runaway_by_setpoint"])
@@ -129,9 +129,9 @@ def plane_claims(f: Figures) -> list[Claim]:
             "all loops beyond it are unstable",
             "all",
             f"{100 * shares['beyond the critical value']['runs away']:.1f} % of "
-            f"{shares['beyond the critical value']['loops']} loops run away",
+            f"{shares['beyond the critical value']['loops']} loops diverge",
             "all",
-            shares["beyond the critical value"]["runs away"] == 1.0,
+            shares["beyond the critical value"]["diverges"] == 1.0,
         ),
         Claim(
             "3.5.1.3, Fig. 3.18",
@@ -139,7 +139,7 @@ def plane_claims(f: Figures) -> list[Claim]:
             "qualitative",
             _kinds(middle),
             "standing ones more than half, all kinds met",
-            middle["stands"] > 0.5 and middle["swings"] > 0 and middle["runs away"] > 0,
+            middle["stands"] > 0.5 and middle["swings"] > 0 and middle["diverges"] > 0,
         ),
         Claim(
             "3.5.1.3, Fig. 3.18",
@@ -199,7 +199,7 @@ def plane_claims(f: Figures) -> list[Claim]:
             "qualitative",
             f"{100 * above['runs away']:.1f} %",
             "below 20 %",
-            above["runs away"] < 0.2,
+            above["diverges"] < 0.2,
         ),
         Claim(
             "3.5.1.3, 3.6",
@@ -226,5 +226,5 @@ def _nominal_key(edges: Figures) -> str:
 def _kinds(share: Figures) -> str:
     return (
         f"{100 * share['stands']:.1f} % stand, {100 * share['swings']:.1f} % swing, "
-        f"{100 * share['runs away']:.1f} % run away ({share['loops']} loops)"
+        f"{100 * share['runs away']:.1f} % diverge ({share['loops']} loops)"
     )

@@ -27,7 +27,7 @@ def by_scipy(sigma0: float, sigma1: float, method: str, rtol: float, atol: float
             model.derivatives, (0.0, STOP), model.x.copy(), method, rtol=rtol, atol=atol, events=far
         )
     if run.t[-1] < STOP:
-        return End("runs away", math.inf, math.inf)
+        return End("diverges", math.inf, math.inf)
     swing = float(np.ptp(run.y[x][run.t >= STOP - 2.0])) / 2.0
     return End("swings" if swing > SWING else "stands", swing, float(run.y[x][-1]) - SETPOINT)
 

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from ballscrew.solver.spectrum import follow
+from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.loop_lyapunov import loop_lyapunov, loop_maker, loop_order
 from thesis.claim import Claim, number, numbers
 from thesis.loops import Figures, growth, hats, spectrum_figures
@@ -49,7 +49,7 @@ def spectra() -> Figures:
             }
     model = loop_maker("plant", "iol", SETPOINT, None, hats(*SYSTEM_1))(1e-9)
     before = time.perf_counter()
-    follow(model, np.linspace(0.0, STOP, 401))
+    follow_tangents(model, np.linspace(0.0, STOP, 401))
     found["seconds_system_1"] = time.perf_counter() - before
     return found
 
@@ -59,7 +59,7 @@ def _after_300_s(controller: str, system: tuple[float, float]) -> Figures:
     make = loop_maker("plant", controller, SETPOINT, None, hats(*system))
     model = make(1e-11)
     frame = np.eye(len(model.x))[loop_order(model.kernel)]
-    run = follow(model, np.array([0.0, LONG]), frame=frame)
+    run = follow_tangents(model, np.array([0.0, LONG]), frame=frame)
     return {
         "exponents_at_300_s": (np.sort(run.exponents)[::-1] * BITS).tolist(),
         "trace_at_300_s": float(run.trace[-1]) / LONG * BITS,

@@ -158,9 +158,9 @@ def see(effect: Effect | None, along: Along, weights: Weights, per_sample: int) 
     offset = white(along.force(np.ones(len(along.log))))
     free = [] if effect is not None and effect.name == "load_bias" else [offset]
     count = len(costly)
-    price = np.zeros((count, count + len(free)))
-    price[:, :count] = np.eye(count)
-    basis = np.linalg.qr(np.vstack([np.column_stack(costly + free), price]))[0]
+    log_prior_odds = np.zeros((count, count + len(free)))
+    log_prior_odds[:, :count] = np.eye(count)
+    basis = np.linalg.qr(np.vstack([np.column_stack(costly + free), log_prior_odds]))[0]
 
     def left(vector: Columns) -> Columns:
         whole = np.concatenate([vector, np.zeros(count)])

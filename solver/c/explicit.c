@@ -280,9 +280,9 @@ INLINED double stride_of(const System *s, const Stride *f, double t0, double t1,
         }
         for (int i = 0; i < n; i++) {
             if (!(fabs(w[i]) <= f->bound[i]))
-                status = RAN_AWAY;
+                status = DIVERGED;
         }
-        if (work->limited >= IN_A_ROW && status != RAN_AWAY)
+        if (work->limited >= IN_A_ROW && status != DIVERGED)
             status = STIFF;
     }
     info->next_step = h;

@@ -9,7 +9,7 @@
 #define STAGES 8
 #define MOST_AT_ONCE 64 /* events at one instant */
 
-enum { DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, RAN_AWAY, STIFF, NO_MEMORY, NOT_FINITE };
+enum { DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, DIVERGED, STIFF, NO_MEMORY, NOT_FINITE };
 enum { EITHER, CHANGES_MODE, RESETS }; /* kinds of events */
 
 /* What an integration leaves for the next, and what it has counted. */
@@ -79,7 +79,7 @@ static int settle(const System *s, double t, double *x, double *u, const double 
 static void look_before(const System *s, double t, const double *x, const double *u, const double *p,
                  double *before);
 
-/* As `integrate` and its twin of the explicit pair, without a watcher. */
+/* As `integrate` and the pythonfmu build of the explicit pair, without a watcher. */
 typedef int (*Integrator)(const System *s, double t0, double t1, double *x, double *u,
                           const double *p, const double *atol, double rtol, void *work, Info *info,
                           int max_steps);

@@ -211,7 +211,7 @@ static void move_tangents(const System *s, const Walk *w, double t, double h, do
         collocate_leading(s, w, t, h, leading, growth, step);
 }
 
-static int ran_away(const double *x, const double *bound, int n)
+static int diverged(const double *x, const double *bound, int n)
 {
     for (int i = 0; i < n; i++) {
         if (!(fabs(x[i]) <= bound[i]))
@@ -254,8 +254,8 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
             return status;
         if (++taken > w->max_steps)
             return TOO_MANY_STEPS;
-        if (ran_away(x, w->bound, n))
-            return RAN_AWAY;
+        if (diverged(x, w->bound, n))
+            return DIVERGED;
         work->known = !note; /* nothing but a step has moved the state or will move it */
         if (info->accepted == accepted)
             continue;
@@ -379,8 +379,8 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
         info->status = status;
         if (status != DONE && status != TOO_MANY_STEPS)
             return found;
-        if (ran_away(c->x, c->bound, n)) {
-            info->status = RAN_AWAY;
+        if (diverged(c->x, c->bound, n)) {
+            info->status = DIVERGED;
             return found;
         }
         for (int i = 0; i < n; i++) {

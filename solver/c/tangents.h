@@ -31,7 +31,7 @@ typedef struct {
     const double *p;
     const double *atol;
     double rtol;
-    const double *bound; /* n: a state beyond this has run away */
+    const double *bound; /* n: a state beyond this has diverge */
     const double *scale; /* n: powers of two near the states' magnitudes */
     int32_t max_steps;
     int32_t collocating; /* whether slow tangents are collocated */

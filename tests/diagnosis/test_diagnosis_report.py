@@ -1,4 +1,4 @@
-"""The page: opened in a real browser, read by an engineer, made of what strangers' files say."""
+"""The page: opened in a real browser, read by an engineer, made of what others' files say."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.experiment_motions import Motion
 from ballscrew.diagnosis.faultless import RecordKind
-from ballscrew.diagnosis.load_cell import Witness
+from ballscrew.diagnosis.load_cell import ValidationSignal
 from ballscrew.diagnosis.next_experiment import TRIALS_FOR
 from ballscrew.diagnosis.page_pictures import MOST, drawn, thinned
 from ballscrew.diagnosis.report_words import rig_command
@@ -275,8 +275,8 @@ def text_of(page):
 
 def test_what_the_load_cell_says_is_told_where_there_was_one():
     assert "load cell" not in text_of(report(found(), NO_LOOP))
-    said = text_of(report(found(load_cell=Witness(0.41, 0.12)), NO_LOOP))
-    assert "foretells by 0.41 N rms, and off what the mended one does by 0.12 N" in said
+    said = text_of(report(found(load_cell=ValidationSignal(0.41, 0.12)), NO_LOOP))
+    assert "predicts by 0.41 N rms, and off what the mended one does by 0.12 N" in said
 
 
 NO_LOOP = ClosedLoopSection(None, "The solver gets no further.")
@@ -368,7 +368,7 @@ def test_the_rig_knows_every_trial_that_is_asked_for(trial):
     from ballscrew.cli import command_parser
 
     options = command_parser().parse_args(rig_command(trial).split()[1:])
-    from ballscrew.rig.trials import trials_named
+    from ballscrew.rig.rig_trials import trials_named
 
     assert trials_named(options.trials[0])
 

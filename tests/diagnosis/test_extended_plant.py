@@ -11,13 +11,13 @@ import pytest
 from ballscrew.cli import main
 from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.causes import CAUSES
-from ballscrew.diagnosis.course import Course
 from ballscrew.diagnosis.drive_model import DriveModel, midway
 from ballscrew.diagnosis.extended_plant import (
     BadExtension,
     extended_plant,
     write_extended_plant,
 )
+from ballscrew.diagnosis.modelled_record import ModelledRecord
 from ballscrew.fmus.export import with_law_ports
 from ballscrew.plant.ball_screw import PARAMETERS as SCREW
 from ballscrew.plant.direct_drive import PARAMETERS as DRIVE
@@ -299,7 +299,7 @@ def laid(motion, bristle=0.0):
     record = {"time": np.arange(SAMPLES) * STEP, "u": command(), "x": motion.x, "i": motion.i}
     known = {"x": motion.x, "v": motion.v, "i": motion.i, "bristle": bristle}
     known |= {"record": DriveRecord("swings", record, STEP), "width": 1, "calibration": {}}
-    return Course(**{f.name: np.zeros(SAMPLES) for f in fields(Course)} | known)
+    return ModelledRecord(**{f.name: np.zeros(SAMPLES) for f in fields(ModelledRecord)} | known)
 
 
 def foretold(model, motion, found):

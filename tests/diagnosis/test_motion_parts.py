@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from diagnosed import nominal
 
-from ballscrew.diagnosis.course import lay_along
+from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.motion_parts import PARTS, motion_parts
 from ballscrew.records.drive_record import checked
 

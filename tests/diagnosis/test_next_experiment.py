@@ -10,11 +10,11 @@ import pytest
 from diagnosed import nominal
 
 from ballscrew.diagnosis.causes import CAUSES
-from ballscrew.diagnosis.course import lay_along
 from ballscrew.diagnosis.diagnosis import NotNamed
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.experiment_motions import COMMAND_FILE, UNNAMED
 from ballscrew.diagnosis.machine_reach import Reach, reach_of
+from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.next_experiment import motion_for, trial_for
 from ballscrew.diagnosis.remaining import next_experiment
 from ballscrew.orchestration.reference_signal import Reference
@@ -137,7 +137,7 @@ def asked_for(not_named, structure):
 
 
 def test_a_diagnosis_asks_for_what_its_records_cannot_tell():
-    doubted = NotNamed("backlash", "compliance foretells as much", like="compliance")
+    doubted = NotNamed("backlash", "compliance predicts as much", like="compliance")
     assert asked_for((NotNamed("load_bias", "it gains nothing"),), False)[0] is None
     wanted, course = asked_for((doubted,), True)
     assert wanted.says.startswith("backlash cannot be told from compliance here (")

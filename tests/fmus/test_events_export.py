@@ -5,7 +5,7 @@ import pytest
 from fmu_host import opened
 
 from ballscrew.fmus.export import export, with_law_ports
-from ballscrew.orchestration.participant import FmuParticipant, StepFailed
+from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.plant.classical import classical
 from ballscrew.solver.codegen import generate
@@ -35,7 +35,7 @@ VOLTAGES = (0.1, 1.0, 0.2, -0.1, -3.0, 3.0, 0.0)
 
 def test_sticking_and_sliding_in_an_fmu_is_the_equations_to_the_last_bit(sticking):
     path, kernel = sticking
-    plant, model = FmuParticipant(path, "plant"), Model(kernel)
+    plant, model = FmuInstance(path, "plant"), Model(kernel)
     plant.initialize({}, 1.0)
     write, read = plant.writer(["u"]), plant.reader(["x", "v", "friction", "stuck"])
     seen = []
@@ -56,7 +56,7 @@ def test_sticking_and_sliding_in_an_fmu_is_the_equations_to_the_last_bit(stickin
 
 
 def test_a_state_saved_while_sticking_goes_on_sticking(sticking):
-    plant = FmuParticipant(sticking[0], "plant")
+    plant = FmuInstance(sticking[0], "plant")
     plant.initialize({}, 1.0)
     write, read = plant.writer(["u"]), plant.reader(["v", "stuck"])
     write(np.array([0.1]))
@@ -94,7 +94,7 @@ def test_events_without_end_fail_the_step_with_the_reason(tmp_path):
         outputs=(Output("x", "1", "time", symbol("x")),),
         modes=(Mode("a", events=(there,)), Mode("b", events=(back,))),
     )
-    part = FmuParticipant(export(component, tmp_path / "flipping.fmu"), "part")
+    part = FmuInstance(export(component, tmp_path / "flipping.fmu"), "part")
     part.initialize({}, 1.0)
     part.step(0.0, 1.0)
     part.writer(["u"])(np.array([2.0]))

@@ -1,4 +1,4 @@
-"""Exported FMUs as a stranger sees them, run by fmpy in processes of their own where it matters."""
+"""Exported FMUs as other tools see them, run by fmpy in processes of their own where it matters."""
 
 import json
 import os

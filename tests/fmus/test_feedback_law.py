@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballscrew.fmus.catalogue import CONTROLLERS, fmu_kernel
-from ballscrew.orchestration.participant import FmuParticipant
+from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.kernel import Model
@@ -63,8 +63,8 @@ def test_an_unconnected_plant_is_an_ordinary_one_and_a_law_acts_as_stated(fmus):
 
 def plain_jacobi(fmus, controller, h, stop):
     """Wire equal names, step both, exchange: all a tool needs that can only connect signals."""
-    plant = FmuParticipant(fmus["plant"], "plant")
-    other = FmuParticipant(fmus[controller], "controller")
+    plant = FmuInstance(fmus["plant"], "plant")
+    other = FmuInstance(fmus[controller], "controller")
     plant.initialize({}, stop)
     other.initialize({}, stop)
     to_controller = [n for n in plant.outputs if n in other.inputs]

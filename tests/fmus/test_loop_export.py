@@ -153,7 +153,7 @@ def test_twins_of_the_loop_give_the_same_numbers(loop):
 
 
 @pytest.mark.parametrize("host", ["libcosim", "ecos"])
-def test_strangers_run_the_loop_at_ten_milliseconds(loop, truth, host):
+def test_third_party_masters_run_the_loop_at_ten_milliseconds(loop, truth, host):
     if host == "ecos" and missing_for_ecos():
         pytest.skip(missing_for_ecos())
     job = WiredLoop(

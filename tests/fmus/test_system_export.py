@@ -243,7 +243,7 @@ def test_pyssp_standard_opens_it_and_finds_nothing_to_complain_of(systems, name)
 
 
 def python(code, *arguments):
-    """Run code in a process of its own, since a stranger's may crash at its end; its output."""
+    """Run code in a process of its own, since a third-party may crash at its end; its output."""
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(code), *map(str, arguments)],
         capture_output=True,
@@ -294,7 +294,7 @@ MASTERS = {"libcosim": ("libcosimpy", LIBCOSIM), "ecos": ("ecospy", ECOS)}
 
 
 def course(master, path, step, stop):
-    """The plant's outputs after every step of a stranger's master; shape (steps, signals)."""
+    """The plant's outputs after every step of a third-party master; shape (steps, signals)."""
     module, code = MASTERS[master]
     tried = subprocess.run(
         [sys.executable, "-c", f"import {module}"], capture_output=True, text=True

@@ -10,7 +10,7 @@ from ballscrew.controllers.nctf import nctf
 from ballscrew.fmus.catalogue import component
 from ballscrew.fmus.export import export
 from ballscrew.fmus.variational import variational
-from ballscrew.orchestration.participant import FmuParticipant
+from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.solver.component import Component, Input, Output, Parameter, State, symbol
 from ballscrew.solver.tape import UnsupportedComponent
 
@@ -48,14 +48,14 @@ def opened(fmu):
     kept = []
 
     def make(**values):
-        participant = FmuParticipant(fmu, "pendulum")
-        kept.append(participant)
-        participant.initialize({"solver_tolerance": 1e-11, **values}, 1.0)
-        return participant
+        instance = FmuInstance(fmu, "pendulum")
+        kept.append(instance)
+        instance.initialize({"solver_tolerance": 1e-11, **values}, 1.0)
+        return instance
 
     yield make
-    for participant in kept:
-        participant.close()
+    for instance in kept:
+        instance.close()
 
 
 def test_an_fmu_with_tangents_is_valid_and_describes_them(fmu):
@@ -133,7 +133,7 @@ def test_saving_and_restoring_covers_tangents_and_frames(opened):
 def test_a_controller_reports_the_tangents_of_its_law(tmp_path):
     """Command, gains and rate of NCTF along a tangent of its signals and of its own state."""
     path = export(variational(nctf(), 1), tmp_path / "nctf.fmu")
-    p = FmuParticipant(path, "nctf")
+    p = FmuInstance(path, "nctf")
     p.initialize({}, 1.0)
     inputs, law = ["x", "v", "x_d"], ["u", "u_gain_x", "u_gain_v", "u_rate"]
     write, read = p.writer(inputs), p.reader(law)

@@ -31,7 +31,7 @@ from ballscrew.plant.lugre import lugre
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.plant.maxwell_slip import maxwell_slip
 from ballscrew.plant.modified_lugre import modified_lugre
-from ballscrew.plant.prescribed_motion import follow
+from ballscrew.plant.prescribed_motion import prescribed_friction
 from ballscrew.solver.component import symbol
 
 LUGRE = {
@@ -70,7 +70,7 @@ def plant_friction(name, velocity, times):
     Maxwell slip's memory changes within a nanometre: the project's own solver takes that one.
     """
     if name == "maxwell_slip":
-        return follow(name, times, [velocity(t) for t in times]).outputs["friction"]
+        return prescribed_friction(name, times, [velocity(t) for t in times]).outputs["friction"]
     v = symbol("v")
     term = PLANTS[name](v)
     states = [symbol(s.name) for s in term.states]

@@ -18,7 +18,7 @@ DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    """Records of a Dahl surface in either direction, as a stranger would write them."""
+    """Records of a Dahl surface in either direction, as a third-party FMU would write them."""
     folder = tmp_path_factory.mktemp("data")
     random = np.random.default_rng(1)
     paths = []
@@ -38,11 +38,11 @@ def run(*arguments):
     return options.action(options)
 
 
-STRANGER = ("--map", "t=time", "--map", "q=x", "--map", "F=force", "--unit", "x=mm")
+FOREIGN = ("--map", "t=time", "--map", "q=x", "--map", "F=force", "--unit", "x=mm")
 
 
 def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, capsys):
-    code = run(*data, "--law", "dahl", "--out", str(tmp_path), *STRANGER)
+    code = run(*data, "--law", "dahl", "--out", str(tmp_path), *FOREIGN)
     assert code == 0
     printed = capsys.readouterr().out
     assert "sigma" in printed
@@ -91,7 +91,7 @@ def test_a_rotary_record_gives_the_same_parameters_by_the_lead(data, tmp_path):
 
 
 def test_json_goes_to_standard_output_alone(data, tmp_path, capsys):
-    run(*data[:2], "--law", "dahl", "--out", str(tmp_path), "--json", *STRANGER)
+    run(*data[:2], "--law", "dahl", "--out", str(tmp_path), "--json", *FOREIGN)
     printed = capsys.readouterr()
     assert json.loads(printed.out)["law"] == "dahl"
     # a unit that was not said, or wrongly, shows in what the record is taken for
@@ -100,7 +100,7 @@ def test_json_goes_to_standard_output_alone(data, tmp_path, capsys):
 
 def test_a_law_that_is_not_in_the_records_gives_exit_code_one(data, tmp_path, capsys):
     """Dahl's friction cannot tell LuGre's sigma1; that is said, with its reason."""
-    code = run(*data, "--law", "lugre", "--out", str(tmp_path), *STRANGER)
+    code = run(*data, "--law", "lugre", "--out", str(tmp_path), *FOREIGN)
     assert code == 1
     assert "sigma1 cannot be identified from these trials, because" in capsys.readouterr().err
     file = read_parameters(tmp_path / "parameters.toml")
@@ -112,18 +112,18 @@ def test_bad_requests_are_one_line(data, tmp_path):
     for arguments, words in (
         ((data[0], "--law", "dahll"), "did you mean dahl?"),
         ((data[0], "--law", "dahl"), "--map"),
-        ((data[0], "--law", "dahl", *STRANGER[:6]), "--unit x=mm"),
+        ((data[0], "--law", "dahl", *FOREIGN[:6]), "--unit x=mm"),
         (("none.csv", "--law", "dahl"), "no such file"),
-        ((data[0], "--law", "dahl", *STRANGER, "--mass", "heavy"), "expected a number"),
-        ((data[0], "--law", "dahl", *STRANGER[:6], "--unit", "x=inch"), "expected one of m, cm"),
-        ((data[0], "--law", "dahl", *STRANGER, "--unit", "x=inch"), "given as mm and as inch"),
-        ((data[0], "--law", "dahl", *STRANGER, "--fix", "sigma"), "nobody says its value"),
-        ((data[0], "--law", "dahl", *STRANGER, "--fix", "sigma=stiff"), "expected a number"),
-        ((data[0], "--law", "dahl", *STRANGER, "--fix", "sigma=-1"), "expected a number above 0"),
-        ((data[0], "--law", "dahl", *STRANGER, "--fix", "F=1"), "no parameter 'F'"),
-        ((data[0], "--law", "dahl", *STRANGER, "--fix", "Fc", "--fix", "Fc=1"), "given twice"),
+        ((data[0], "--law", "dahl", *FOREIGN, "--mass", "heavy"), "expected a number"),
+        ((data[0], "--law", "dahl", *FOREIGN[:6], "--unit", "x=inch"), "expected one of m, cm"),
+        ((data[0], "--law", "dahl", *FOREIGN, "--unit", "x=inch"), "given as mm and as inch"),
+        ((data[0], "--law", "dahl", *FOREIGN, "--fix", "sigma"), "nobody says its value"),
+        ((data[0], "--law", "dahl", *FOREIGN, "--fix", "sigma=stiff"), "expected a number"),
+        ((data[0], "--law", "dahl", *FOREIGN, "--fix", "sigma=-1"), "expected a number above 0"),
+        ((data[0], "--law", "dahl", *FOREIGN, "--fix", "F=1"), "no parameter 'F'"),
+        ((data[0], "--law", "dahl", *FOREIGN, "--fix", "Fc", "--fix", "Fc=1"), "given twice"),
         (
-            (data[0], "--law", "dahl", *STRANGER, "--offset", "--fix", "offset=1"),
+            (data[0], "--law", "dahl", *FOREIGN, "--offset", "--fix", "offset=1"),
             "held at 1 N and fitted",
         ),
     ):
@@ -141,7 +141,7 @@ def test_values_are_held_and_a_constant_force_is_fitted(data, tmp_path, capsys):
     )
     fix = ("--fix", "alpha", "--fix", "sigma=87750", "--offset")
     out = tmp_path / "out"
-    given = (*data, "--law", "dahl", *STRANGER, "--params", str(believed), *fix)
+    given = (*data, "--law", "dahl", *FOREIGN, "--params", str(believed), *fix)
     assert run(*given, "--out", str(out)) == 0
     printed = capsys.readouterr()
     rows = {line.split()[0]: line for line in printed.out.splitlines() if line}

@@ -10,7 +10,7 @@ from ballscrew.identification.friction_estimation import estimate_friction
 from ballscrew.identification.identify import identify
 from ballscrew.records.force_record import Record, read_record, read_records
 from ballscrew.rig.bench import run_trial
-from ballscrew.rig.trials import trials_named
+from ballscrew.rig.rig_trials import trials_named
 
 LAW = "modified_lugre"
 

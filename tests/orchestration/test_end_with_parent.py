@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from strangers import proportional
+from third_party_fmus import proportional
 
 PARENT_OF_ONE_THAT_HOLDS_THE_INTERPRETER = """
 import ctypes, os, time
@@ -23,7 +23,7 @@ if child == 0:
 time.sleep(60)
 """
 
-PARENT_OF_A_STRANGER = """
+PARENT_OF_A_THIRD_PARTY_FMU = """
 import sys, time
 from ballscrew.orchestration.isolated import IsolatedParticipant
 one = IsolatedParticipant(sys.argv[1], "one")
@@ -77,7 +77,7 @@ def test_a_hanging_fmu_and_what_it_started_end_with_the_master(tmp_path):
         "        ctypes.PyDLL(None).sleep(300)",
     )
     with subprocess.Popen(
-        [sys.executable, "-c", PARENT_OF_A_STRANGER, str(hang)], cwd=tmp_path
+        [sys.executable, "-c", PARENT_OF_A_THIRD_PARTY_FMU, str(hang)], cwd=tmp_path
     ) as master:
         deadline = time.monotonic() + 60
         while not (tmp_path / "pids").is_file() or (tmp_path / "pids").read_text()[-1:] != " ":

@@ -1,4 +1,4 @@
-"""Strangers' FMUs in processes of their own: crashes, hangs, clashes, and many of them."""
+"""Third-party FMUs in processes of their own: crashes, hangs, clashes, and many of them."""
 
 import contextlib
 import csv
@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from strangers import proportional
+from third_party_fmus import proportional
 
 from ballscrew.cli import main
 from ballscrew.fmus.catalogue import fmu
@@ -16,8 +16,8 @@ from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.fmus.reading import FmuError
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.isolated import IsolatedParticipant
-from ballscrew.orchestration.participant import StepFailed
+from ballscrew.orchestration.fmu_instance import StepFailed
+from ballscrew.orchestration.isolated import IsolatedInstance
 
 SEGFAULT = "import ctypes; ctypes.string_at(0)"
 
@@ -111,7 +111,7 @@ def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkey
 def test_thirty_instances_live_side_by_side(tmp_path):
     path = proportional(tmp_path, "Many")
     with contextlib.ExitStack() as opened:
-        many = [IsolatedParticipant(path, f"c{k}") for k in range(30)]
+        many = [IsolatedInstance(path, f"c{k}") for k in range(30)]
         for one in many:
             opened.callback(one.close)
         for k, one in enumerate(many):
@@ -149,20 +149,18 @@ def test_no_process_outlives_its_participant_nor_a_failed_opening(tmp_path):
             return set(stream.read().split())
 
     before = children()
-    one = IsolatedParticipant(fmu("pid"), "one")
+    one = IsolatedInstance(fmu("pid"), "one")
     assert children() - before
     one.close()
     one.close()
     hang = proportional(tmp_path, "Sleeper", at_start="import time; time.sleep(1000)")
     with pytest.raises(FmuError, match="within 1 s"):
-        IsolatedParticipant(hang, "two", time_limit=1.0)
+        IsolatedInstance(hang, "two", time_limit=1.0)
     assert children() <= before
 
 
 def test_a_dead_participant_says_so_again_and_closes(tmp_path):
-    one = IsolatedParticipant(
-        proportional(tmp_path, "Dies", in_step="import os; os._exit(3)"), "one"
-    )
+    one = IsolatedInstance(proportional(tmp_path, "Dies", in_step="import os; os._exit(3)"), "one")
     one.initialize({}, 1.0)
     read = one.reader(["u"])
     one.step(0.0, 1e-3)

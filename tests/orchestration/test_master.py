@@ -6,8 +6,8 @@ import pytest
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.orchestration.closed_loop import BadParameter, Study, run_study
 from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.fmu_instance import StepFailed
 from ballscrew.orchestration.loop_run import CouplingError
-from ballscrew.orchestration.participant import StepFailed
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 
@@ -68,7 +68,7 @@ def test_tangent_coupling_of_iol_converges_with_second_order(run_native, truth, 
     fitted = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert fitted == pytest.approx(order, abs=0.2)
     if corrections:
-        assert errors[1] < 1e-5  # a correction by two thirds of the defect is worth a factor nine
+        assert errors[1] < 1e-5  # a correction by two thirds of the residual is worth a factor nine
 
 
 def test_held_iol_at_ten_microseconds_is_not_converged(run_native):
@@ -138,7 +138,7 @@ def test_a_sampled_controller_is_met_at_its_samples_and_its_hold_is_no_defect(tr
     result = run("pid_sampled", 6e-4)
     assert result.step_range == pytest.approx((5e-4, 5e-4))
     assert "meet its samples" in result.coupling_reason
-    assert result.defect_max["u"] == 0.0
+    assert result.residual_max["u"] == 0.0
     assert result.verdict.trusted
     assert truth("pid_sampled", 2.0).step_range == pytest.approx((1e-4, 1e-4))
     held = result.commands["u"][:-1].reshape(-1, 2)

@@ -18,7 +18,7 @@ def course(time, x, u, goal):
         coupling=Coupling.TANGENT,
         coupling_reason="",
         corrected=False,
-        defect_max={},
+        residual_max={},
         effect_rate_max={},
         macro_steps=len(time) - 1,
         step_range=(1.0, 1.0),

@@ -35,7 +35,7 @@ def result(name="pid", steps=2000, stop=20.0, spike=0.0, noise=0.0):
         coupling=Coupling.TANGENT,
         coupling_reason="as asked",
         corrected=True,
-        defect_max={"u": 0.0},
+        residual_max={"u": 0.0},
         effect_rate_max={},
         macro_steps=steps,
         step_range=(1e-3, 1e-3),

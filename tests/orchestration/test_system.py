@@ -1,11 +1,11 @@
-"""Closed loops from .ssp files: ours, and strangers' with more parts, units and start values."""
+"""Closed loops from .ssp files: ours, and third-party ones with more parts, units, start values."""
 
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from strangers import feedthrough, proportional
+from third_party_fmus import feedthrough, proportional
 
 from ballscrew.cli import main
 from ballscrew.fmus.catalogue import fmu
@@ -134,7 +134,7 @@ def parts(tmp_path_factory):
     }
 
 
-def test_a_strangers_two_parts_run_as_they_do_by_name(parts, tmp_path):
+def test_two_third_party_parts_run_as_they_do_by_name(parts, tmp_path):
     path = strange(
         tmp_path / "two.ssp",
         {k: parts[k] for k in ("ctl", "axis")},

@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from motions import ways
 
-from ballscrew.plant.prescribed_motion import follow
+from ballscrew.plant.prescribed_motion import prescribed_friction
 
 SIGMA, FC = 87750.0, 2.0
 
 
 def course(alpha=1.0, sign=1.0):
     grid = np.linspace(0, 0.1, 201)
-    return follow("dahl", grid, np.full(201, sign * 1e-3), {"alpha": alpha}, tolerance=1e-10)
+    return prescribed_friction(
+        "dahl", grid, np.full(201, sign * 1e-3), {"alpha": alpha}, tolerance=1e-10
+    )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -34,13 +36,13 @@ def test_any_exponent_follows_the_solution_of_its_equation(alpha):
 @pytest.mark.parametrize("alpha", [0.0, 0.3, 1.0, 2.0])
 def test_friction_never_leaves_its_bounds(alpha):
     legs = [(s * v, 1e-4) for v in (1e-5, 0.1) for s in (1, -1, 1, -1)]
-    friction = follow("dahl", *ways(*legs), {"alpha": alpha}).outputs["friction"]
+    friction = prescribed_friction("dahl", *ways(*legs), {"alpha": alpha}).outputs["friction"]
     assert np.max(np.abs(friction)) <= FC * (1 + 1e-8)
 
 
 def test_friction_put_outside_its_bounds_comes_back():
     for alpha in (0.5, 1.0, 2.0):
         start = {"alpha": alpha, "z_start": 1.2 * FC / SIGMA}
-        friction = follow("dahl", *ways((1e-3, 5e-3)), start).outputs["friction"]
+        friction = prescribed_friction("dahl", *ways((1e-3, 5e-3)), start).outputs["friction"]
         assert friction[0] == pytest.approx(1.2 * FC)
         assert friction[-1] == pytest.approx(FC, rel=5e-3)

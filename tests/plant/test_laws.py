@@ -20,7 +20,7 @@ from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.fmus.export import export_kernel
 from ballscrew.plant import LAWS, PLANTS
 from ballscrew.plant.law import UnknownLaw, claims, law
-from ballscrew.plant.prescribed_motion import follow, motion_kernel
+from ballscrew.plant.prescribed_motion import motion_kernel, prescribed_friction
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
 
@@ -58,7 +58,9 @@ def test_an_unknown_law_is_answered_with_the_known_ones():
 
 @pytest.mark.parametrize("name", LAWS)
 def test_friction_is_positive_against_motion_in_x_and_negative_back(name):
-    there, back = (follow(name, *ways((s * 1e-3, 2e-3))).outputs["friction"] for s in (1, -1))
+    there, back = (
+        prescribed_friction(name, *ways((s * 1e-3, 2e-3))).outputs["friction"] for s in (1, -1)
+    )
     assert there[-1] > 1.0
     assert back[-1] < -1.0
 
@@ -67,7 +69,7 @@ def test_friction_is_positive_against_motion_in_x_and_negative_back(name):
 def test_a_constant_velocity_ends_at_the_steady_state(name):
     for velocity in (*SPEEDS, *(-v for v in SPEEDS)):
         time, v = pieces((velocity, max(2.0, 3e-3 / abs(velocity))))
-        friction = follow(name, time, v, tolerance=1e-10).outputs["friction"][-1]
+        friction = prescribed_friction(name, time, v, tolerance=1e-10).outputs["friction"][-1]
         expected = float(evaluated(claims(name).steady_state, nominal(name), velocity))
         assert friction == pytest.approx(expected, rel=1e-6), velocity
 
@@ -77,7 +79,7 @@ def test_a_constant_velocity_ends_at_the_steady_state(name):
 def test_a_small_push_from_rest_meets_the_stiffness(name, direction):
     """Pushed by a nanometre and held, so that nothing that depends on the speed is left."""
     time, v = pieces((direction * 1e-3, 1e-6), (0.0, 1e-6))
-    course = follow(name, time, v, tolerance=1e-11)
+    course = prescribed_friction(name, time, v, tolerance=1e-11)
     expected = float(evaluated(claims(name).stiffness, nominal(name), direction))
     friction, x = course.outputs["friction"][-1], course.outputs["x"][-1]
     assert friction / x == pytest.approx(expected, rel=2e-4)
@@ -91,7 +93,7 @@ def test_a_cycle_of_motion_takes_work(name):
         for frequency in (0.1, 1.0, 10.0):
             w = 2 * np.pi * frequency
             time = np.linspace(0, 3 / frequency, 1201)
-            work = follow(name, time, amplitude * w * np.cos(w * time)).outputs["work"]
+            work = prescribed_friction(name, time, amplitude * w * np.cos(w * time)).outputs["work"]
             assert work[1200] - work[800] > 0, (amplitude, frequency)
 
 
@@ -114,7 +116,7 @@ def test_no_motion_gives_out_more_work_than_was_put_in(name, data):
             max_size=12,
         )
     )
-    course = follow(
+    course = prescribed_friction(
         name,
         *ways(*((s * max(slowest, 1e-5) * 10**faster, 10**way) for s, faster, way in legs)),
         values,
@@ -128,7 +130,7 @@ def there_and_back(name, pace):
     time = np.linspace(0, 2 * np.pi, 801) / pace
     velocity = 2e-4 * pace * (np.sin(pace * time) + 0.7 * np.sin(3 * pace * time))
     # linear in between: the path is the same at any pace
-    return follow(name, time, velocity, tolerance=1e-9).outputs["friction"]
+    return prescribed_friction(name, time, velocity, tolerance=1e-9).outputs["friction"]
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -147,7 +149,7 @@ def loop_area(name, frequency):
     w, n = 2 * np.pi * frequency, 1000
     time = 3.0 + np.linspace(0, 3 / frequency, 3 * n + 1)
     v = 1.5e-3 + 1e-3 * np.sin(w * (time - 3.0))
-    course = follow(name, np.r_[0.0, time], np.r_[1.5e-3, v], tolerance=1e-9)
+    course = prescribed_friction(name, np.r_[0.0, time], np.r_[1.5e-3, v], tolerance=1e-9)
     return np.trapezoid(course.outputs["friction"][-n - 1 :], v[-n - 1 :])
 
 
@@ -201,7 +203,7 @@ def test_the_fmu_of_the_law_alone_gives_what_its_equations_say(name, tmp_path):
     starts = random.normal(size=steps) * 1e-3
     ends = np.where(random.random(steps) < 0.5, starts, random.normal(size=steps) * 1e-3)
     time = np.repeat(np.arange(steps + 1) * h, 2)[1:-1]
-    expected = follow(name, time, np.column_stack([starts, ends]).ravel())
+    expected = prescribed_friction(name, time, np.column_stack([starts, ends]).ravel())
     slave, vr = opened(export_kernel(motion_kernel(name), tmp_path / f"{name}.fmu"))
     for k in range(steps):
         slave.setReal([vr["v"], vr["a"]], [starts[k], (ends[k] - starts[k]) / h])

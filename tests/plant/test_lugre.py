@@ -9,7 +9,7 @@ from motions import pieces, ways
 from scipy.integrate import solve_ivp
 
 from ballscrew.plant.directional_lugre import PARAMETERS as DIRECTIONAL
-from ballscrew.plant.prescribed_motion import follow
+from ballscrew.plant.prescribed_motion import prescribed_friction
 
 S0, S1, S2, FC, FS, VS = 66967.231, 344.56, 173.0, 1.284, 2.35, 1.13975e-3
 
@@ -22,7 +22,7 @@ def g(v):
 @pytest.mark.parametrize("v", [2e-4, 1e-3, -5e-3])
 def test_at_a_constant_velocity_the_deflection_decays_to_its_end_as_an_exponential(name, bound, v):
     grid = np.linspace(0, 5 * g(v) / S0 / abs(v), 101)
-    got = follow(name, grid, np.full(101, v), tolerance=1e-10).outputs
+    got = prescribed_friction(name, grid, np.full(101, v), tolerance=1e-10).outputs
     z = math.copysign(g(v) / S0, v) * (1 - np.exp(-S0 * abs(v) * grid / g(v)))
     friction = S0 * z + S1 * (v - S0 * abs(v) / g(v) * z) + S2 * v
     np.testing.assert_allclose(got["z"], z, atol=bound * FS / S0)
@@ -48,7 +48,7 @@ def test_a_swinging_motion_agrees_with_radau_on_the_typed_equations():
         exact[inside], z = course.sol(grid[inside])[0], course.y[:, -1]
     v = amplitude * np.sin(w * grid)
     friction = S0 * exact + S1 * (v - S0 * np.abs(v) / g(v) * exact) + S2 * v
-    got = follow("lugre", grid, v, tolerance=1e-10).outputs["friction"]
+    got = prescribed_friction("lugre", grid, v, tolerance=1e-10).outputs["friction"]
     # the prescribed velocity is linear between the points of the grid: 4e-9 m/s off, at most
     np.testing.assert_allclose(got, friction, atol=1e-5)
 
@@ -56,16 +56,16 @@ def test_a_swinging_motion_agrees_with_radau_on_the_typed_equations():
 def test_the_nominal_lugre_law_is_not_passive():
     """Bent slowly, then a pulse of 2 m/s over ten micrometres: more work comes out than went in."""
     motion = ways((1e-4, 1.1e-4), (2.0, 9.6e-6))
-    assert follow("lugre", *motion).outputs["work"][-1] < -3e-4
+    assert prescribed_friction("lugre", *motion).outputs["work"][-1] < -3e-4
     limit = S2 * FC / (FS - FC)
-    assert follow("lugre", *motion, {"sigma1": limit}).outputs["work"][-1] > 0
+    assert prescribed_friction("lugre", *motion, {"sigma1": limit}).outputs["work"][-1] > 0
 
 
 def test_the_modified_law_gives_out_work_to_motion_slower_than_its_sign_function():
     """Bent by 10 um in a second, let go of at a nanometre per second; LuGre's own |v| does not."""
     motion = ways((1e-5, 1e-5), (-1e-9, 1e-5))
-    assert follow("modified_lugre", *motion).outputs["work"][-1] < -2e-6
-    assert follow("lugre", *motion).outputs["work"][-1] > 0
+    assert prescribed_friction("modified_lugre", *motion).outputs["work"][-1] < -2e-6
+    assert prescribed_friction("lugre", *motion).outputs["work"][-1] > 0
 
 
 def test_with_both_directions_alike_the_directional_law_is_the_modified_one():
@@ -73,8 +73,8 @@ def test_with_both_directions_alike_the_directional_law_is_the_modified_one():
     assert len(same) == 12
     grid = np.linspace(0, 2.0, 801)
     velocity = 2e-3 * np.sin(9 * grid)
-    one = follow("directional_lugre", grid, velocity, same).outputs["friction"]
-    other = follow("modified_lugre", grid, velocity).outputs["friction"]
+    one = prescribed_friction("directional_lugre", grid, velocity, same).outputs["friction"]
+    other = prescribed_friction("modified_lugre", grid, velocity).outputs["friction"]
     np.testing.assert_allclose(one, other, atol=1e-7)
 
 
@@ -90,7 +90,7 @@ def test_each_direction_slides_on_its_own_column_of_table_2_3(direction):
     q = TABLE_2_3[direction]
     for speed in (2e-4, 1e-3, 5e-3):
         curve = q["Fc"] + (q["Fs"] - q["Fc"]) * math.exp(-((speed / q["Vs"]) ** 2))
-        course = follow("directional_lugre", *ways((direction * speed, 2e-3)))
+        course = prescribed_friction("directional_lugre", *ways((direction * speed, 2e-3)))
         expected = direction * (curve + q["sigma2"] * speed)
         assert course.outputs["friction"][-1] == pytest.approx(expected, rel=1e-4)
 
@@ -99,7 +99,7 @@ def test_different_stiffness_by_side_gives_out_no_work_in_a_small_swing():
     """The stiffness goes with the side on which the bristles are bent, not with the motion."""
     values = {"sigma0_pos": 1e5, "sigma0_neg": 5e4, "sigma1_pos": 0.0, "sigma1_neg": 0.0}
     grid = np.linspace(0, 20.0, 20001)
-    course = follow("directional_lugre", grid, 1e-5 * np.cos(2 * np.pi * grid), values)
+    course = prescribed_friction("directional_lugre", grid, 1e-5 * np.cos(2 * np.pi * grid), values)
     assert np.min(np.diff(course.outputs["work"][::1000])) > 0
     jumps = np.abs(np.diff(course.outputs["friction"]))
     assert np.max(jumps) < 2 * 1e5 * 1e-5 * 1e-3
@@ -107,5 +107,5 @@ def test_different_stiffness_by_side_gives_out_no_work_in_a_small_swing():
 
 def test_holding_still_keeps_the_force():
     for name in ("lugre", "modified_lugre", "directional_lugre"):
-        friction = follow(name, *pieces((1e-4, 0.1), (0.0, 100.0))).outputs["friction"]
+        friction = prescribed_friction(name, *pieces((1e-4, 0.1), (0.0, 100.0))).outputs["friction"]
         assert friction[-1] == pytest.approx(friction[-2], rel=1e-9), name

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ballscrew.plant.maxwell_slip import PARAMETERS
-from ballscrew.plant.prescribed_motion import follow
+from ballscrew.plant.prescribed_motion import prescribed_friction
 
 P = {p.name: p.default for p in PARAMETERS}
 
@@ -68,7 +68,7 @@ def test_slip_as_a_state_differs_from_slip_as_a_switch_by_half_a_millinewton_at_
     exact = P["sigma2"] * v
     for i in range(1, 5):
         exact += element(P[f"k{i}"], P[f"alpha{i}"], amplitude, w, grid)
-    error = follow("maxwell_slip", grid, v).outputs["friction"] - exact
+    error = prescribed_friction("maxwell_slip", grid, v).outputs["friction"] - exact
     assert np.max(np.abs(error)) < 5e-4
     assert np.sqrt(np.mean(error**2)) < 1e-4
 
@@ -77,7 +77,7 @@ def test_slow_loading_follows_the_polygon_of_tangents_to_the_lugre_curve():
     """Never below LuGre's Fs (1 - exp(-sigma0 x/Fs)), and a tenth of Fs above at most."""
     points = 401
     grid = np.linspace(0, 100.0, points)
-    course = follow("maxwell_slip", grid, np.full(points, 1e-6), {"sigma2": 0.0})
+    course = prescribed_friction("maxwell_slip", grid, np.full(points, 1e-6), {"sigma2": 0.0})
     u = 66967.231 * course.outputs["x"] / P["Fs"]
     above = course.outputs["friction"] / P["Fs"] - (1 - np.exp(-u))
     assert above.min() > -1e-3
@@ -88,7 +88,7 @@ def test_a_force_cycle_in_presliding_closes_and_does_not_drift():
     """Pushed to 20 um, 10 um back, 10 um on: the same force again, unlike LuGre's, which drifts."""
     legs = [(1e-5, 2e-5)] + [(-1e-5, 1e-5), (1e-5, 1e-5)] * 5
     for name, bound in (("maxwell_slip", 1e-4), ("lugre", None)):
-        friction = follow(name, *ways(*legs)).outputs["friction"][2::4]
+        friction = prescribed_friction(name, *ways(*legs)).outputs["friction"][2::4]
         drift = abs(friction[-1] - friction[0])
         if bound:
             assert drift < bound
@@ -100,4 +100,4 @@ def test_slipping_slower_than_declared_can_give_out_work():
     """Loaded fast, left to creep while the elements take on the larger force of rest, let go."""
     motion = ways((1e-2, 2e-5), (1e-6, 2e-7), (-1e-3, 2e-5))
     values = {"Fc": 0.3, "sigma2": 0.0}
-    assert follow("maxwell_slip", *motion, values).outputs["work"][-1] < -2e-5
+    assert prescribed_friction("maxwell_slip", *motion, values).outputs["work"][-1] < -2e-5

@@ -12,7 +12,7 @@ from ballscrew.plant import LAWS
 from ballscrew.plant.law import UnknownLaw, claims
 from ballscrew.rig.feature_criteria import CONDITIONAL, FEATURES, NO, THESIS, YES, Check, rise_time
 from ballscrew.rig.feature_table import feature_table
-from ballscrew.rig.observations import Course
+from ballscrew.rig.observations import ForceCurve
 
 # each feature there in one and missing in another; all of them: proofs/criteria.py
 SAMPLE = (
@@ -92,8 +92,8 @@ def test_margins_are_shares_of_the_threshold_and_negative_where_it_is_missed():
 def test_the_rise_time_of_an_exponential_is_known():
     time = np.linspace(0, 3, 3001)
     x = 1e-5 * (1 - np.exp(-time / 0.1))
-    assert rise_time(Course(time, time, x)) == pytest.approx(0.1 * math.log(9), rel=1e-3)
-    assert math.isnan(rise_time(Course(time, time, 0 * x)))
+    assert rise_time(ForceCurve(time, time, x)) == pytest.approx(0.1 * math.log(9), rel=1e-3)
+    assert math.isnan(rise_time(ForceCurve(time, time, 0 * x)))
 
 
 # -- the laws themselves -----------------------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballscrew.fmus.reading import unpack
-from ballscrew.orchestration.participant import FmuParticipant, StepFailed
+from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.fmu_bench import export_rig, export_trial, run_trial_with_fmus
 
@@ -60,7 +60,7 @@ def test_what_is_exported_with_a_trial_repeats_it(tmp_path):
     trial, step = wiring["trials"][about["control"]], wiring["step"]
     names = (tmp_path / "outside.csv").read_text().partition("\n")[0].split(",")
     outside = np.loadtxt(tmp_path / "outside.csv", delimiter=",", skiprows=1)
-    parts = {n: FmuParticipant(tmp_path / f"{n}.fmu", n) for n in trial["order"]}
+    parts = {n: FmuInstance(tmp_path / f"{n}.fmu", n) for n in trial["order"]}
     now, force = {}, []
     try:
         for name, part in parts.items():

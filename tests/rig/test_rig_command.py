@@ -7,7 +7,7 @@ import pytest
 
 from ballscrew import rig_command
 from ballscrew.options import BadRequest, Parser
-from ballscrew.rig.trials import TRIALS
+from ballscrew.rig.rig_trials import TRIALS
 
 
 def rig(*arguments):

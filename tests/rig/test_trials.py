@@ -6,13 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from ballscrew.rig.trials import (
-    LOADING_RATES,
-    TABLES,
-    TRIALS,
-    UnknownTrial,
-    trials_named,
-)
+from ballscrew.rig.rig_trials import LOADING_RATES, TABLES, TRIALS, UnknownTrial, trials_named
 
 
 def levels(table):

@@ -20,7 +20,7 @@ from ballscrew.solver import core, stepper
 from ballscrew.solver.compiled_equations import compile_equations
 from ballscrew.solver.compilers import compiler_for, own_platform
 from ballscrew.solver.kernel import Model
-from ballscrew.solver.spectrum import follow
+from ballscrew.solver.spectrum import follow_tangents
 
 LOOPS = ("iol", "iol_true_acceleration", "nctf", "pid")
 
@@ -73,7 +73,7 @@ def test_threads_with_models_of_one_kernel_do_not_disturb_each_other():
     grid = np.linspace(0.0, 0.5, 51)
 
     def run(_):
-        return follow(Model(kernel), grid).growth
+        return follow_tangents(Model(kernel), grid).growth
 
     alone = run(0)
     with ThreadPoolExecutor(4) as threads:

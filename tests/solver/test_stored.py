@@ -23,7 +23,8 @@ def test_components_that_a_list_names_are_found_too():
 
 
 def test_a_changed_source_of_the_equations_changes_the_hash_and_another_does_not(monkeypatch):
-    before = {m: stored.fingerprint(f"ballscrew.{m}") for m in ("plant.axis", "instruments.encoder")}
+    names = "plant.axis", "instruments.encoder"
+    before = {m: stored.fingerprint(f"ballscrew.{m}") for m in names}
     stored.fingerprint.cache_clear()
     read = type(stored._TOP).read_bytes
 

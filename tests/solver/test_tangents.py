@@ -29,14 +29,14 @@ from scipy.optimize import brentq
 
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
-from ballscrew.solver.spectrum import follow
+from ballscrew.solver.spectrum import follow_tangents
 
 pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
 
 
 def linear_exponents(matrix, stop, tolerance=1e-9, **settings_of_follow):
     model = Model(linear(), entries(matrix), tolerance)
-    return follow(model, [0.0, stop], **settings_of_follow)
+    return follow_tangents(model, [0.0, stop], **settings_of_follow)
 
 
 @st.composite
@@ -88,8 +88,8 @@ def test_fewer_tangents_give_the_same_first_exponents(count):
 def test_a_run_in_pieces_carries_its_frame_on():
     whole = linear_exponents(MATRIX, 1.0)
     model = Model(linear(), entries(MATRIX), 1e-9)
-    first = follow(model, [0.0, 0.4])
-    second = follow(model, [0.4, 1.0], frame=first.frame)
+    first = follow_tangents(model, [0.0, 0.4])
+    second = follow_tangents(model, [0.4, 1.0], frame=first.frame)
     np.testing.assert_allclose(first.growth[-1] + second.growth[-1], whole.growth[-1], atol=1e-11)
 
 
@@ -138,7 +138,7 @@ def nominal_loop(controller, tolerance):
 def test_all_exponents_of_the_nominal_loops_agree_with_radau_on_the_variational_system(
     controller, stop, interval
 ):
-    ours = follow(nominal_loop(controller, 1e-12), [0.0, stop]).exponents
+    ours = follow_tangents(nominal_loop(controller, 1e-12), [0.0, stop]).exponents
     theirs = variational(nominal_loop(controller, 1e-11), stop, interval)
     np.testing.assert_allclose(ours, theirs, rtol=1e-3)
 
@@ -150,9 +150,14 @@ def test_exponents_converge_with_the_tolerance_at_a_fitted_order(controller):
     Only from 1e-9 on: above, steps reach over the |v| < 1e-8 m/s in which friction turns over.
     """
     stop, tolerances = 0.05, np.array([1e-9, 1e-10, 1e-11, 1e-12])
-    converged = follow(nominal_loop(controller, 1e-13), [0.0, stop]).exponents
+    converged = follow_tangents(nominal_loop(controller, 1e-13), [0.0, stop]).exponents
     errors = [
-        np.max(np.abs(follow(nominal_loop(controller, t), [0.0, stop]).exponents / converged - 1.0))
+        np.max(
+            np.abs(
+                follow_tangents(nominal_loop(controller, t), [0.0, stop]).exponents / converged
+                - 1.0
+            )
+        )
         for t in tolerances
     ]
     order = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
@@ -196,8 +201,8 @@ def test_a_bouncing_ball_has_the_multipliers_of_its_exact_map(shake):
     model = Model(
         bouncing_ball(), {"shake": shake, "x_start": start[0], "v_start": start[1]}, 1e-11
     )
-    settle = follow(model, [0.0, 30.0 * period])
-    run = follow(model, period * np.array([30.0, 40.0]), frame=settle.frame)
+    settle = follow_tangents(model, [0.0, 30.0 * period])
+    run = follow_tangents(model, period * np.array([30.0, 40.0]), frame=settle.frame)
     assert run.events == 40
     np.testing.assert_allclose(run.exponents, exact, atol=1e-7)
     if shake == DOUBLING:
@@ -243,9 +248,9 @@ def test_a_driven_mass_with_dry_friction_has_the_multipliers_of_its_period_map()
     period = 2.0 * np.pi / DRY["w"]
     settled = 120
     model = Model(dry_friction(), {}, 1e-11)
-    frame = follow(model, [0.0, settled * period]).frame
+    frame = follow_tangents(model, [0.0, settled * period]).frame
     begin, orbit = settled * period, model.x.copy()
-    run = follow(model, begin + period * np.arange(61.0), frame=frame)
+    run = follow_tangents(model, begin + period * np.arange(61.0), frame=frame)
     _, jumps = driven_course(orbit, begin, begin + period)
     assert len(jumps) == 2
     volume = -DRY["damping"] * period + np.log(np.prod(jumps))
@@ -282,13 +287,13 @@ def test_a_relay_around_a_plant_has_the_multipliers_of_the_relay_oscillation():
     sizes = np.sort(np.abs(np.linalg.eigvals(across @ flow)))[::-1][:2]
     exact = np.array([0.0, *(np.log(sizes) / h)])
     model = Model(relay_loop(), {}, 1e-11)
-    frame = follow(model, [0.0, 30 * h]).frame
-    run = follow(model, 30 * h + np.array([0.0, 20 * h]), frame=frame)
+    frame = follow_tangents(model, [0.0, 30 * h]).frame
+    run = follow_tangents(model, 30 * h + np.array([0.0, 20 * h]), frame=frame)
     np.testing.assert_allclose(run.exponents, exact, atol=1e-7)
 
 
 def test_sticking_takes_one_direction_away_for_good():
-    run = follow(Model(belt(), {}, 1e-10), [0.0, 50.0])
+    run = follow_tangents(Model(belt(), {}, 1e-10), [0.0, 50.0])
     assert run.events >= 8
     assert np.isfinite(run.growth[-1, 0])
     assert run.growth[-1, 1] == -np.inf

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ballscrew.fmus.catalogue import variational_fmu
-from ballscrew.orchestration.participant import FmuParticipant
+from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
-from ballscrew.solver.spectrum import follow
+from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.fmu_with_tangents import TangentsImpossible
 from ballscrew.stability.probed_controller import RELATIVE
 from ballscrew.stability.tangents_over_fmus import ACCURACY, follow_over_fmus
@@ -24,7 +24,7 @@ def whole(controller, stop, **values):
     names = [s.name for s in kernel.states]
     order = [f"plant_{n}" for n in "xvzi"] + [n for n in names if n.startswith("controller_")]
     frame = np.eye(len(names))[[names.index(n) for n in order]]
-    return follow(model, np.linspace(0.0, stop, 201), frame=frame)
+    return follow_tangents(model, np.linspace(0.0, stop, 201), frame=frame)
 
 
 @pytest.fixture
@@ -33,14 +33,14 @@ def over_fmus(fmus):
 
     def run(controller, stop, step, ports=True, **options):
         path = variational_fmu(controller, TANGENTS) if ports else fmus[controller]
-        plant = FmuParticipant(variational_fmu("plant", TANGENTS), "plant")
-        other = FmuParticipant(path, controller)
+        plant = FmuInstance(variational_fmu("plant", TANGENTS), "plant")
+        other = FmuInstance(path, controller)
         opened.extend((plant, other))
         return follow_over_fmus(plant, other, GOAL, stop, step, **options)
 
     yield run
-    for participant in opened:
-        participant.close()
+    for instance in opened:
+        instance.close()
 
 
 def worst(run, reference):
@@ -92,8 +92,8 @@ def test_a_controller_without_tangents_is_probed_and_the_loss_is_said(over_fmus)
 
 
 def test_too_few_tangents_are_refused_with_the_number_needed(fmus):
-    plant = FmuParticipant(variational_fmu("plant", 1), "plant")
-    controller = FmuParticipant(fmus["iol"], "iol")
+    plant = FmuInstance(variational_fmu("plant", 1), "plant")
+    controller = FmuInstance(fmus["iol"], "iol")
     with pytest.raises(TangentsImpossible, match="export it with 4"):
         follow_over_fmus(plant, controller, GOAL, 1.0, 1e-3)
     plant.close()
@@ -101,7 +101,7 @@ def test_too_few_tangents_are_refused_with_the_number_needed(fmus):
 
 
 def test_a_plant_without_tangents_is_refused(fmus):
-    plant, controller = FmuParticipant(fmus["plant"], "p"), FmuParticipant(fmus["iol"], "c")
+    plant, controller = FmuInstance(fmus["plant"], "p"), FmuInstance(fmus["iol"], "c")
     with pytest.raises(TangentsImpossible, match="no tangent ports"):
         follow_over_fmus(plant, controller, GOAL, 1.0, 1e-3)
     plant.close()

@@ -41,7 +41,7 @@ WITH_CHILDREN = ("run_isolated", "swap", "map", "features")
 def write_data(folder: Path) -> None:
     """The files that some of the commands read: a rig's record, and one of an axis."""
     from ballscrew.rig.bench import run_trial
-    from ballscrew.rig.trials import TRIALS
+    from ballscrew.rig.rig_trials import TRIALS
 
     run_trial(TRIALS["2.4/7"], "lugre").save(folder / "trial")
     t = np.arange(0.0, 20.0, 2e-3)

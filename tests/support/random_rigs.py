@@ -16,7 +16,7 @@ from ballscrew.instruments.sampling_period import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.records.force_record import QUANTITIES, Record, with_description
 from ballscrew.rig.bench import run_trial
-from ballscrew.rig.trials import TRIALS
+from ballscrew.rig.rig_trials import TRIALS
 
 # Laws that are made along prescribed motions; the others' records come from the rig alone, where
 # force makes the motion.

@@ -13,7 +13,7 @@ from unittest import mock
 import sympy as sp
 
 from ballscrew.plant import LAWS
-from ballscrew.rig.feature_criteria import Cell, judge
+from ballscrew.rig.feature_criteria import Cell, decide_features
 from ballscrew.rig.features import observe
 from ballscrew.solver.component import ForceTerm, Output, Parameter, State, symbol
 
@@ -152,4 +152,4 @@ def judged(what: str) -> dict[str, Cell]:
     """Decisions on one of `MADE`, which is in the list of laws only while it runs."""
     law, values, _ = MADE[what]
     with mock.patch.dict(LAWS, {law: NAMES[law]}):
-        return judge(observe(law, values))
+        return decide_features(observe(law, values))

@@ -1,7 +1,7 @@
 """A loop of two FMUs as any master understands it, and how to have it run in a process of its own.
 
-The hosts are the scripts ``*_host.py`` in ``tests/strangers``. Each is started with two paths, the
-job to read and the result to write, both JSON, and knows nothing of this project.
+The hosts are the scripts ``*_host.py`` in ``tests/third_party``. Each is started with two paths,
+the job to read and the result to write, both JSON, and knows nothing of this project.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 
 import fmpy
 
-HOSTS = Path(__file__).parents[1] / "strangers"
+HOSTS = Path(__file__).parents[1] / "third_party"
 OUTPUTS = ("x", "v", "z", "i")
 TIMEOUT = 120  # seconds; a host that takes longer hangs
 

@@ -48,7 +48,7 @@ SAMPLE_TIME = "sample_time"
 
 
 class StepFailed(RuntimeError):
-    """A participant could not do a step; the message is its own, where it gave one.
+    """A FMU instance could not do a step; the message is its own, where it gave one.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Reader(Protocol):
     def __call__(self) -> Vector: ...
 
 
-class Participant(Protocol):
+class Instance(Protocol):
     """What the master needs of anything that takes part in a loop.
 
     An implementation promises: `step` moves from t to t + h with its inputs held; after `restore`
@@ -94,11 +94,11 @@ class Participant(Protocol):
     def save(self) -> Any: ...
     def restore(self, state: Any) -> None: ...
     def release(self, state: Any) -> None: ...
-    def reopened(self) -> Participant: ...
+    def reopened(self) -> Instance: ...
     def close(self) -> None: ...
 
 
-class FmuParticipant:
+class FmuInstance:
     """An FMI 2.0 co-simulation FMU, run in this process through fmpy's FMU2Slave.
 
     Parameters
@@ -285,8 +285,8 @@ class FmuParticipant:
     def release(self, state: Any) -> None:
         self._free_state(self._component, ctypes.addressof(state))
 
-    def reopened(self) -> FmuParticipant:
-        other = FmuParticipant(self._fmu, self.name)
+    def reopened(self) -> FmuInstance:
+        other = FmuInstance(self._fmu, self.name)
         other.sample_time = self.sample_time
         return other
 

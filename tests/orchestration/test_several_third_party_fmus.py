@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from diagnosed import run as command
 from pythonfmu.builder import FmuBuilder
-from strangers import proportional
+from third_party_fmus import proportional
 
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.coupling import Coupling
@@ -85,7 +85,7 @@ def built(folder, name, text, **options):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("strangers")
+    return tmp_path_factory.mktemp("third_party")
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import pytest
 from wired_loop import OUTPUTS, missing_for_ecos, run_in, wired
 
 from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.master import run_loop
-from ballscrew.orchestration.participant import FmuParticipant
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 
@@ -35,8 +35,8 @@ def our_master(fmus):
 
     def course(coupling):
         if coupling not in kept:
-            plant = FmuParticipant(fmus["plant"], "plant")
-            controller = FmuParticipant(fmus["nctf"], "controller")
+            plant = FmuInstance(fmus["plant"], "plant")
+            controller = FmuInstance(fmus["nctf"], "controller")
             run = run_loop(
                 plant, controller, GOAL, NCTF_STOP, 1e-4, coupling=coupling, corrections=0
             )

@@ -9,7 +9,7 @@ from .drive_record import DriveRecord
 from .examine import examine
 
 
-def check_tellable(records: Sequence[DriveRecord]) -> list[str]:
+def check_identifiable(records: Sequence[DriveRecord]) -> list[str]:
     """Doubts of what records can tell.
 
     Raises

@@ -17,7 +17,7 @@ from ..instruments.load_cell import load_cell
 from ..instruments.low_pass import low_pass
 from ..solver.component import Component
 from . import regulators
-from .trials import FORCE, VELOCITY, VOLTAGE
+from .rig_trials import FORCE, VELOCITY, VOLTAGE
 
 PLANT = "plant"
 COMMAND = "u"

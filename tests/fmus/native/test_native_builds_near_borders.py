@@ -1,7 +1,7 @@
-"""Near a border of stability, where round-off grows, a native pair still is its twin.
+"""Near a border of stability, where round-off grows, a native pair still is the pythonfmu build.
 
 How near two courses can be there is not ours to choose: the yardstick is what one unit in the last
-place of the plant's R and L does to the loop of pythonfmu's twins, measured in the test.
+place of the plant's R and L does to the loop of the pythonfmu build, measured in the test.
 """
 
 from dataclasses import dataclass, replace
@@ -13,8 +13,8 @@ import sympy as sp
 
 from ballscrew.fmus.catalogue import component, fmu_kernel
 from ballscrew.fmus.native.export import export_native
+from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.master import run_loop
-from ballscrew.orchestration.participant import FmuParticipant
 from ballscrew.orchestration.reference_signal import Reference
 
 TIMES = 100  # the effect of one unit in the last place that twins may differ by
@@ -37,13 +37,13 @@ LOOPS = {
         66966.331, 349.41, 3.0
     ),
     "swings back just within the basin's edge": Loop(66968.95, 344.56, 3.0),
-    "runs away just beyond the basin's edge": Loop(66969.0, 344.56, 3.0),
+    "diverges just beyond the basin's edge": Loop(66969.0, 344.56, 3.0),
 }
 CYCLE = Loop(66967.231, 340.0, 6.0)
 
 
 def course(plant, controller, loop, values=None):
-    parts = FmuParticipant(plant, "plant"), FmuParticipant(controller, "controller")
+    parts = FmuInstance(plant, "plant"), FmuInstance(controller, "controller")
     estimates = {"sigma0_hat": loop.sigma0_hat, "sigma1_hat": loop.sigma1_hat}
     run = run_loop(
         *parts,
@@ -111,7 +111,7 @@ def test_these_loops_are_what_they_are_said_to_be(theirs):
     assert np.abs(creeps.outputs["v"][-500:]).max() < 2e-4
     assert returns.outputs["x"].max() > 0.15
     assert returns.outputs["x"][-1] < 0.1
-    assert "runs away" in away.stopped
+    assert "diverges" in away.stopped
     assert not any(run.stopped for run in (rings, creeps, returns))
 
 

@@ -1,6 +1,6 @@
 """Shapeless rivals of the causes: a force that is any smooth function of something.
 
-A cause with few numbers wins against them where it is true, because they spread what they foretell
+A cause with few numbers wins against them where it is true, because they spread what they predict
 over everything. Where one of them wins, the record has structure that no cause of the catalogue
 has, and the rival says where it lives.
 """
@@ -15,8 +15,8 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 
 from .causes.cause import Shape, engaged
-from .course import Course
 from .drive_model import DriveModel
+from .modelled_record import ModelledRecord
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -72,7 +72,7 @@ def way_since_reversal(x: Vector) -> Vector:
     return out
 
 
-def rivals(courses: Sequence[Course], model: DriveModel) -> list[Rival]:
+def nonparametric_alternatives(courses: Sequence[ModelledRecord], model: DriveModel) -> list[Rival]:
     """All of them, for these records."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]
@@ -104,7 +104,7 @@ def rivals(courses: Sequence[Course], model: DriveModel) -> list[Rival]:
     return made
 
 
-def _swings(courses: Sequence[Course], time: list[Vector]) -> list[Shape]:
+def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> list[Shape]:
     """Sines in time of the strongest frequencies of what is unknown."""
     c = max(courses, key=lambda c: len(c.x))
     window = np.hanning(len(c.unknown))

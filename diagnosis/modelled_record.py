@@ -37,7 +37,7 @@ _OWN_OFFSET = 0.5  # of the friction, that a record's own offset may be
 
 
 @dataclass(frozen=True)
-class Course:
+class ModelledRecord:
     """A record with its motion and what the law says along it.
 
     Attributes
@@ -179,8 +179,8 @@ class Doubt(NamedTuple):
     high: float
 
 
-def doubts(course: Course) -> dict[str, Doubt]:
-    """What the instruments may be off by, under the names of `Course.calibration`.
+def doubts(course: ModelledRecord) -> dict[str, Doubt]:
+    """What the instruments may be off by, under the names of `ModelledRecord.calibration`.
 
     A command acts from where it is written, or half an interval to either side of it; of a jump of
     the voltage, a sample of the current at its time has nothing yet, or all.
@@ -198,7 +198,7 @@ def doubts(course: Course) -> dict[str, Doubt]:
     return found
 
 
-def with_own_offsets(courses: Sequence[Course], model: DriveModel) -> list[Course]:
+def with_own_offsets(courses: Sequence[ModelledRecord], model: DriveModel) -> list[ModelledRecord]:
     """The courses of a drive with an offset for each record after the first.
 
     Between records an amplifier drifts, and a cable or a slope pulls otherwise.
@@ -213,7 +213,7 @@ def with_own_offsets(courses: Sequence[Course], model: DriveModel) -> list[Cours
     ]
 
 
-def lay_along(record: DriveRecord, model: DriveModel) -> Course:
+def lay_along(record: DriveRecord, model: DriveModel) -> ModelledRecord:
     """Smooth the motion and follow the law along it."""
     noise = position_noise(record)
     # noise of the second difference of smeared positions, times what moves, against the friction
@@ -232,14 +232,16 @@ def lay_along(record: DriveRecord, model: DriveModel) -> Course:
     nothing = np.zeros(len(x))
     current = _current(record, v, model)
     resistance = model.values["R"] if model.has_motor else 0.0
-    course = Course(record, width, 0.0, resistance, x, v, current, nothing, nothing, nothing)
+    course = ModelledRecord(
+        record, width, 0.0, resistance, x, v, current, nothing, nothing, nothing
+    )
     course = replace(
         course,
         inertia=sluggishness(course, model),
         current_share=_current_share(course, model, noise),
         calibration=dict.fromkeys(doubts(course), 0.0),
     )
-    return replace(follow(course, model), doubt=_doubt(course, model, noise))
+    return replace(with_law_force(course, model), doubt=_doubt(course, model, noise))
 
 
 def _rough(record: DriveRecord, width: int, model: DriveModel) -> float:
@@ -253,13 +255,13 @@ def _rough(record: DriveRecord, width: int, model: DriveModel) -> float:
     return usual / (1.4 * math.sqrt(70.0) * model.friction_scale)
 
 
-def sluggishness(course: Course, model: DriveModel) -> float:
+def sluggishness(course: ModelledRecord, model: DriveModel) -> float:
     """What holds a drive back within a window: mass, and half a window of what brakes it [kg]."""
     braking = model.linear_friction + (0.0 if course.by_current else model.braking)
     return model.inertia + 0.5 * course.width * course.step * braking
 
 
-def voltage_scale(course: Course, model: DriveModel) -> float:
+def voltage_scale(course: ModelledRecord, model: DriveModel) -> float:
     """By which a voltage left over is told in the noise that it has under the believed resistance.
 
     Were it told in volts, a model with a small resistance would leave less of a noisy current; in
@@ -269,7 +271,7 @@ def voltage_scale(course: Course, model: DriveModel) -> float:
     return 1.0 / math.sqrt(1.0 + course.current_share * (ratio**2 - 1.0))
 
 
-def _current_share(course: Course, model: DriveModel, noise: float) -> float:
+def _current_share(course: ModelledRecord, model: DriveModel, noise: float) -> float:
     if not course.has_current:
         return 1.0
     of_average, of_rate = noise_gains(course.width)
@@ -279,13 +281,13 @@ def _current_share(course: Course, model: DriveModel, noise: float) -> float:
     return current**2 / max(current**2 + velocity**2, 1e-300)
 
 
-def driven_by_current(course: Course, model: DriveModel) -> Course:
+def driven_by_current(course: ModelledRecord, model: DriveModel) -> ModelledRecord:
     """The course with the motor's force taken from the current."""
     course = replace(course, by_current=True)
     return replace(course, inertia=sluggishness(course, model))
 
 
-def _doubt(course: Course, model: DriveModel, noise: float) -> Vector:
+def _doubt(course: ModelledRecord, model: DriveModel, noise: float) -> Vector:
     """Variance of the law's force that the doubt of the motion makes, shape (windows,) [N^2].
 
     The motion is doubtful by its noise, and by what smoothing it over twice the time changes.
@@ -334,27 +336,27 @@ def _current(record: DriveRecord, v: Vector, model: DriveModel) -> Vector:
     return np.append(late[:1], late[:-1])
 
 
-def follow(course: Course, model: DriveModel) -> Course:
+def with_law_force(course: ModelledRecord, model: DriveModel) -> ModelledRecord:
     """The course with the law's force along it."""
     friction = model.friction(course.x, course.v, course.step)
     offset = 0.0 if model.has_motor else model.values["offset"]
     return replace(course, bristle=friction - offset)
 
 
-def opposing(course: Course, model: DriveModel) -> Vector:
+def opposing(course: ModelledRecord, model: DriveModel) -> Vector:
     """The law's whole force along the course, on average over each interval, shape (n,) [N]."""
     law = model.friction(course.x, course.v, course.step)
     return law + model.linear_friction * course.middle_v
 
 
-def true_current(course: Course) -> Vector:
+def true_current(course: ModelledRecord) -> Vector:
     """What the reading says of the current at the samples, before the voltage jumps, (n,) [A]."""
     return (course.i - course.calibration["current_offset"]) / (
         1.0 + course.calibration["current_gain"]
     )
 
 
-def mean_current(course: Course, model: DriveModel) -> Vector:
+def mean_current(course: ModelledRecord, model: DriveModel) -> Vector:
     """The true current, on average over the interval after each sample, shape (n,) [A]."""
     resistance = model.values["R"]
     jumps = np.diff(course.u, prepend=course.u[0]) / resistance

@@ -1,4 +1,4 @@
-"""FMUs that are not ours: a stranger's ports, probing, and what happens without saved states."""
+"""FMUs that are not ours: a third-party ports, probing, and what happens without saved states."""
 
 import textwrap
 
@@ -33,9 +33,9 @@ MAP = {"position": "x", "speed": "v", "goal": "x_d", "voltage": "u"}
 
 
 @pytest.fixture(scope="module")
-def stranger(tmp_path_factory):
+def third_party(tmp_path_factory):
     """A controller somebody wrote with pythonfmu alone: it answers in its step, reports nothing."""
-    folder = tmp_path_factory.mktemp("stranger")
+    folder = tmp_path_factory.mktemp("third_party")
 
     def build(name, saves, gain=400.0):
         script = folder / f"script_{name.lower()}.py"
@@ -49,18 +49,18 @@ def stranger(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def finely(stranger):
+def finely(third_party):
     """The same at a tenth of the step, in this process, where that is a matter of seconds."""
 
     def run(name, saves):
-        fine = Study(stranger(name, saves), mapping=MAP, stop=1.0, step=1e-4, isolate=False)
+        fine = Study(third_party(name, saves), mapping=MAP, stop=1.0, step=1e-4, isolate=False)
         return run_study(fine).run
 
     return run
 
 
-def test_a_stranger_that_reports_no_derivatives_is_probed(stranger, finely):
-    result = run_study(Study(stranger("Probed", True), mapping=MAP, stop=1.0)).run
+def test_a_stranger_that_reports_no_derivatives_is_probed(third_party, finely):
+    result = run_study(Study(third_party("Probed", True), mapping=MAP, stop=1.0)).run
     assert result.coupling is Coupling.TANGENT
     assert "probed" in result.coupling_reason
     assert result.verdict.trusted
@@ -70,8 +70,10 @@ def test_a_stranger_that_reports_no_derivatives_is_probed(stranger, finely):
     assert off < 2 * result.verdict.error_estimate["x"] + 1e-7
 
 
-def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_steps(stranger, finely):
-    result = run_study(Study(stranger("Held", False), mapping=MAP, stop=1.0, step=1e-3)).run
+def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_steps(
+    third_party, finely
+):
+    result = run_study(Study(third_party("Held", False), mapping=MAP, stop=1.0, step=1e-3)).run
     assert "it is held" in result.coupling_reason
     assert result.effect_rate_max == {}
     assert np.isfinite(result.verdict.contraction)
@@ -83,8 +85,8 @@ def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_step
     )
 
 
-def test_ports_that_do_not_match_are_named_with_the_nearest(stranger):
-    path = stranger("Unmapped", True)
+def test_ports_that_do_not_match_are_named_with_the_nearest(third_party):
+    path = third_party("Unmapped", True)
     with pytest.raises(WiringError, match=r"nothing drives the input 'u'.*voltage.*--map"):
         run_study(Study(path, stop=0.01))
     with pytest.raises(WiringError, match=r"measures nothing"):

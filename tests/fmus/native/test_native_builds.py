@@ -1,4 +1,4 @@
-"""A native FMU and pythonfmu's twin of the same component are one thing to a host."""
+"""A native FMU and the pythonfmu build of the same component are one thing to a host."""
 
 import contextlib
 import json
@@ -19,8 +19,8 @@ from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
 from ballscrew.fmus.native.export import export_native, write_native
 from ballscrew.fmus.native.sources import catalogued_model, variational_model
 from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.master import run_loop
-from ballscrew.orchestration.participant import FmuParticipant, StepFailed
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.solver.component import Component, Event, Input, Mode, Output, State, symbol
 from ballscrew.solver.kernel import Model
@@ -52,7 +52,7 @@ def test_no_fmu_is_larger_than_a_hundred_kilobytes(native, name):
 
 
 def course(plant, controller, stop, **options):
-    parts = FmuParticipant(plant, "plant"), FmuParticipant(controller, "controller")
+    parts = FmuInstance(plant, "plant"), FmuInstance(controller, "controller")
     run = run_loop(*parts, Reference.constant(0.08), stop, 1e-3, **options)
     for part in parts:
         part.close()
@@ -414,7 +414,7 @@ def test_directional_derivatives_are_the_partial_derivatives_of_the_equations(na
 )
 def test_a_parameter_out_of_range_fails_initialization_as_the_twin_says(fmus, native, values, said):
     for path in (fmus["plant"], native("plant")):
-        plant = FmuParticipant(path, "plant")
+        plant = FmuInstance(path, "plant")
         with pytest.raises(StepFailed) as failed:
             plant.initialize(values, 1.0)
         plant.close()
@@ -424,9 +424,9 @@ def test_a_parameter_out_of_range_fails_initialization_as_the_twin_says(fmus, na
 def test_what_is_not_a_number_is_refused_with_the_twin_s_words(fmus, native):
     said = []
     for path in (fmus["plant"], native("plant")):
-        plant = FmuParticipant(path, "plant")
+        plant = FmuInstance(path, "plant")
         plant.initialize({}, 1.0)
-        # the twin takes the value, and says so in the step
+        # the pythonfmu build takes the value, and says so in the step
         with contextlib.suppress(StepFailed):
             plant.writer(["u"])(np.array([np.nan]))
         with pytest.raises(StepFailed) as failed:
@@ -437,7 +437,7 @@ def test_what_is_not_a_number_is_refused_with_the_twin_s_words(fmus, native):
 
 
 def test_a_state_saved_before_a_failure_can_be_gone_on_from(native):
-    plant = FmuParticipant(native("plant"), "plant")
+    plant = FmuInstance(native("plant"), "plant")
     plant.initialize({"u": 5.0}, 1.0)
     plant.step(0.0, 1e-3)
     saved, read = plant.save(), plant.reader(["x", "v", "i"])
@@ -447,7 +447,7 @@ def test_a_state_saved_before_a_failure_can_be_gone_on_from(native):
     plant.restore(saved)
     assert plant.message() == ""
     plant.step(1e-3, 1e-3)
-    again = FmuParticipant(native("plant"), "plant")
+    again = FmuInstance(native("plant"), "plant")
     again.initialize({"u": 5.0}, 1.0)
     again.step(0.0, 1e-3)
     again.step(1e-3, 1e-3)

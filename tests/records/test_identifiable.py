@@ -5,7 +5,7 @@ import pytest
 
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import DriveRecord
-from ballscrew.records.tellable import check_tellable
+from ballscrew.records.identifiable import check_identifiable
 
 TIME = np.arange(0.0, 4.0, 1e-3)
 SWINGS = {"time": TIME, "u": np.sin(3 * TIME), "x": 0.1 * np.sin(3 * TIME)}
@@ -16,15 +16,15 @@ def record(name="mine", notes=(), **signals):
 
 
 def test_sound_records_have_no_doubts():
-    assert check_tellable([record(), record()]) == []
+    assert check_identifiable([record(), record()]) == []
 
 
 def test_doubts_of_each_record_are_said_with_what_was_done_on_reading():
-    notes = check_tellable([record(notes=("resampled",)), record("other", x=0.1 * TIME)])
+    notes = check_identifiable([record(notes=("resampled",)), record("other", x=0.1 * TIME)])
     assert notes[0] == "resampled"
     assert notes[1].startswith("other: moves one way only")
 
 
 def test_records_with_and_without_a_current_are_not_one_study():
     with pytest.raises(BadRecord, match="some records have the current `i` and some not"):
-        check_tellable([record(), record(i=SWINGS["u"])])
+        check_identifiable([record(), record(i=SWINGS["u"])])

@@ -1,0 +1,637 @@
+"""The public functions: what the commands do, for programs and notebooks.
+
+Values are in SI units throughout. A part is named (see `catalogue`), a path of an FMU, or a
+`Component` that was made a minute ago.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .results import (
+    Comparison,
+    DiagnosisResult,
+    Exponents,
+    IdentifiedLaw,
+    RigRecord,
+    RunResult,
+    StabilityMap,
+)
+
+if TYPE_CHECKING:
+    from .orchestration.closed_loop import Study
+    from .orchestration.coupling import Coupling
+    from .orchestration.parameter_file import ParameterFile
+    from .orchestration.reference_signal import Reference
+    from .records.drive_record import DriveRecord
+    from .records.force_record import Record
+    from .solver.component import Component
+
+    Part = str | Path | Component
+    Values = Mapping[str, float]
+
+
+def catalogue() -> dict[str, tuple[str, ...]]:
+    """Names of the parts that are there.
+
+    Returns
+    -------
+    dict of str to tuple of str
+        ``plants``, ``controllers`` and ``laws`` (of friction).
+
+    Examples
+    --------
+    >>> import ballscrew
+    >>> "nctf" in ballscrew.catalogue()["controllers"]
+    True
+    """
+    from .controllers import CONTROLLERS
+    from .plant import LAWS, PLANTS
+
+    return {"plants": (*PLANTS,), "controllers": (*CONTROLLERS,), "laws": (*LAWS,)}
+
+
+def component(name: str) -> Component:
+    """The component of a name in the catalogue, with its equations.
+
+    Parameters
+    ----------
+    name : str
+        A plant or a controller of `catalogue`.
+
+    Returns
+    -------
+    Component
+
+    Raises
+    ------
+    KeyError
+        If there is none of this name; the message lists those that there are.
+
+    Examples
+    --------
+    >>> import ballscrew
+    >>> [s.name for s in ballscrew.component("plant").all_states]
+    ['x', 'v', 'i', 'z']
+    """
+    from .fmus.catalogue import component as made
+
+    return made(name)
+
+
+def connect(plant: Component, controller: Component) -> Component:
+    """The closed loop of a plant and a controller as one component.
+
+    Parameters
+    ----------
+    plant, controller : Component
+        Inputs of one meet outputs of the other by name.
+
+    Returns
+    -------
+    Component
+        Its parameters and states are called ``plant_...`` and ``controller_...``.
+
+    Raises
+    ------
+    ContractError
+        If the two cannot be connected.
+
+    Examples
+    --------
+    >>> import ballscrew
+    >>> loop = ballscrew.connect(ballscrew.component("plant"), ballscrew.component("iol"))
+    >>> [i.name for i in loop.inputs if i.role == "reference"]
+    ['x_d']
+    """
+    from .solver.connect import connect as connected
+
+    return connected(plant, controller)
+
+
+def export(
+    part: str | Component,
+    path: Path | str,
+    native: bool = False,
+    fmi: int = 2,
+    platforms: Sequence[str] | None = None,
+) -> Path:
+    """Write a part as an FMU for co-simulation.
+
+    Parameters
+    ----------
+    part : str or Component
+    path : path-like
+        The FMU to write; replaced as a whole or not at all.
+    native : bool
+        Whether it holds compiled C, and needs no Python on the host; else it holds readable Python.
+    fmi : {2, 3}
+        Version of the standard; 3 needs `native`.
+    platforms : sequence of str, optional
+        With `native`: such as ``linux64``, ``win64``, ``darwin64``; default this machine's.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    KeyError
+        If there is no part of this name.
+    ValueError
+        If the part cannot be exported so; the message says why.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import ballscrew, tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     ballscrew.export("pid", Path(folder) / "pid.fmu").name
+    'pid.fmu'
+    """
+    from .fmus import export as readable
+    from .fmus.native.export import export_native
+
+    made = component(part) if isinstance(part, str) else part
+    if native:
+        return export_native(made, path, fmi=fmi, platforms=platforms).path
+    if fmi != 2 or platforms is not None:
+        raise ValueError(f"fmi = {fmi}, platforms = {platforms}: these are for native=True")
+    return readable.export(made, path)
+
+
+def run(
+    controller: Part,
+    plant: Part = "plant",
+    reference: float | Reference = 0.08,
+    stop: float = 20.0,
+    step: float = 1e-3,
+    plant_values: Values | None = None,
+    controller_values: Values | None = None,
+    coupling: Coupling | None = None,
+    mapping: Mapping[str, str] | None = None,
+) -> RunResult:
+    """Run a closed loop of two FMUs, with a verdict on the coupling.
+
+    Parameters
+    ----------
+    controller, plant : str, path-like or Component
+        A name, the path of an FMU, or a component.
+    reference : float or Reference
+        Set-point [m], or set-point over time.
+    stop, step : float
+        Length of the run, and communication step [s].
+    plant_values, controller_values : mapping of str to float, optional
+        Parameters that are not nominal, in SI units.
+    coupling : Coupling, optional
+        How the two are coupled; by default the interface-Jacobian coupling where the parts have its
+        ports, else the best that they can do.
+    mapping : mapping of str to str, optional
+        Names of ports, ``theirs -> ours``.
+
+    Returns
+    -------
+    RunResult
+        ``trusted`` says whether the coupling moved no output by more than 1 % of its range.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If a part, a parameter or the coupling makes no sense; the message says why.
+    RuntimeError
+        If an FMU refuses its initial values.
+
+    Notes
+    -----
+    The equations are those of the thesis, chapters 2 and 3; on the coupling see
+    ``docs/coupling.md``.
+
+    Examples
+    --------
+    >>> import ballscrew
+    >>> result = ballscrew.run("iol", stop=0.5)
+    >>> result.trusted
+    True
+    >>> round(float(abs(result.run.commands["u"]).max()), 1)
+    32.1
+    """
+    from .orchestration.closed_loop import run_study
+
+    study = _study(
+        controller, plant, reference, stop, step, plant_values, controller_values, coupling, mapping
+    )
+    return RunResult.of(run_study(study))
+
+
+def swap(
+    controllers: Sequence[Part],
+    plant: Part = "plant",
+    reference: float | Reference = 0.08,
+    stop: float = 20.0,
+    step: float = 1e-3,
+    plant_values: Values | None = None,
+) -> Comparison:
+    """Run several controllers on the same plant, and compare them.
+
+    Parameters
+    ----------
+    controllers : sequence of str, path-like or Component
+    plant, reference, stop, step, plant_values
+        As in `run`.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    KeyError, ValueError, RuntimeError
+        As `run`.
+
+    Examples
+    --------
+    >>> import ballscrew
+    >>> result = ballscrew.swap(["iol", "pid"], stop=0.2)
+    >>> [r.study.label for r in result.results]
+    ['iol', 'pid']
+    """
+    from .orchestration.swap import swap as swapped
+
+    studies = [
+        _study(c, plant, reference, stop, step, plant_values, None, None, None) for c in controllers
+    ]
+    return Comparison.of(swapped(studies))
+
+
+def lyapunov(
+    controller: str | Component,
+    plant: str | Component = "plant",
+    stop: float = 300.0,
+    setpoint: float = 0.08,
+    plant_values: Values | None = None,
+    controller_values: Values | None = None,
+) -> Exponents:
+    """Lyapunov exponents of a closed loop, and what its motion becomes.
+
+    Parameters
+    ----------
+    controller, plant : str or Component
+    stop : float
+        Length of the motion [s].
+    setpoint : float
+        Constant set-point [m].
+    plant_values, controller_values : mapping of str to float, optional
+        Parameters that are not nominal, in SI units.
+
+    Returns
+    -------
+    Exponents
+        ``exponents`` and ``error``, shape (states,) [nats/s]; ``trusted`` says whether the
+        attractor could be classified.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If a part or a parameter makes no sense, or the loop has no exponents here (sampled ones).
+
+    Notes
+    -----
+    Tangents are followed by the variational equations with the exact Jacobian, and orthonormalized
+    as Benettin et al. (1980) do. See ``docs/stability.md``.
+
+    Examples
+    --------
+    >>> import ballscrew
+    >>> result = ballscrew.lyapunov("iol", stop=2.0)
+    >>> result.motion.kind.value
+    'stuck on a line of equilibria'
+    >>> result.exponents.shape
+    (4,)
+    """
+    from .stability.loop_lyapunov import loop_lyapunov
+
+    given = setpoint, plant, plant_values, controller_values
+    return Exponents.of(loop_lyapunov(controller, stop, *given))
+
+
+def stability_map(
+    controller: str,
+    x: str,
+    y: str,
+    folder: Path | str,
+    plant: str = "plant",
+    stop: float = 20.0,
+    setpoint: float = 0.08,
+    exponents: bool = False,
+    refine: bool = False,
+    resume: bool = False,
+    workers: int = 1,
+) -> StabilityMap:
+    """What becomes of a closed loop over a grid of two of its parameters.
+
+    Parameters
+    ----------
+    controller, plant : str
+        Names of the catalogue.
+    x, y : str
+        Axes, ``NAME=LOW:HIGH:COUNT``, such as ``sigma0_hat=66966:66968:21``.
+    folder : path-like
+        Where the map is kept; a run that was killed goes on there with `resume`.
+    stop, setpoint : float
+        Length of each run [s]; constant set-point [m].
+    exponents : bool
+        Whether each cell has its largest Lyapunov exponent, too.
+    refine : bool
+        Whether the borders between verdicts are found within each pair of cells.
+    resume : bool
+        Whether to finish the map that the folder holds.
+    workers : int
+        Processes.
+
+    Returns
+    -------
+    StabilityMap
+
+    Raises
+    ------
+    ValueError
+        If an axis makes no sense, or the folder holds another map.
+    OSError
+        If the results cannot be written.
+
+    Examples
+    --------
+    >>> import ballscrew, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     axes = {"x": "sigma0_hat=66966:66968:2", "y": "sigma1_hat=340:350:2"}
+    ...     found = ballscrew.stability_map("iol", **axes, folder=folder, stop=1.0)
+    >>> sum(found.summary.verdicts.values())
+    4
+    """
+    from .orchestration.workers import Processes
+    from .stability.stability_map import make_map
+    from .stability.study import MapStudy, read_axis
+
+    across, along = (read_axis(text, plant, controller) for text in (x, y))
+    tolerance = 1e-8 if exponents else 1e-6
+    study = MapStudy(
+        controller,
+        across,
+        along,
+        plant,
+        setpoint=setpoint,
+        stop=stop,
+        exponents=exponents,
+        tolerance=tolerance,
+    )
+    study.check()
+    summary = make_map(study, Path(folder), Processes(workers), resume, refine)
+    return StabilityMap(summary, Path(folder))
+
+
+def run_trial(
+    trial: str, law: str = "modified_lugre", seed: int = 0, values: Values | None = None
+) -> RigRecord:
+    """Run a trial of the thesis on the virtual test rig, and record it with its instruments.
+
+    Parameters
+    ----------
+    trial : str
+        A trial's name, such as ``2.4/7``: Table 2.4, number 7.
+    law : str
+        Friction law between block and table.
+    seed : int
+        Decides all noise.
+    values : mapping of str to float, optional
+        Parameters that are not nominal, as ``plant.sigma0`` or ``encoder.counts``.
+
+    Returns
+    -------
+    RigRecord
+        ``record`` is what the instruments show, ``truth`` what was, arrays of shape (samples,).
+
+    Raises
+    ------
+    ValueError
+        If there is no such trial, law or parameter.
+
+    Examples
+    --------
+    >>> import ballscrew
+    >>> record = ballscrew.run_trial("2.8/1", law="lugre")
+    >>> sorted(record.record)[:3]
+    ['force', 'force_filtered', 'force_ref']
+    """
+    from .rig.bench import run_trial as recorded
+
+    return RigRecord.of(recorded(trial, law, values, seed))
+
+
+def read_force_records(
+    paths: Sequence[Path | str],
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    mass: float | None = None,
+    lead: float | None = None,
+) -> list[Record]:
+    """Read records of force and position, for `identify`.
+
+    Parameters
+    ----------
+    paths : sequence of path-like
+        CSV or MAT files, or folders that the rig wrote.
+    mapping : mapping of str to str, optional
+        Names of columns, ``theirs -> ours``: ``time``, ``x``, ``force``.
+    units : mapping of str to str, optional
+        Unit of a column of ours; default what the file says, else SI.
+    mass : float, optional
+        Mass between load cell and friction [kg].
+    lead : float, optional
+        Way of the screw per turn [m], for angles and torques.
+
+    Returns
+    -------
+    list of Record
+
+    Raises
+    ------
+    BadRecord
+        With one line that says what cannot be used and why.
+    """
+    from .records.force_record import read_records
+
+    return read_records(paths, mapping, units, mass, lead)
+
+
+def read_drive_records(
+    paths: Sequence[Path | str],
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    lead: float | None = None,
+) -> list[DriveRecord]:
+    """Read records of a drive's command and position, for `diagnose`.
+
+    Parameters
+    ----------
+    paths : sequence of path-like
+        CSV, MAT or Parquet files.
+    mapping, units, lead
+        As in `read_force_records`; columns are ``time``, ``u``, ``x`` and perhaps ``i``.
+
+    Returns
+    -------
+    list of DriveRecord
+
+    Raises
+    ------
+    BadRecord
+        With one line that says what cannot be used and why.
+    """
+    from .records.drive_record import read_drive_records as read
+
+    return read(paths, mapping, units, lead)
+
+
+def read_parameters(path: Path | str) -> ParameterFile:
+    """Read a parameter file.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    ParameterFile
+        Values with units, intervals and sources; see ``docs/parameters.md``.
+
+    Raises
+    ------
+    BadParameters
+        With one line that says where the file makes no sense.
+    """
+    from .orchestration.parameter_reading import read_parameters as read
+
+    return read(path)
+
+
+def identify(
+    records: Sequence[Record],
+    law: str,
+    fixed: Values | None = None,
+    offset: bool = False,
+    params: ParameterFile | None = None,
+) -> IdentifiedLaw:
+    """Find the parameters of a friction law in records of force and position.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Of `read_force_records`.
+    law : str
+        A law of `catalogue`.
+    fixed : mapping of str to float, optional
+        Parameters that are known, in SI units.
+    offset : bool
+        Whether a constant force is fitted, too.
+    params : ParameterFile, optional
+        What is known; the written file keeps what the records do not show.
+
+    Returns
+    -------
+    IdentifiedLaw
+        ``parameters`` have 95 % intervals; what is not identified says why and what would do.
+
+    Raises
+    ------
+    ValueError
+        If there is no such law, or a parameter cannot be held so.
+
+    Notes
+    -----
+    Maximum likelihood by Fisher scoring, with errors from pieces of the records; the thesis' own
+    formulas stand beside it.
+    """
+    from .identification.identify import check_held
+    from .identification.identify import identify as identified
+
+    check_held(law, dict(fixed or {}), offset)
+    return IdentifiedLaw.of(identified(records, law, params, dict(fixed or {}), offset))
+
+
+def diagnose(
+    data: Sequence[Path | str],
+    params: Path | str | None = None,
+    law: str | None = None,
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    lead: float | None = None,
+) -> DiagnosisResult:
+    """What a simulation of recorded runs gets wrong, why, and how much better it can be.
+
+    Parameters
+    ----------
+    data : sequence of path-like
+        CSV, MAT or Parquet files with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A].
+    params : path-like, optional
+        Parameter file of the model as it is believed to be; the nominal axis by default.
+    law : str, optional
+        Friction law, in place of the file's.
+    mapping, units, lead
+        As in `read_drive_records`.
+
+    Returns
+    -------
+    DiagnosisResult
+        ``causes`` are those that gain on data that neither their choice nor their fit has seen;
+        ``verdict`` may be that none can be named.
+
+    Raises
+    ------
+    BadRecord, BadParameters
+        With one line that says what cannot be used and why.
+    """
+    from .diagnosis.diagnose import diagnose as diagnosed
+
+    return DiagnosisResult.of(diagnosed(data, params, law, mapping, units=units, lead=lead))
+
+
+def _study(
+    controller: Part,
+    plant: Part,
+    reference: float | Reference,
+    stop: float,
+    step: float,
+    plant_values: Values | None,
+    controller_values: Values | None,
+    coupling: Coupling | None,
+    mapping: Mapping[str, str] | None,
+) -> Study:
+    from .orchestration.closed_loop import Study
+    from .orchestration.reference_signal import Reference
+
+    number = isinstance(reference, int | float)
+    return Study(
+        _named(controller),
+        _named(plant),
+        Reference.constant(reference) if number else reference,  # type: ignore[arg-type]
+        stop,
+        step,
+        coupling,
+        plant_values=plant_values,
+        controller_values=controller_values,
+        mapping=mapping,
+    )
+
+
+def _named(part: Part) -> Any:
+    """A name or a path, as studies take it."""
+    if isinstance(part, str | Path):
+        return str(part)
+    from .fmus.catalogue import fmu_of
+
+    return str(fmu_of(part))

@@ -1,0 +1,59 @@
+"""The picture of a trial: what was recorded, the truth beside it, and what was asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ..orchestration.pictures import COLOURS, STYLE, write_figure
+from .record import TrialRecord
+
+BLUE, ORANGE, BLACK = COLOURS[0], COLOURS[1], COLOURS[6]
+
+
+def save_record_picture(recorded: TrialRecord, folder: Path) -> None:
+    """Write ``record.png`` into `folder`."""
+    write_figure(record_figure(recorded), folder, "record")
+
+
+def record_figure(recorded: TrialRecord) -> Any:
+    """A figure of the record over time."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE | {"font.size": 9, "lines.linewidth": 1.2}):
+        figure = Figure(figsize=(7, 6))
+        FigureCanvasAgg(figure)
+        rows = figure.subplots(3, 1, sharex=True)
+        # looking for the best layout would take as long as the drawing itself
+        figure.subplots_adjust(left=0.11, right=0.98, top=0.95, bottom=0.08, hspace=0.12)
+        _draw(recorded, rows)
+        figure.align_ylabels(rows)
+    return figure
+
+
+def _draw(recorded: TrialRecord, rows: Any) -> None:
+    record, truth, time = recorded.record, recorded.truth, recorded.record["time"]
+    motion, force, command = rows
+    motion.plot(time, 1e3 * record["x"], color=BLUE, label="encoder")
+    if "x_fine" in record:
+        motion.plot(time, 1e3 * record["x_fine"], color=ORANGE, label="capacitance sensor")
+    motion.set_ylabel("position [mm]")
+    title = f"{recorded.trial.name}: {recorded.trial.asked} ({recorded.law})"
+    motion.set_title(title, fontsize=10)
+    force.plot(time, record["force"], color=BLUE, linewidth=0.8, label="load cell")
+    force.plot(time, truth["friction"], color=BLACK, linewidth=1, label="friction, true")
+    if "force_ref" in record:
+        force.plot(time, record["force_ref"], "--", color=ORANGE, label="asked")
+    force.set_ylabel("force [N]")
+    if "v_ref" in record:
+        command.plot(time, 1e3 * truth["v"], color=BLACK, linewidth=1, label="velocity, true")
+        command.plot(time, 1e3 * record["v_ref"], "--", color=ORANGE, label="asked")
+        command.set_ylabel("velocity [mm/s]")
+    else:
+        command.plot(time, record["u"], color=BLUE, label="command")
+        command.set_ylabel("voltage [V]")
+    command.set_xlabel("time [s]")
+    for axes in rows:
+        axes.legend(loc="best", frameon=False, fontsize=8)

@@ -1,0 +1,149 @@
+"""The public functions: complete documentation, examples that run, results that are alike."""
+
+import doctest
+import inspect
+
+import numpy as np
+import pytest
+from numpydoc.docscrape import FunctionDoc
+
+import ballscrew
+from ballscrew import api
+from ballscrew.results import Result
+
+FUNCTIONS = [n for n in ballscrew.__all__ if inspect.isfunction(getattr(ballscrew, n))]
+OWN = [n for n in FUNCTIONS if getattr(ballscrew, n).__module__ == "ballscrew.api"]
+
+
+def test_the_package_offers_a_few_names_and_all_of_them_are_there():
+    assert 20 <= len(ballscrew.__all__) <= 40
+    assert set(ballscrew.__all__) <= set(dir(ballscrew))
+    assert all(getattr(ballscrew, n) is not None for n in ballscrew.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'rune'"):
+        ballscrew.rune  # noqa: B018
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_each_function_says_what_it_takes_and_what_it_returns(name):
+    function = getattr(ballscrew, name)
+    signature = inspect.signature(function)
+    kinds = {p.kind for p in signature.parameters.values()}
+    assert inspect.Parameter.VAR_KEYWORD not in kinds  # a wrong keyword is never swallowed
+    documented = FunctionDoc(function)
+    told = [n for entry in documented["Parameters"] for n in entry.name.split(", ")]
+    assert told == list(signature.parameters) or set(told) == set(signature.parameters)
+    assert documented["Returns"]
+    assert documented["Summary"]
+    if signature.parameters:
+        assert documented["Raises"]
+    with pytest.raises(TypeError, match="unexpected keyword"):
+        function(nobody_has_this=1)
+
+
+def test_the_examples_run_as_they_are_printed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    failed, tried = doctest.testmod(api)
+    assert tried > 20
+    assert failed == 0
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """One result of each kind that is soon there."""
+    folder = tmp_path_factory.mktemp("map")
+    axes = {"x": "sigma0_hat=66966:66968:2", "y": "sigma1_hat=340:350:2"}
+    record = ballscrew.run_trial("2.4/7", law="lugre")
+    saved = tmp_path_factory.mktemp("record")
+    record.save(saved, pictures=False)
+    return {
+        "run": ballscrew.run("iol", stop=0.3),
+        "swap": ballscrew.swap(["iol", "pid"], stop=0.2),
+        "lyapunov": ballscrew.lyapunov("iol", stop=1.0),
+        "map": ballscrew.stability_map("iol", **axes, folder=folder, stop=0.5),
+        "run_trial": record,
+        "identify": ballscrew.identify(
+            ballscrew.read_force_records([saved]), "classical", fixed={"Vs": 1e-3}
+        ),
+    }
+
+
+@pytest.mark.parametrize(
+    ("kind", "files"),
+    [
+        ("run", {"trajectory.csv", "metrics.json", "parameters.toml", "position.png"}),
+        ("swap", {"comparison.csv", "comparison.json", "comparison.png"}),
+        ("lyapunov", {"lyapunov.json", "lyapunov.csv", "lyapunov.png"}),
+        ("map", {"map.parquet", "map.json", "map.png"}),
+        ("run_trial", {"record.csv", "truth.csv", "trial.json", "record.png"}),
+        ("identify", {"identified.json", "parameters.toml", "friction_map.png"}),
+    ],
+)
+def test_each_result_is_saved_drawn_tabled_and_shown(results, kind, files, tmp_path):
+    result = results[kind]
+    assert isinstance(result, Result)
+    result.save(tmp_path)
+    assert files <= {f.name for f in tmp_path.iterdir()}
+    assert len(result.plot().axes) > 0
+    table = result.to_pandas()
+    assert len(table) > 0
+    html = result._repr_html_()
+    assert html.startswith("<p><b>")
+    assert "<td>" in html
+    assert isinstance(result.trusted, bool)
+
+
+def test_numbers_and_pictures_can_be_saved_apart(results, tmp_path):
+    results["run"].save(tmp_path, pictures=False)
+    assert not list(tmp_path.glob("*.png"))
+    assert (tmp_path / "metrics.json").is_file()
+
+
+def test_a_table_holds_the_signals_of_the_run(results):
+    run = results["run"].run
+    table = results["run"].to_pandas()
+    assert table.index.name == "time"
+    assert np.array_equal(table["x"].to_numpy(), run.outputs["x"])
+    assert np.array_equal(table["u"].to_numpy(), run.commands["u"])
+
+
+def test_what_a_result_says_is_text_in_a_notebook(results):
+    result = results["run_trial"]
+    told = type(result)(**{**vars(result), "notes": ["<b>past its range</b>"]})
+    assert "<b>past" not in told._repr_html_()
+    assert "&lt;b&gt;past its range" in told._repr_html_()
+    assert not told.trusted
+
+
+def proportional(gain):
+    """A controller of a user's own, of three lines."""
+    x, goal = ballscrew.symbol("x"), ballscrew.symbol("x_d")
+    return ballscrew.Component(
+        name="proportional",
+        description="Proportional feedback of the position",
+        inputs=(
+            ballscrew.Input("x_d", "m", "set-point", role="reference"),
+            ballscrew.Input("x", "m", "position"),
+        ),
+        parameters=(ballscrew.Parameter("Kp", gain, "V/m", "gain", "a user's"),),
+        outputs=(ballscrew.Output("u", "V", "command", ballscrew.symbol("Kp") * (goal - x)),),
+    )
+
+
+def test_a_component_made_a_minute_ago_runs_and_has_exponents(tmp_path):
+    own = proportional(300.0)
+    result = ballscrew.run(own, stop=0.5)
+    assert result.trusted, result.headline()
+    changed = ballscrew.run(own, stop=0.5, controller_values={"Kp": 30.0})
+    assert changed.run.commands["u"][0] == pytest.approx(0.1 * result.run.commands["u"][0])
+    found = ballscrew.lyapunov(own, stop=1.0)
+    assert found.label.startswith("proportional on plant")
+    assert ballscrew.export(own, tmp_path / "own.fmu").is_file()
+
+
+def test_bad_requests_are_told_by_one_exception_with_one_line():
+    with pytest.raises(KeyError, match="no component 'iel'"):
+        ballscrew.component("iel")
+    with pytest.raises(ValueError, match="native=True"):
+        ballscrew.export("pid", "pid.fmu", fmi=3)
+    with pytest.raises(ValueError, match="NAME=LOW:HIGH:COUNT"):
+        ballscrew.stability_map("iol", x="sigma0_hat", y="sigma1_hat=1:2:2", folder="nowhere")
