@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis -name '*.py' -o -name '*.[ch]' -o -name '*.csv') pyproject.toml
 
-.PHONY: demo test prove lint bench clean
+.PHONY: demo test docs prove lint bench clean
 
 # The package is installed, not linked: what runs and is tested is what a user gets.
 $(VENV)/installed: $(SOURCES) constraints.txt
@@ -28,6 +28,10 @@ lint: $(VENV)/installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	cd docs && ../$(BIN)/mypy --config-file ../pyproject.toml -p ballscrew
+
+docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[docs]"
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/docs
 
 prove: $(VENV)/installed
 	$(BIN)/python proofs/trusted_loops.py

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from .orchestration.system import SystemStudy
 
 
-COUPLINGS = ("jacobi", "gauss-seidel", "tangent", "monolithic")
+COUPLINGS = ("jacobi", "gauss-seidel", "interface-jacobian", "monolithic")
+SECOND_NAMES = {"tangent": "interface-jacobian"}
 
 
 def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
@@ -59,8 +60,8 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="THEIRS=OURS",
-        help="a third-party port and the one it meets; of one of several controllers by its name, "
-        "as hand.pos=x",
+        help="a third-party FMU's port and the one it meets; of one of several controllers by its "
+        "name, as hand.pos=x",
     )
     add("--limit-voltage", metavar="V", help="amplifier voltage limit; 36 V is nominal")
     add("--limit-current", metavar="A", help="amplifier current limit")
@@ -142,6 +143,7 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
         raise BadRequest(f"--step is {options.step} s, expected more than 0 and at most --stop")
     if stop is not None:
         check_steps(stop, step)
+    options.coupling = SECOND_NAMES.get(options.coupling, options.coupling)
     if options.coupling is not None and options.coupling not in COUPLINGS:
         raise BadRequest(
             f"--coupling is {options.coupling!r}, expected one of {', '.join(COUPLINGS)}"

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from .diagnosis.diagnosis import Diagnosis
+from .diagnosis.diagnosis import EXPLAINED, NONE, Diagnosis
 from .identification.identification import Identification
 from .orchestration.closed_loop_result import ClosedLoopResult
 from .orchestration.pictures import write_figure
@@ -26,8 +26,6 @@ BITS = 1.0 / math.log(2.0)  # per nat
 
 class Result:
     """What every result does besides holding its numbers."""
-
-    trusted: ClassVar[Any] = True
 
     @classmethod
     def of(cls, computed: Any) -> Self:
@@ -206,6 +204,11 @@ class StabilityMap(Result):
     summary: MapSummary
     folder: Path
 
+    @property
+    def trusted(self) -> bool:
+        """Whether no cell away from borders has another verdict at a tenth of the tolerance."""
+        return self.summary.random_disagreed == 0
+
     def pictures(self) -> dict[str, Any]:
         from .stability.map_pictures import map_figure
 
@@ -306,6 +309,13 @@ class IdentifiedLaw(Result, Identification):
 @dataclass(frozen=True)
 class DiagnosisResult(Result, Diagnosis):
     """What a simulation of records gets wrong, and why; see `ballscrew.diagnose`."""
+
+    @property
+    def trusted(self) -> bool:
+        """Whether all structure is explained, or there is none, and it holds on data held out."""
+        from .diagnosis.report_words import does_not_hold
+
+        return self.verdict in (NONE, EXPLAINED) and not does_not_hold(self)
 
     def pictures(self) -> dict[str, Any]:
         from .diagnosis.diagnosis_pictures import diagnosis_figure

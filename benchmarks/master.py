@@ -71,7 +71,7 @@ def step_cost(
     seconds: float,
     isolate: bool = False,
 ) -> float:
-    """Microseconds per communication step of the tangent coupling, best of three.
+    """Microseconds per communication step of the interface-Jacobian coupling, best of three.
 
     Without the reference co-run that a run is judged by, which other masters do not have.
     """
@@ -84,7 +84,7 @@ def step_cost(
         start = np.array([0.08])
         whole = struct(PAIR)
         part = whole.part("loop")
-        loop = Loop(p, c, wire(p, c), Coupling.TANGENT, corrected, True, start, part)
+        loop = Loop(p, c, wire(p, c), Coupling.INTERFACE_JACOBIAN, corrected, True, start, part)
         main = RecordedLoop(whole, loop, 1)
         nominal = np.array([p.nominal(name) for name in p.outputs])
         course = RunLog(goal, 1, loop.outputs, nominal, 1)

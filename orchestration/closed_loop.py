@@ -52,7 +52,7 @@ class Study:
     plant_values, controller_values : mapping of str to float
         Parameters that are not default.
     mapping : mapping of str to str
-        Names of a third-party ports, ``theirs -> ours``.
+        Names of a third-party FMU's ports, ``theirs -> ours``.
     isolate : bool, optional
         Whether FMUs run each in a process of its own. Default: those that are not of the catalogue.
     time_limit : float

@@ -16,7 +16,7 @@ from .structs import VECTOR, Struct
 
 Vector = npt.NDArray[np.float64]
 
-JACOBI, GAUSS_SEIDEL, TANGENT = range(3)
+JACOBI, GAUSS_SEIDEL, INTERFACE_JACOBIAN = range(3)
 DIRECT, STEPPED, SAMPLED = range(3)
 USES = 3  # what states are saved for
 RAMP_SHARE = 2 / 3  # of a defect, that a ramp makes up for

@@ -5,9 +5,10 @@
     late, as in the plainest masters.
 ``gauss-seidel``
     One after the other, each with the newest signals, held over the step.
-``tangent``
+``interface-jacobian``
     The plant gets the controller's output with its derivatives and applies the feedback law inside
-    its own solver (`fmus/feedback_law.py`).
+    its own solver (`fmus/feedback_law.py`): the interface-Jacobian coupling of Sicklinger et al.
+    (2014) for a plant and a controller. Its second name on the command line is ``tangent``.
 
 Whatever the coupling, a step can be *corrected*: the **coupling residual** is the controller's true
 output at the end of the step less what the plant had applied there; the step is taken back and done
@@ -37,7 +38,7 @@ Matrix = npt.NDArray[np.float64]
 class Coupling(Enum):
     JACOBI = "jacobi"
     GAUSS_SEIDEL = "gauss-seidel"
-    TANGENT = "tangent"
+    INTERFACE_JACOBIAN = "interface-jacobian"
     MONOLITHIC = "monolithic"
 
 
@@ -57,7 +58,7 @@ _ANSWERS = {
 _COUPLINGS = {
     Coupling.JACOBI: compiled.JACOBI,
     Coupling.GAUSS_SEIDEL: compiled.GAUSS_SEIDEL,
-    Coupling.TANGENT: compiled.TANGENT,
+    Coupling.INTERFACE_JACOBIAN: compiled.INTERFACE_JACOBIAN,
 }
 
 

@@ -66,7 +66,7 @@ def run_loop(
         Default: tangent where the plant accepts a feedback law and derivatives of the controller
         are to be had, else gauss-seidel.
     corrections : {0, 1}, optional
-        Default: 1 for tangent coupling where both sides can save their states, else 0.
+        Default: 1 for interface-Jacobian coupling where both sides can save their states, else 0.
     adaptive : bool
         Let the residual's effect choose the steps.
     mapping : mapping of str to str, optional
@@ -110,12 +110,12 @@ def run_loop(
     start = np.full(len(wiring.references), reference.at(0.0))
     chosen, reason = _choose(wiring, plant, controller, coupling)
     if corrections is None:
-        corrections = 1 if chosen is Coupling.TANGENT and reversible else 0
+        corrections = 1 if chosen is Coupling.INTERFACE_JACOBIAN and reversible else 0
     if corrections and not reversible:
         raise CouplingError("corrections need both FMUs to save and restore their state")
     if adaptive and not reversible:
         raise CouplingError("adaptive steps need both FMUs to save and restore their state")
-    tangent = chosen is Coupling.TANGENT
+    tangent = chosen is Coupling.INTERFACE_JACOBIAN
     main = opened(False, bool(corrections), averaged=tangent or bool(corrections))
     if coupling is None and tangent:
         reason = _tangent_reason(main.loop, wiring)
@@ -142,15 +142,15 @@ def _choose(
 ) -> tuple[Coupling, str]:
     if wanted is Coupling.MONOLITHIC:
         raise CouplingError("the monolithic coupling runs no FMUs; see run_monolithic")
-    if wanted is Coupling.TANGENT and not wiring.accepts_law:
+    if wanted is Coupling.INTERFACE_JACOBIAN and not wiring.accepts_law:
         raise CouplingError(
-            f"tangent coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., u_rate) and "
-            "there are none; use gauss-seidel"
+            f"interface-Jacobian coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., "
+            "u_rate) and there are none; use gauss-seidel"
         )
     if wanted is not None:
         return wanted, "as asked"
     if wiring.accepts_law:
-        return Coupling.TANGENT, "both sides allow it"
+        return Coupling.INTERFACE_JACOBIAN, "both sides allow it"
     return Coupling.GAUSS_SEIDEL, f"{plant.name} has no law ports"
 
 
@@ -266,8 +266,8 @@ def _concluded(
         contraction = _grid_contraction(outputs, *others)
     failure = why.reason or next((p.failure for p in co_runs if p.failure), "")
     smaller = "use a smaller --step"
-    if coupling is not Coupling.TANGENT:
-        smaller += ", or --coupling tangent where both sides support it"
+    if coupling is not Coupling.INTERFACE_JACOBIAN:
+        smaller += ", or --coupling interface-jacobian where both sides support it"
     smaller += f"; this run had steps of {clock.used[1]:g} s"
     verdict = verdict_of(
         names,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,6 +72,33 @@ def write_figure(figure: Any, folder: Path, stem: str) -> None:
         write_atomically(folder / f"{stem}.{kind}", stream.getvalue())
 
 
+@cache
+def _figure_class() -> Any:
+    from matplotlib.figure import Figure
+
+    class ShownFigure(Figure):
+        """A figure that a notebook shows without pyplot."""
+
+        def _repr_png_(self) -> bytes:
+            import matplotlib as mpl
+
+            stream = io.BytesIO()
+            with mpl.rc_context(STYLE):
+                self.savefig(stream, format="png")
+            return stream.getvalue()
+
+    return ShownFigure
+
+
+def empty_figure(size: tuple[float, float], layout: str | None = None) -> Any:
+    """A figure without axes, which belongs to nobody but its holder."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure = _figure_class()(figsize=size, layout=layout)
+    FigureCanvasAgg(figure)
+    return figure
+
+
 def new_figure(
     rows: int, columns: int, size: tuple[float, float], fixed_margins: bool = False
 ) -> tuple[Any, Any]:
@@ -82,11 +110,7 @@ def new_figure(
         Whether labels get the room that those of a run need. Else Matplotlib measures all of them,
         which takes more time than drawing them.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout=None if fixed_margins else "constrained")
-    FigureCanvasAgg(figure)
+    figure = empty_figure(size, layout=None if fixed_margins else "constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
     if fixed_margins:
         width, height = size

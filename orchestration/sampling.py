@@ -49,7 +49,7 @@ def sampling_period(
 
     Parameters
     ----------
-    controller : FmuParticipant or IsolatedParticipant
+    controller : FmuInstance or IsolatedInstance
         Left as it is; a fresh instance is tried.
     wiring : Wiring
     sizes : ndarray, shape (n,)

@@ -244,7 +244,7 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
         )
     )
     references = tuple(dict.fromkeys(c.target.connector if plain else str(c.source) for c in goal))
-    law = study.coupling in (None, Coupling.TANGENT) and alone
+    law = study.coupling in (None, Coupling.INTERFACE_JACOBIAN) and alone
     main = _commands_of(commands, measured) if law else commands
     accepts = law and _accepts_law(fmus[plant], main, measured)
     if not accepts:

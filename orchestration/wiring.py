@@ -67,7 +67,7 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     Parameters
     ----------
     mapping : mapping of str to str, optional
-        ``theirs -> ours``: names of a third-party ports to the names they meet on the other side.
+        ``theirs -> ours``: a third-party FMU's ports to those that they meet on the other side.
         ``plant.theirs`` and ``controller.theirs`` are of one side alone.
 
     Raises

@@ -205,7 +205,11 @@ def random_case(seed: int) -> Case:
     speed = max(np.abs(np.linalg.eigvals(A)).max(), np.abs(values).max())
     stop = float(random.choice([0.2, 1.0, 3.0]))
     steps = int(np.clip(stop * speed * 10.0 ** random.uniform(-1.5, 2.5), 20, 5_000))
-    known = [Coupling.JACOBI, Coupling.GAUSS_SEIDEL, *([Coupling.TANGENT] * 4 if lawful else [])]
+    known = [
+        Coupling.JACOBI,
+        Coupling.GAUSS_SEIDEL,
+        *([Coupling.INTERFACE_JACOBIAN] * 4 if lawful else []),
+    ]
     coupling = known[random.integers(len(known))]
     read = np.hstack([np.eye(n), np.zeros((n, m))])
     return Case(plant, controller, closed, read, start, stop, stop / steps, coupling)

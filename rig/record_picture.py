@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..orchestration.pictures import COLOURS, STYLE, write_figure
+from ..orchestration.pictures import COLOURS, STYLE, empty_figure, write_figure
 from .record import TrialRecord
 
 BLUE, ORANGE, BLACK = COLOURS[0], COLOURS[1], COLOURS[6]
@@ -19,12 +19,9 @@ def save_record_picture(recorded: TrialRecord, folder: Path) -> None:
 def record_figure(recorded: TrialRecord) -> Any:
     """A figure of the record over time."""
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     with mpl.rc_context(STYLE | {"font.size": 9, "lines.linewidth": 1.2}):
-        figure = Figure(figsize=(7, 6))
-        FigureCanvasAgg(figure)
+        figure = empty_figure((7, 6))
         rows = figure.subplots(3, 1, sharex=True)
         # looking for the best layout would take as long as the drawing itself
         figure.subplots_adjust(left=0.11, right=0.98, top=0.95, bottom=0.08, hspace=0.12)

@@ -10,7 +10,7 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-enum { JACOBI, GAUSS_SEIDEL, TANGENT };
+enum { JACOBI, GAUSS_SEIDEL, INTERFACE_JACOBIAN };
 enum { DIRECT, STEPPED, SAMPLED };
 enum { CHECKPOINT, CORRECTION, PROBE }; /* what states are saved for */
 
@@ -234,7 +234,7 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
 {
     Controller *const c = &l->controller;
     double *const law = l->law.at;
-    const int tangent = l->coupling == TANGENT;
+    const int tangent = l->coupling == INTERFACE_JACOBIAN;
     if (l->has_following)
         copy(l->following.at, law, l->law.size);
     else
@@ -297,7 +297,7 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
     } else {
         TRY(advance(c, t, h, end, after));
     }
-    TRY(law_at(c, t + h, h, end, after, l->coupling == TANGENT, l->following.at));
+    TRY(law_at(c, t + h, h, end, after, l->coupling == INTERFACE_JACOBIAN, l->following.at));
     l->has_following = 1;
     copy(l->following.at, l->command.at, c->m);
     return 1;

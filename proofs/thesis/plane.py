@@ -128,7 +128,7 @@ def plane_claims(f: Figures) -> list[Claim]:
             "3.5.1.3, Fig. 3.18",
             "all loops beyond it are unstable",
             "all",
-            f"{100 * shares['beyond the critical value']['runs away']:.1f} % of "
+            f"{100 * shares['beyond the critical value']['diverges']:.1f} % of "
             f"{shares['beyond the critical value']['loops']} loops diverge",
             "all",
             shares["beyond the critical value"]["diverges"] == 1.0,
@@ -197,7 +197,7 @@ def plane_claims(f: Figures) -> list[Claim]:
             "3.5.1.3, Fig. 3.18",
             "above nominal sigma1_hat unstable loops are a small portion",
             "qualitative",
-            f"{100 * above['runs away']:.1f} %",
+            f"{100 * above['diverges']:.1f} %",
             "below 20 %",
             above["diverges"] < 0.2,
         ),
@@ -226,5 +226,5 @@ def _nominal_key(edges: Figures) -> str:
 def _kinds(share: Figures) -> str:
     return (
         f"{100 * share['stands']:.1f} % stand, {100 * share['swings']:.1f} % swing, "
-        f"{100 * share['runs away']:.1f} % diverge ({share['loops']} loops)"
+        f"{100 * share['diverges']:.1f} % diverge ({share['loops']} loops)"
     )

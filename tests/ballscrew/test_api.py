@@ -84,12 +84,19 @@ def test_each_result_is_saved_drawn_tabled_and_shown(results, kind, files, tmp_p
     result.save(tmp_path)
     assert files <= {f.name for f in tmp_path.iterdir()}
     assert len(result.plot().axes) > 0
+    assert result.plot()._repr_png_().startswith(b"\x89PNG")
     table = result.to_pandas()
     assert len(table) > 0
     html = result._repr_html_()
     assert html.startswith("<p><b>")
     assert "<td>" in html
     assert isinstance(result.trusted, bool)
+
+
+def test_a_run_that_cannot_be_believed_says_so():
+    result = ballscrew.run("iol", stop=0.3, step=1e-4, coupling=ballscrew.Coupling.GAUSS_SEIDEL)
+    assert not result.trusted
+    assert result.headline().startswith("iol, not converged")
 
 
 def test_numbers_and_pictures_can_be_saved_apart(results, tmp_path):

@@ -36,7 +36,7 @@ def test_run_writes_what_it_promises(tmp_path, capsys):
     assert rows[-1][0] == "2.0"
     figures = json.loads((tmp_path / "metrics.json").read_text())
     promised = "peak_voltage peak_voltage_time settling_time_2pct overshoot steady_state_error iae"
-    promised += " interface_defect_max macro_steps coupling verdict"
+    promised += " coupling_residual_max macro_steps coupling verdict"
     assert set(promised.split()) <= set(figures)
     assert figures["peak_voltage"] == pytest.approx(32.1, abs=0.05)
     assert figures["peak_voltage_time"] == pytest.approx(0.336, abs=2e-3)
@@ -56,7 +56,7 @@ def test_a_result_not_to_be_believed_has_exit_code_one_and_says_what_to_change(t
     assert main(arguments) == 1
     heard = capsys.readouterr().err
     assert "not converged" in heard
-    assert "--coupling tangent" in heard
+    assert "--coupling interface-jacobian" in heard
     assert json.loads((tmp_path / "metrics.json").read_text())["verdict"] == "not converged"
 
 

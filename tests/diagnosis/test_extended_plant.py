@@ -395,7 +395,7 @@ def test_an_extended_plant_runs_and_swaps_like_any_other(tmp_path, names):
     assert main(["run", "--controller", "nctf", "--stop", "0.5", *loop]) == 0
     figures = json.loads((tmp_path / "metrics.json").read_text())
     assert figures["verdict"] == "trusted"
-    assert figures["coupling"] == "tangent"
+    assert figures["coupling"] == "interface-jacobian"
     assert main(["swap", "--controllers", "nctf", "pid", "--stop", "2", *loop]) == 0
     with open(tmp_path / "comparison.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))

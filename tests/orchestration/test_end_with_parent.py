@@ -25,8 +25,8 @@ time.sleep(60)
 
 PARENT_OF_A_THIRD_PARTY_FMU = """
 import sys, time
-from ballscrew.orchestration.isolated import IsolatedParticipant
-one = IsolatedParticipant(sys.argv[1], "one")
+from ballscrew.orchestration.isolated import IsolatedInstance
+one = IsolatedInstance(sys.argv[1], "one")
 one.initialize({}, 1.0)
 one.step(0.0, 1.0)
 one.reader(["u"])()

@@ -50,10 +50,10 @@ def run_native(native):
 def test_nominal_iol_is_within_the_stated_distance_over_all_twenty_seconds(run_native, truth):
     """1e-4 m at 1e-3 s without correction; 1.5e-6 m at 2e-4 s with one."""
     reference = truth("iol", 20.0)
-    plain = run("iol", 1e-3, 20.0, coupling=Coupling.TANGENT, corrections=0)
+    plain = run("iol", 1e-3, 20.0, coupling=Coupling.INTERFACE_JACOBIAN, corrections=0)
     assert error(plain, reference) < 1e-4
     assert plain.macro_steps == 20_000
-    corrected = run_native("iol", 2e-4, 20.0, coupling=Coupling.TANGENT, corrections=1)
+    corrected = run_native("iol", 2e-4, 20.0, coupling=Coupling.INTERFACE_JACOBIAN, corrections=1)
     assert error(corrected, reference) < 1.5e-6
     assert corrected.verdict.trusted
     assert corrected.time[-1] == 20.0
@@ -80,14 +80,16 @@ def test_held_iol_at_ten_microseconds_is_not_converged(run_native):
     assert held.verdict.advice
 
 
-@pytest.mark.parametrize("coupling", [Coupling.JACOBI, Coupling.GAUSS_SEIDEL, Coupling.TANGENT])
+@pytest.mark.parametrize(
+    "coupling", [Coupling.JACOBI, Coupling.GAUSS_SEIDEL, Coupling.INTERFACE_JACOBIAN]
+)
 def test_nctf_comes_out_right_in_each_coupling_and_the_estimate_covers_the_error(
     run_native, truth, coupling
 ):
     reference = truth("nctf", 2.0)
     result = run_native("nctf", 1e-4, coupling=coupling)
     off = error(result, reference)
-    assert off < (2e-8 if coupling is Coupling.TANGENT else 2e-5)
+    assert off < (2e-8 if coupling is Coupling.INTERFACE_JACOBIAN else 2e-5)
     assert off < 2 * result.verdict.error_estimate["x"] + 1e-9
 
 
@@ -95,7 +97,7 @@ def test_nctf_comes_out_right_in_each_coupling_and_the_estimate_covers_the_error
 def test_every_controller_is_trusted_by_default_and_close_to_the_reference(truth, controller):
     result = run(controller, 1e-3)
     assert result.verdict.trusted, result.verdict
-    assert result.coupling is Coupling.TANGENT
+    assert result.coupling is Coupling.INTERFACE_JACOBIAN
     reference = truth(controller, 2.0)
     for name, share in {"x": 5e-4, "v": 2e-3, "z": 1e-2, "i": 2e-3}.items():
         assert error(result, reference, name) < share * np.ptp(reference.outputs[name]), name

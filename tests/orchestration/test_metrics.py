@@ -15,7 +15,7 @@ def course(time, x, u, goal):
         outputs={"x": x},
         commands={"u": u},
         reference=np.broadcast_to(goal, time.shape),
-        coupling=Coupling.TANGENT,
+        coupling=Coupling.INTERFACE_JACOBIAN,
         coupling_reason="",
         corrected=False,
         residual_max={},

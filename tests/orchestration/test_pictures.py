@@ -32,7 +32,7 @@ def result(name="pid", steps=2000, stop=20.0, spike=0.0, noise=0.0):
         outputs={"x": x, "v": v, "z": 1e-5 * np.tanh(t), "i": 0.1 * u, "friction": v},
         commands={"u": u},
         reference=np.full(len(t), 0.08),
-        coupling=Coupling.TANGENT,
+        coupling=Coupling.INTERFACE_JACOBIAN,
         coupling_reason="as asked",
         corrected=True,
         residual_max={"u": 0.0},

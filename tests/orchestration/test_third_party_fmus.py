@@ -61,7 +61,7 @@ def finely(third_party):
 
 def test_a_stranger_that_reports_no_derivatives_is_probed(third_party, finely):
     result = run_study(Study(third_party("Probed", True), mapping=MAP, stop=1.0)).run
-    assert result.coupling is Coupling.TANGENT
+    assert result.coupling is Coupling.INTERFACE_JACOBIAN
     assert "probed" in result.coupling_reason
     assert result.verdict.trusted
     assert set(result.commands) == {"u"}  # under our names, so that the figures can be computed

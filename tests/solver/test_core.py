@@ -153,7 +153,7 @@ import numpy as np
 from ballscrew.fmus.catalogue import NAMES, fmu_kernel
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import IntegrationError, Model
-from ballscrew.solver.spectrum import follow, follow_returns
+from ballscrew.solver.spectrum import follow_tangents, follow_returns
 random = np.random.default_rng(1)
 for name in NAMES:
     kernel = fmu_kernel(name)
@@ -172,9 +172,9 @@ for name in NAMES:
 for name in ("iol", "nctf", "pid"):
     kernel = loop_kernel("plant", name)
     for count in (1, 2, len(kernel.states)):
-        follow(Model(kernel), np.linspace(0.0, 0.05, 6), count)
+        follow_tangents(Model(kernel), np.linspace(0.0, 0.05, 6), count)
     follow_returns(Model(kernel), 0.0, 0.2, 0, 1e-3, 3)
-from ballscrew.plant.prescribed_motion import follow as moved
+from ballscrew.plant.prescribed_motion import prescribed_friction as moved
 moved("maxwell_slip", [0.0, 0.01, 0.02, 0.03], [0.0, 1e-3, -1e-3, 0.0])
 print("done")
 """

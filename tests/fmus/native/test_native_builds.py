@@ -456,7 +456,7 @@ def test_a_state_saved_before_a_failure_can_be_gone_on_from(native):
 
 def test_the_law_wired_or_not_is_the_law_of_the_twin(fmus, native):
     """Corrections roll back, so that they also prove states that are saved."""
-    options = {"coupling": Coupling.TANGENT, "corrections": 1}
+    options = {"coupling": Coupling.INTERFACE_JACOBIAN, "corrections": 1}
     theirs = course(fmus["plant"], fmus["iol"], 0.5, **options)
     ours = course(native("plant"), native("iol"), 0.5, **options)
     for name, values in theirs.items():
