@@ -10,16 +10,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .results import (
-    Comparison,
-    DiagnosisResult,
-    Exponents,
-    IdentifiedLaw,
-    RigRecord,
-    RunResult,
-    StabilityMap,
-)
-
 if TYPE_CHECKING:
     from .orchestration.closed_loop import Study
     from .orchestration.coupling import Coupling
@@ -27,6 +17,13 @@ if TYPE_CHECKING:
     from .orchestration.reference_signal import Reference
     from .records.drive_record import DriveRecord
     from .records.force_record import Record
+    from .results.comparison import Comparison
+    from .results.diagnosis_result import DiagnosisResult
+    from .results.exponents import Exponents
+    from .results.identified_law import IdentifiedLaw
+    from .results.map_result import StabilityMap
+    from .results.rig_record import RigRecord
+    from .results.run_result import RunResult
     from .solver.component import Component
 
     Part = str | Path | Component
@@ -221,6 +218,7 @@ def run(
     32.1
     """
     from .orchestration.closed_loop import run_study
+    from .results.run_result import RunResult
 
     study = _study(
         controller, plant, reference, stop, step, plant_values, controller_values, coupling, mapping
@@ -261,6 +259,7 @@ def swap(
     ['iol', 'pid']
     """
     from .orchestration.swap import swap as swapped
+    from .results.comparison import Comparison
 
     studies = [
         _study(c, plant, reference, stop, step, plant_values, None, None, None) for c in controllers
@@ -313,6 +312,7 @@ def lyapunov(
     >>> result.exponents.shape
     (4,)
     """
+    from .results.exponents import Exponents
     from .stability.loop_lyapunov import loop_lyapunov
 
     given = setpoint, plant, plant_values, controller_values
@@ -374,6 +374,7 @@ def stability_map(
     4
     """
     from .orchestration.workers import Processes
+    from .results.map_result import StabilityMap
     from .stability.stability_map import make_map
     from .stability.study import MapStudy, read_axis
 
@@ -427,6 +428,7 @@ def run_trial(
     >>> sorted(record.record)[:3]
     ['force', 'force_filtered', 'force_ref']
     """
+    from .results.rig_record import RigRecord
     from .rig.bench import run_trial as recorded
 
     return RigRecord.of(recorded(trial, law, values, seed))
@@ -558,6 +560,7 @@ def identify(
     """
     from .identification.identify import check_held
     from .identification.identify import identify as identified
+    from .results.identified_law import IdentifiedLaw
 
     check_held(law, dict(fixed or {}), offset)
     return IdentifiedLaw.of(identified(records, law, params, dict(fixed or {}), offset))
@@ -596,6 +599,7 @@ def diagnose(
         With one line that says what cannot be used and why.
     """
     from .diagnosis.diagnose import diagnose as diagnosed
+    from .results.diagnosis_result import DiagnosisResult
 
     return DiagnosisResult.of(diagnosed(data, params, law, mapping, units=units, lead=lead))
 

@@ -120,7 +120,7 @@ def _identify(options: argparse.Namespace) -> int:
         )
     except BadRecord as error:
         raise BadRequest(str(error)) from error
-    from .results import IdentifiedLaw
+    from .results.identified_law import IdentifiedLaw
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")

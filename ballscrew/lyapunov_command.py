@@ -55,7 +55,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
         raise BadRequest("--tolerance is for --via model; FMUs have a solver of their own")
     asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
     prepare_folder(options.out, [options.params])
-    from .results import Exponents
+    from .results.exponents import Exponents
     from .solver.files import finite_or_null
     from .stability.loop_lyapunov import loop_lyapunov
     from .stability.lyapunov import NoExponents

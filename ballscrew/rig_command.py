@@ -98,7 +98,7 @@ def _rig(options: argparse.Namespace) -> int:
     prepare_folder(options.out, [options.params])
     from .orchestration.parameter_file import BadParameters
     from .plant.law import UnknownLaw
-    from .results import RigRecord
+    from .results.rig_record import RigRecord
     from .rig.bench import run_trial
     from .rig.fmu_bench import export_trial
     from .rig.setup import BadRig

@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
     )
     prepare_folder(options.out, [options.params, options.reference])
     from .orchestration.closed_loop import Study, run_study
-    from .results import RunResult
+    from .results.run_result import RunResult
     from .solver.files import finite_or_null
 
     if isinstance(study, Study):

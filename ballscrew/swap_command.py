@@ -37,7 +37,7 @@ def swap_controllers(options: argparse.Namespace) -> int:
     studies = read_studies(options, options.controllers)
     prepare_folder(options.out, [options.params, options.reference])
     from .orchestration.swap import swap
-    from .results import Comparison
+    from .results.comparison import Comparison
     from .solver.files import finite_or_null
 
     progress = Progress(studies[0].stop)

@@ -20,6 +20,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_execution_in_temp = True
 numpydoc_show_class_members = False
+add_module_names = False
 autodoc_typehints = "none"
 os.environ.setdefault("BALLSCREW_CACHE", tempfile.mkdtemp(prefix="ballscrew-docs-"))
 

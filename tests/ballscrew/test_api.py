@@ -9,7 +9,7 @@ from numpydoc.docscrape import FunctionDoc
 
 import ballscrew
 from ballscrew import api
-from ballscrew.results import Result
+from ballscrew.results.result import Result
 
 FUNCTIONS = [n for n in ballscrew.__all__ if inspect.isfunction(getattr(ballscrew, n))]
 OWN = [n for n in FUNCTIONS if getattr(ballscrew, n).__module__ == "ballscrew.api"]

@@ -331,5 +331,5 @@ def test_the_wheel_holds_every_module(tmp_path):
     ):
         expected.add(f"ballscrew/{library}{SUFFIX}")
     assert "-py3-none-" in wheel.name  # for every Python on this platform
-    expected |= {f"ballscrew/{p.name}" for p in (root / "ballscrew").glob("*.py")}
+    expected |= {str(p.relative_to(root)) for p in (root / "ballscrew").rglob("*.py")}
     assert held == expected

@@ -1,0 +1,39 @@
+"""The result of several controllers on one plant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from ..orchestration.swap import COLUMNS, SwapResult
+from .result import Result, table_of, with_unit
+
+
+@dataclass(frozen=True)
+class Comparison(Result, SwapResult):
+    """Several controllers on one plant; see `ballscrew.swap`."""
+
+    def pictures(self) -> dict[str, Any]:
+        from ..orchestration.pictures import comparison_figure
+
+        return {"comparison": comparison_figure(self.results)}
+
+    def headline(self) -> str:
+        doubtful = [r.study.label for r in self.results if not r.trusted]
+        names = ", ".join(r.study.label for r in self.results)
+        return f"{names} on one plant" + (
+            f"; not to be believed: {', '.join(doubtful)}" if doubtful else ""
+        )
+
+    def facts(self) -> Iterable[tuple[str, str]]:
+        for result in self.results:
+            figures = result.figures()
+            peak = with_unit(figures.get("peak_voltage"), "V")
+            settled = with_unit(figures.get("settling_time_2pct"), "s")
+            yield result.study.label, f"peak {peak}, settled in {settled}, {figures['verdict']}"
+
+    def to_pandas(self) -> Any:
+        """A row for each controller, with the columns of ``comparison.csv``."""
+        rows = [{c: r.figures().get(c) for c in COLUMNS} for r in self.results]
+        return table_of(rows, "controller")

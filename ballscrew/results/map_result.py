@@ -1,0 +1,66 @@
+"""A stability map in its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..orchestration.pictures import write_figure
+from ..stability.store import MapSummary
+from .result import Result, table_of
+
+
+@dataclass(frozen=True)
+class StabilityMap(Result):
+    """A map over two parameters, in its folder; see `ballscrew.stability_map`.
+
+    Attributes
+    ----------
+    summary : MapSummary
+    folder : Path
+        Holds ``map.parquet``, ``map.json`` and, with `refine`, ``borders.csv``.
+    """
+
+    summary: MapSummary
+    folder: Path
+
+    @property
+    def trusted(self) -> bool:
+        """Whether no cell away from borders has another verdict at a tenth of the tolerance."""
+        return self.summary.random_disagreed == 0
+
+    def pictures(self) -> dict[str, Any]:
+        from ..stability.map_pictures import map_figure
+
+        return {"map": map_figure(self.summary.study, self.folder)}
+
+    def headline(self) -> str:
+        s = self.summary
+        return (
+            f"{s.study.cells} loops of {s.study.controller}; at a tenth of the tolerance "
+            f"{s.disagreed} of {s.checked} have another verdict"
+        )
+
+    def facts(self) -> Iterable[tuple[str, str]]:
+        for verdict, count in sorted(self.summary.verdicts.items(), key=lambda row: -row[1]):
+            yield verdict, f"{count} of {self.summary.study.cells}"
+
+    def save(self, folder: Path | str, pictures: bool = True) -> None:
+        """Copy the map's files to another folder, and draw it there."""
+        import shutil
+
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in ("map.parquet", "map.json", "borders.csv"):
+            if (self.folder / name).is_file() and folder.resolve() != self.folder.resolve():
+                shutil.copyfile(self.folder / name, folder / name)
+        if pictures:
+            write_figure(self.plot(), folder, "map")
+
+    def to_pandas(self) -> Any:
+        """A row for each cell, as in ``map.parquet``."""
+        import pyarrow.parquet as pq
+
+        return table_of(pq.read_table(self.folder / "map.parquet").to_pydict())

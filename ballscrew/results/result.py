@@ -1,0 +1,79 @@
+"""What every result does besides holding its numbers: files, figures, tables, notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields
+from html import escape
+from pathlib import Path
+from typing import Any, Self
+
+from ..orchestration.pictures import write_figure
+
+
+class Result:
+    """What every result does besides holding its numbers."""
+
+    @classmethod
+    def of(cls, computed: Any) -> Self:
+        """The result with the fields of what was computed."""
+        return cls(**{f.name: getattr(computed, f.name) for f in fields(computed)})
+
+    def pictures(self) -> dict[str, Any]:
+        """Matplotlib figures by the names of their files, the most telling first."""
+        raise NotImplementedError
+
+    def headline(self) -> str:
+        """The result in one sentence, with what weakens it."""
+        raise NotImplementedError
+
+    def facts(self) -> Iterable[tuple[str, str]]:
+        """Named numbers, as text with units."""
+        raise NotImplementedError
+
+    def save(self, folder: Path | str, pictures: bool = True) -> None:
+        """Write plain files (CSV, JSON, TOML) and, by default, the figures as PNG.
+
+        Parameters
+        ----------
+        folder : path-like
+            Made where it is not there.
+        pictures : bool
+            Whether to write the figures, too.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be written.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        super().save(folder)  # type: ignore[misc]
+        if pictures:
+            for stem, figure in self.pictures().items():
+                write_figure(figure, folder, stem)
+
+    def plot(self) -> Any:
+        """The figure that tells most, a `matplotlib.figure.Figure`."""
+        return next(iter(self.pictures().values()))
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>"
+            for name, value in self.facts()
+        )
+        return f"<p><b>{escape(self.headline())}</b></p><table>{rows}</table>"
+
+
+def table_of(data: Any, index: str | None = None) -> Any:
+    """A pandas table; pandas is asked for only here."""
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise ImportError("to_pandas needs pandas: pip install pandas") from error
+    table = pd.DataFrame(data)
+    return table if index is None else table.set_index(index)
+
+
+def with_unit(value: float | None, unit: str) -> str:
+    return "-" if value is None else f"{value:.6g} {unit}".rstrip()
