@@ -10,6 +10,7 @@ from ballscrew.orchestration.fmu_instance import StepFailed
 from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.results.run_result import RunResult
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +199,7 @@ def test_requests_that_make_no_sense_are_refused_with_the_reason(fmus):
 
 def test_a_run_without_motion_is_saved_with_its_pictures(tmp_path):
     result = run_study(Study("pid", reference=Reference.constant(0.0), stop=0.05))
-    result.save(tmp_path)
+    RunResult.of(result).save(tmp_path)
     assert (tmp_path / "phase.png").exists()
     assert result.figures()["settling_time_2pct"] is None
 

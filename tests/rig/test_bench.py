@@ -10,6 +10,7 @@ import pytest
 
 from ballscrew.instruments.sampling_period import SAMPLE_TIME
 from ballscrew.plant.law import UnknownLaw
+from ballscrew.results.rig_record import RigRecord
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.compiled_rig import plant_kernel
 from ballscrew.rig.noise import Noise
@@ -224,7 +225,7 @@ def test_stiffness_from_force_over_displacement_is_as_biased_as_the_law_says():
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_record(tmp_path):
     for folder, seed in (("a", 3), ("b", 3), ("c", 4)):
-        run_trial("2.8/1", seed=seed).save(tmp_path / folder)
+        RigRecord.of(run_trial("2.8/1", seed=seed)).save(tmp_path / folder)
     for name in ("record.csv", "truth.csv", "trial.json", "record.png"):
         same, again, other = ((tmp_path / f / name).read_bytes() for f in "abc")
         assert same == again
@@ -237,7 +238,7 @@ def test_trials_of_one_seed_have_noise_of_their_own():
 
 
 def test_the_record_is_read_back_as_it_was(tmp_path, slow_slide):
-    slow_slide.save(tmp_path)
+    RigRecord.of(slow_slide).save(tmp_path)
     for name, columns in (("record", slow_slide.record), ("truth", slow_slide.truth)):
         text = (tmp_path / f"{name}.csv").read_text().splitlines()
         assert text[0] == ",".join(columns)

@@ -11,6 +11,7 @@ import synthetic_laws as synthetic
 from ballscrew.plant import LAWS
 from ballscrew.plant.law import UnknownLaw, claims
 from ballscrew.rig.feature_criteria import CONDITIONAL, FEATURES, NO, THESIS, YES, Check, rise_time
+from ballscrew.rig.feature_pictures import save_pictures
 from ballscrew.rig.feature_table import feature_table
 from ballscrew.rig.observations import ForceCurve
 
@@ -170,6 +171,7 @@ def test_the_thesis_own_figures_stand_beside_those_found_here(table):
 @of_the_table
 def test_what_is_written_says_for_every_cell_why(table, tmp_path):
     table.save(tmp_path)
+    save_pictures(table.observations, tmp_path)
     written = json.loads((tmp_path / "features.json").read_text())
     assert set(written["criteria"]) == set(FEATURES)
     for law, row in written["laws"].items():

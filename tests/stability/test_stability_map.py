@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -15,6 +16,7 @@ from ballscrew.orchestration.workers import Processes
 from ballscrew.stability import stability_map, store
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.cell import run_cell, stuck_growth
+from ballscrew.stability.map_pictures import save_map_picture
 from ballscrew.stability.stability_map import make_map
 from ballscrew.stability.study import BadMap, MapStudy, read_axis
 
@@ -31,7 +33,9 @@ def gamma(columns=5, rows=4, **options):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("map")
-    return folder, make_map(gamma(), folder, Processes(1), refine=True)
+    study = gamma()
+    beside = partial(save_map_picture, study)
+    return folder, make_map(study, folder, Processes(1), refine=True, beside=beside)
 
 
 @pytest.mark.parametrize("tolerance", [1e-8, 1e-6])
