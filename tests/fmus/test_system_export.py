@@ -243,7 +243,7 @@ def test_pyssp_standard_opens_it_and_finds_nothing_to_complain_of(systems, name)
 
 
 def python(code, *arguments):
-    """Run code in a process of its own, since a third-party program may crash at its end; its output."""
+    """Output of code run in a process of its own: a third-party program may crash at its end."""
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(code), *map(str, arguments)],
         capture_output=True,
