@@ -1,4 +1,4 @@
-"""``ballscrew diagnose``: what a model gets wrong of measured data, why, and the mended model."""
+"""``ballscrew diagnose``: what a model gets wrong, why, and the corrected model."""
 
 from __future__ import annotations
 
@@ -148,10 +148,10 @@ def _records(options: argparse.Namespace) -> int:
     _check_law(options.law)
     _check_overwritten(options)
     prepare_folder(options.out, [*options.data, options.params])
-    from .diagnosis.believed import believed
     from .diagnosis.corrected import corrected
     from .diagnosis.diagnose import diagnose_records
     from .diagnosis.diagnosis import EXPLAINED, NONE
+    from .diagnosis.prior_model import prior_model_from
     from .diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
     from .orchestration.parameter_file import ParameterFile
     from .records.bad_record import BadRecord
@@ -159,7 +159,7 @@ def _records(options: argparse.Namespace) -> int:
 
     told = columns.with_lead(read_params(options))
     with bad_parameters():
-        model = believed(told or ParameterFile(), options.law)
+        model = prior_model_from(told or ParameterFile(), options.law)
     progress = Stages()
     try:
         progress("reading")
@@ -228,7 +228,7 @@ def _extended(result: Diagnosis) -> _Extension:
     from .solver.component import ContractError
 
     try:
-        return _Extension(extended_plant(result.mended, result.found()))
+        return _Extension(extended_plant(result.corrected, result.found()))
     except (BadExtension, OneBody, ContractError) as error:
         return _Extension(None, f"no extended plant is written: {error}")
 
@@ -242,8 +242,8 @@ def _closed_loop(result: Diagnosis, extension: _Extension) -> ClosedLoopSection:
         because = extension.because or "No cause was named, so the closed loop stays as it is."
         return ClosedLoopSection(None, because)
     try:
-        believed = extended_plant(result.believed, [])
-        return ClosedLoopSection(closed_loop_effect(believed, extension.plant))
+        prior_model = extended_plant(result.prior, [])
+        return ClosedLoopSection(closed_loop_effect(prior_model, extension.plant))
     except NoClosedLoop as error:
         return ClosedLoopSection(None, str(error))
 
@@ -291,7 +291,7 @@ def _diagnosis_table(
     lines = [f"{result.verdict}: {verdict_sentence(result)}", result.where, ""]
     lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")
     rows: Sequence[tuple[str, Level]] = (
-        ("as believed", result.baseline_residual),
+        ("prior model", result.baseline_residual),
         (f"values adjusted, {result.held_out} held out", result.adjusted_residual),
         (f"with causes, {result.held_out} held out", result.final_residual),
         ("noise alone", result.floor),
@@ -300,8 +300,8 @@ def _diagnosis_table(
     if result.load_cell is not None:
         cell = result.load_cell
         lines.append(
-            f"load cell, which took no part: {cell.believed:.4g} N rms off the model as believed, "
-            f"{cell.mended:.4g} N off the mended one"
+            f"load cell, which took no part: {cell.prior:.4g} N rms off the prior model, "
+            f"{cell.corrected:.4g} N off the corrected one"
         )
     for c in result.causes:
         low, high = c.gain_interval

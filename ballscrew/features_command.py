@@ -91,7 +91,7 @@ def _features(options: argparse.Namespace) -> int:
         print(table.text())
         print(f"\nfeatures.json and Figs. 2.14 to 2.19 in {options.out}")
     for note in table.notes:
-        print(f"not to be believed: {note}", file=sys.stderr)
+        print(f"not trusted: {note}", file=sys.stderr)
     return NOT_TRUSTED if table.notes else TRUSTED
 
 

@@ -97,14 +97,14 @@ def _identify(options: argparse.Namespace) -> int:
         raise BadRequest(f"--law {options.law!r} is none of {', '.join(NAMES)}{hint}")
     columns = read_record_options(options)
     mass = None if options.mass is None else read_number("--mass", options.mass)
-    from .diagnosis.believed import believed
+    from .diagnosis.prior_model import prior_model_from
     from .records.bad_record import BadRecord
     from .records.force_record import read_records
 
     told = columns.with_lead(read_params(options))
     if told is not None:
         with bad_parameters():
-            model = believed(told)
+            model = prior_model_from(told)
         if mass is None and "m" in told.plant:
             mass = model.values["m"]
     fixed = _fixed(options.fix, told)
@@ -142,8 +142,8 @@ def _identify(options: argparse.Namespace) -> int:
             )
     for doubt in result.doubts:
         if doubt.split(":")[0] not in result.parameters:
-            print(f"not to be believed: {doubt}", file=sys.stderr)
-    return TRUSTED if result.believed else NOT_TRUSTED
+            print(f"not trusted: {doubt}", file=sys.stderr)
+    return TRUSTED if result.trusted else NOT_TRUSTED
 
 
 def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .diagnosis.blocks import Estimate
     from .diagnosis.judge import Judgement
 
-_NAMES = {"believed": "as believed", "adjusted": "values adjusted", "corrected": "corrected"}
+_NAMES = {"prior": "prior model", "adjusted": "values adjusted", "corrected": "corrected"}
 _WIDE = 30  # of a column of figures
 
 
@@ -93,7 +93,7 @@ def table(result: Judgement) -> str:
         name = f"{_NAMES[g.model]} over {_NAMES[g.over]}"
         figures = "".join(f"{_figure(e, 100.0):>{_WIDE}}" for e in (g.force, g.position))
         lines.append(f"{name:<42}{figures}")
-    if result.scores["believed"].force.interval is None:
+    if result.scores["prior"].force.interval is None:
         lines.append("no intervals: the record is too short to tell them")
     return "\n".join(lines)
 

@@ -39,7 +39,7 @@ class RecordOptions:
         BadRequest
             If the file says the lead, too.
         """
-        from .diagnosis.believed import with_lead
+        from .diagnosis.prior_model import with_lead
         from .orchestration.parameter_file import ParameterFile
 
         if told is None and self.lead is None:
@@ -49,7 +49,7 @@ class RecordOptions:
 
     def lead_with(self, told: ParameterFile | None) -> float | None:
         """The lead [m] by ``--lead`` or by `p` of the parameter file; None if neither says it."""
-        from .diagnosis.believed import lead_of
+        from .diagnosis.prior_model import lead_of
 
         return lead_of(told, self.lead)
 

@@ -150,7 +150,7 @@ def _rig(options: argparse.Namespace) -> int:
         folder = options.out / trial.folder if len(trials) > 1 else options.out
         print(f"{trial.line()}: {folder}")
         for note in notes[trial.name]:
-            print(f"{trial.name}: not to be believed: {note}", file=sys.stderr)
+            print(f"{trial.name}: not trusted: {note}", file=sys.stderr)
     return NOT_TRUSTED if any(notes.values()) else TRUSTED
 
 

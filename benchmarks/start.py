@@ -36,7 +36,7 @@ def processor_seconds(arguments: tuple[str, ...], home: Path, out: Path) -> floa
         cwd=home,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        check=False,  # some end with 1: computed, but not to be believed
+        check=False,  # some end with 1: computed, but not trusted
     )
     after = os.times()
     return (after.children_user - before.children_user) + (

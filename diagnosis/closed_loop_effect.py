@@ -64,7 +64,7 @@ class LoopCourse:
 
 @dataclass(frozen=True)
 class ClosedLoopEffect:
-    """The believed and the extended plant under one controller.
+    """The prior and the extended plant under one controller.
 
     Attributes
     ----------
@@ -73,21 +73,21 @@ class ClosedLoopEffect:
     """
 
     time: Vector
-    believed: LoopCourse
+    prior: LoopCourse
     extended: LoopCourse
 
     @property
     def farthest(self) -> float:
         """Largest distance between the two motions [m]."""
-        return float(np.abs(self.extended.x - self.believed.x).max())
+        return float(np.abs(self.extended.x - self.prior.x).max())
 
     @property
     def says(self) -> str:
         """In a sentence."""
         changed = (
-            f"what the motion becomes stays: {self.believed.becomes}"
-            if self.believed.becomes == self.extended.becomes
-            else f"the motion becomes: {self.extended.becomes}, not {self.believed.becomes}"
+            f"what the motion becomes stays: {self.prior.becomes}"
+            if self.prior.becomes == self.extended.becomes
+            else f"the motion becomes: {self.extended.becomes}, not {self.prior.becomes}"
         )
         return (
             f"under {CONTROLLER} with its default gains the position differs by up to "
@@ -95,7 +95,7 @@ class ClosedLoopEffect:
         )
 
 
-def closed_loop_effect(believed: Component, extended: Component) -> ClosedLoopEffect:
+def closed_loop_effect(prior_model: Component, extended: Component) -> ClosedLoopEffect:
     """Run both plants to one set-point, plant and controller as one system of equations.
 
     One solver for the whole loop, not the master: it takes hundredths of a second once compiled,
@@ -108,7 +108,7 @@ def closed_loop_effect(believed: Component, extended: Component) -> ClosedLoopEf
     """
     time = np.linspace(0.0, STOP, round(STOP / STEP) + 1)
     try:
-        loops = [_loop(plant) for plant in (believed, extended)]
+        loops = [_loop(plant) for plant in (prior_model, extended)]
         return ClosedLoopEffect(time, *(_course(loop, time) for loop in loops))
     except (UnsupportedComponent, ContractError) as error:
         raise NoClosedLoop(f"the plant does not run under {CONTROLLER}: {error}") from error

@@ -21,12 +21,12 @@ def corrected(
     plant : Component or None
         With the causes, where one can be made.
     told : ParameterFile or None
-        What was believed. A value that the diagnosis leaves keeps its interval and source, and so
+        The prior model. A value that the diagnosis leaves keeps its interval and source, and so
         do values that take no part: of the amplifier, of controllers, of the rig. A motor that is
         left out, see `commanded`, has none.
     """
     told = told or ParameterFile()
-    file = parameter_file(plant or extended_plant(result.mended, []))
+    file = parameter_file(plant or extended_plant(result.corrected, []))
     records = ", ".join(result.records)
     intervals: dict[str, tuple[float, float]] = {}
     for cause in result.causes:
@@ -37,13 +37,11 @@ def corrected(
         if value.source == FOUND:
             source = f"found by ballscrew diagnose in {records}"
             return replace(value, interval=intervals.get(name), source=source)
-        if before is not None and (
-            before.value == value.value or name not in result.believed.values
-        ):
+        if before is not None and (before.value == value.value or name not in result.prior.values):
             return replace(before, unit=value.unit)
-        if value.value != result.believed.values.get(name, value.value):
+        if value.value != result.prior.values.get(name, value.value):
             return replace(value, source=f"corrected by ballscrew diagnose to {records}")
-        return replace(value, source="believed")
+        return replace(value, source="prior")
 
     values = {n: with_source(n, v) for n, v in file.plant.items()}
     others = told.plant if told.kind == file.kind else {}
@@ -60,8 +58,8 @@ def corrected(
             records=result.records,
             command=result.command,
             command_shift=result.command_shift,
-            law=result.believed.law,
-            believed=result.believed.values,
+            law=result.prior.law,
+            prior=result.prior.values,
             adjusted=result.adjusted.values,
             causes={c.name: last_record(c.parameters) for c in result.causes},
         ),

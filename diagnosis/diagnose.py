@@ -15,8 +15,6 @@ from ..orchestration.parameter_reading import read_parameters
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.identifiable import check_identifiable
 from .acceptance import SWINGS, Accepted, accepted, taken_back
-from .believed import believed as believed_of
-from .believed import lead_of, with_lead
 from .causes import CAUSES
 from .commanded import commanded
 from .diagnosis import EXPLAINED, NONE, PARTLY, UNEXPLAINED, Curves, Diagnosis, Level, holds
@@ -29,6 +27,7 @@ from .load_cell import validation_signal
 from .modelled_record import opposing
 from .nonparametric import LIVES
 from .plausibility import at_ends
+from .prior_model import lead_of, prior_model_from, with_lead
 from .problem import Problem
 from .regression import Added
 from .remaining import AT_FLOOR, above_floor, next_experiment, out_of_reach, where_residual_is
@@ -55,7 +54,7 @@ def diagnose(
         CSV, MAT or Parquet files with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A];
         ``i`` alone is taken as the command, see `commanded`.
     params : path-like, optional
-        The believed model, see `read_believed`; the nominal axis by default.
+        The prior model, see `read_prior_model`; the nominal axis by default.
     law : str, optional
         Friction law, in place of the file's.
     mapping : mapping of str to str, optional
@@ -73,22 +72,22 @@ def diagnose(
     """
     told = with_lead(ParameterFile() if params is None else read_parameters(params), lead)
     records = read_drive_records(data, mapping, units, lead_of(told, lead))
-    return diagnose_records(records, believed_of(told, law), progress)
+    return diagnose_records(records, prior_model_from(told, law), progress)
 
 
 def diagnose_records(
     records: Sequence[DriveRecord],
-    believed: DriveModel,
+    prior_model: DriveModel,
     progress: Callable[[str], None] = lambda doing: None,
 ) -> Diagnosis:
-    """As `diagnose`, of records in memory; `believed` of the result takes the command they have."""
+    """As `diagnose`, of records in memory; `prior` of the result takes the command they have."""
     began = time.perf_counter()
-    records, believed, notes = commanded(records, believed)
+    records, prior_model, notes = commanded(records, prior_model)
     notes += check_identifiable(records)
     progress("looking for causes")
-    found = search(records, believed)
+    found = search(records, prior_model)
     progress("judging on data held out")
-    return _concluded(records, believed, found, notes, began)
+    return _concluded(records, prior_model, found, notes, began)
 
 
 class _Judgement(NamedTuple):
@@ -100,7 +99,7 @@ class _Judgement(NamedTuple):
     laps: list[float]
 
 
-def _judgement(believed: DriveModel, found: Found) -> _Judgement:
+def _judgement(prior_model: DriveModel, found: Found) -> _Judgement:
     """Take names back until what is left gains for certain, each of them and all together."""
     situation, problem = found.situation, found.problem
     courses = situation.courses
@@ -108,7 +107,7 @@ def _judgement(believed: DriveModel, found: Found) -> _Judgement:
     folds = parts_of(courses, laps)
     holds_up = accepted(problem, found.choice.best, folds, courses)
     held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
-    baseline = residual(courses, believed, Added.nothing(courses))
+    baseline = residual(courses, prior_model, Added.nothing(courses))
     while held.order:
         worse = [
             n
@@ -129,8 +128,7 @@ def _judgement(believed: DriveModel, found: Found) -> _Judgement:
         if not worse and no_less:
             worse = held.order
             reason = (
-                f"the model as believed leaves less {no_less[0]} than the one with it, "
-                "on data held out"
+                f"the prior model leaves less {no_less[0]} than the one with it, on data held out"
             )
         if not worse:
             break
@@ -141,16 +139,16 @@ def _judgement(believed: DriveModel, found: Found) -> _Judgement:
 
 def _concluded(
     records: Sequence[DriveRecord],
-    believed: DriveModel,
+    prior_model: DriveModel,
     found: Found,
     notes: list[str],
     began: float,
 ) -> Diagnosis:
-    judgement = _judgement(believed, found)
-    single = None if judgement.held.order else only_first(found, believed)
+    judgement = _judgement(prior_model, found)
+    single = None if judgement.held.order else only_first(found, prior_model)
     if single:
         # too many causes together may leave none; the first of them is judged alone then
-        first = _judgement(believed, single)
+        first = _judgement(prior_model, single)
         refused = judgement.holds_up.refused
         # of a swing alone an error of the others' laws may be the source
         unsure = {r.name for r in refused if r.like} | set(SWINGS)
@@ -177,10 +175,10 @@ def _concluded(
     free = [m for m in holds_up.freest.members if m.is_rival]
     unnamed = added_by(free, amplitudes(problem, holds_up.freest), courses)
     model = with_values(problem, fitted)
-    mended = residual(courses, model, named)
+    corrected = residual(courses, model, named)
     lowest = level(floor(courses, situation.model))
     if laps:
-        lowest = Level(max(lowest.force, repetition(mended, courses, laps)), lowest.position)
+        lowest = Level(max(lowest.force, repetition(corrected, courses, laps)), lowest.position)
     verdict = _verdict(bool(causes), bool(free), holds(whole.interval, adjusted, final))
     if verdict == EXPLAINED and final.force > AT_FLOOR * lowest.force:
         verdict = PARTLY
@@ -194,10 +192,10 @@ def _concluded(
             f"at the end of what they can be: {', '.join(ends)}. A tolerance is too narrow, or "
             "something without a name is made up for"
         )
-    cell = validation_signal(courses, believed, model, added_by(on_block, fitted, courses).force)
+    cell = validation_signal(courses, prior_model, model, added_by(on_block, fitted, courses).force)
     if cell is None and any("force" in r.signals for r in records):
         notes.append("the load cell's `force` is not used: the model does not say where it sits")
-    predicted = np.concatenate([opposing(c, believed) for c in courses])
+    predicted = np.concatenate([opposing(c, prior_model) for c in courses])
     curves = Curves(
         time=np.concatenate([c.time for c in courses]),
         record=np.repeat(np.arange(len(courses)), [len(c.x) for c in courses]),
@@ -206,9 +204,9 @@ def _concluded(
         force=predicted + baseline.force,
         predicted=predicted,
         before=baseline.force,
-        after=mended.force,
+        after=corrected.force,
         position_before=baseline.position,
-        position_after=mended.position,
+        position_after=corrected.position,
         cause=np.concatenate(named.force),
         shape=np.concatenate(unnamed.force),
         telling=baseline.telling,
@@ -228,14 +226,14 @@ def _concluded(
         unnamed=tuple(LIVES[m.name] for m in free),
         out_of_reach=out_of_reach(courses, situation.model, problem, best),
         next_experiment=next_experiment(holds_up.refused, bool(free), courses, model),
-        believed=believed,
+        prior=prior_model,
         adjusted=model
         if not members
-        else values_adjusted(courses, believed, believed, nothing).model,
-        mended=model,
+        else values_adjusted(courses, prior_model, prior_model, nothing).model,
+        corrected=model,
         command=records[0].command,
         command_shift=courses[0].calibration["command_shift"],
-        adjustments={n: model.values[n] / believed.values[n] - 1.0 for n in problem.names},
+        adjustments={n: model.values[n] / prior_model.values[n] - 1.0 for n in problem.names},
         noise={
             f"{channel}_{unit}": float(size)
             for channel, unit, size in zip(

@@ -142,9 +142,9 @@ class Curves:
     x, v : ndarray
         [m], [m/s]
     force, predicted : ndarray
-        Friction and all else that opposes the motion, by the record and by the believed model [N].
+        Friction and all else that opposes the motion, by the record and by the prior model [N].
     before, after : ndarray
-        Force residual under the believed and under the mended model [N].
+        Force residual under the prior and under the corrected model [N].
     position_before, position_after : ndarray
         [m]
     cause : ndarray
@@ -179,7 +179,7 @@ class Diagnosis:
     where : str
         Where the residual lives and how large it is, in a sentence.
     floor, baseline_residual, adjusted_residual, final_residual : Level
-        Of noise; of the model as believed; with its values adjusted within their tolerances; with
+        Of noise; of the prior model; with its values adjusted within their tolerances; with
         the causes. The last two on data that neither choice nor fit has seen.
     gain_interval : tuple of float
         95 % of the share of the adjusted residual's mean square in force that goes.
@@ -192,7 +192,7 @@ class Diagnosis:
         Where structure lives that no cause has.
     out_of_reach : tuple of OutOfReach
     next_experiment : NextExperiment or None
-    believed, adjusted, mended : DriveModel
+    prior, adjusted, corrected : DriveModel
         The model before; with values adjusted within their tolerances and no cause; with the values
         that go with the causes.
     command : {"voltage", "current", "force"}
@@ -200,7 +200,7 @@ class Diagnosis:
     command_shift : float
         How far before its stamp the command acts, in sampling intervals.
     adjustments : mapping of str to float
-        Relative changes of the values that were believed.
+        Relative changes of the prior values.
     noise : mapping of str to float
         Of the instruments and the unmodelled force, as found.
     alone : mapping of str to float
@@ -230,9 +230,9 @@ class Diagnosis:
     unnamed: tuple[str, ...]
     out_of_reach: tuple[OutOfReach, ...]
     next_experiment: NextExperiment | None
-    believed: DriveModel
+    prior: DriveModel
     adjusted: DriveModel
-    mended: DriveModel
+    corrected: DriveModel
     command: str
     command_shift: float
     adjustments: Mapping[str, float]
@@ -298,7 +298,7 @@ class Diagnosis:
             "p_value": self.p_value,
             "load_cell": None
             if self.load_cell is None
-            else {"believed_N": self.load_cell.believed, "mended_N": self.load_cell.mended},
+            else {"prior_N": self.load_cell.prior, "corrected_N": self.load_cell.corrected},
             "records": list(self.records),
             "seconds": self.seconds,
             "notes": list(self.notes),

@@ -21,7 +21,7 @@ Vector = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 SMOOTH = 0.1  # time over which a force residual is averaged to be shown [s]
-MENDED = "mended"
+CORRECTED = "corrected"
 _BINS = 60
 _LEAST_IN_BIN = 20
 _SHOWN = 0.995  # of the samples of a curve within a picture's height, at first
@@ -75,14 +75,14 @@ def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
     time = end_to_end(c)
     step = float(np.median(np.diff(c.time)))
     floor = diagnosis.floor
-    mended = "with all that was found" if diagnosis.unnamed else MENDED
+    corrected = "with all that was found" if diagnosis.unnamed else CORRECTED
     before, after = (smoothed(v, c.record, step) for v in (c.before, c.after))
     ways = {"forwards": c.telling & (c.v > 0), "backwards": c.telling & (c.v < 0)}
     along = [
         Line(f"{label}, {way}", style, 1e3 * x, y)
         for label, colour, values in (
-            ("as believed", "before", c.before),
-            (mended, "after", c.after),
+            ("prior model", "before", c.before),
+            (corrected, "after", c.after),
         )
         for way, style in (("forwards", colour), ("backwards", f"{colour} dashed"))
         for x, y in (binned(c.x, values, ways[way]),)
@@ -90,8 +90,8 @@ def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
     speed = [
         Line(label, f"{style} dots", 1e3 * x, y)
         for label, style, values in (
-            ("as believed", "before", c.before),
-            (mended, "after", c.after),
+            ("prior model", "before", c.before),
+            (corrected, "after", c.after),
         )
         for x, y in (binned(c.v, values, c.telling, alike=True),)
     ]
@@ -113,9 +113,9 @@ def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
             "force [N]",
             (
                 Line("measured", "measured", time, c.force),
-                Line("believed model", "before", time, c.predicted),
+                Line("prior model", "before", time, c.predicted),
                 Line(
-                    f"{mended} model" if mended == MENDED else mended,
+                    f"{corrected} model" if corrected == CORRECTED else corrected,
                     "after",
                     time,
                     c.force - c.after,
@@ -129,9 +129,9 @@ def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
             x_time,
             "residual [N]",
             (
-                Line(f"every sample, {mended}", "after faint", time, c.after),
-                Line("as believed", "before", time, before),
-                Line(mended, "after", time, after),
+                Line(f"every sample, {corrected}", "after faint", time, c.after),
+                Line("prior model", "before", time, before),
+                Line(corrected, "after", time, after),
             ),
             _height(np.concatenate([before, after]), _SHOWN),
         ),
@@ -160,8 +160,8 @@ def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
             x_time,
             f"residual [{unit}]",
             (
-                Line("as believed", "before", time, factor * c.position_before),
-                Line(mended, "after", time, factor * c.position_after),
+                Line("prior model", "before", time, factor * c.position_before),
+                Line(corrected, "after", time, factor * c.position_after),
                 level("noise alone, rms", time, factor * floor.position),
             ),
         ),
@@ -183,11 +183,11 @@ def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
         Picture(
             "loop",
             "Closed loop: position error",
-            "Distance to the set-point, for the plant as believed and with the causes.",
+            "Distance to the set-point, for the prior plant and with the causes.",
             "time [s]",
             "error [mm]",
             (
-                Line("believed plant", "before", time, milli * (effect.believed.x - SETPOINT)),
+                Line("prior plant", "before", time, milli * (effect.prior.x - SETPOINT)),
                 Line(
                     "extended plant", "after dashed", time, milli * (effect.extended.x - SETPOINT)
                 ),
@@ -196,10 +196,10 @@ def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
         Picture(
             "loop_difference",
             "Closed loop: what the causes change",
-            "Position of the extended plant less that of the believed one.",
+            "Position of the extended plant less that of the prior one.",
             "time [s]",
             "difference [µm]",
-            (Line("difference", "cause", time, 1e6 * (effect.extended.x - effect.believed.x)),),
+            (Line("difference", "cause", time, 1e6 * (effect.extended.x - effect.prior.x)),),
         ),
     ]
 
@@ -232,12 +232,12 @@ def diagnosis_figure(diagnosis: Diagnosis) -> Any:
         figure, grid = new_figure(2, 1, (9, 6))
         force, position = grid[0][0], grid[1][0]
         for values, colour, dash, label in (
-            (c.before, COLOURS[1], "-", "as believed"),
+            (c.before, COLOURS[1], "-", "prior model"),
             (c.after, COLOURS[0], "--", "corrected"),
         ):
             _plot(force, time, smoothed(values, c.record, step), colour, dash, label)
         for values, colour, dash, label in (
-            (c.position_before, COLOURS[1], "-", "as believed"),
+            (c.position_before, COLOURS[1], "-", "prior model"),
             (c.position_after, COLOURS[0], "--", "corrected"),
         ):
             _plot(position, time, 1e6 * values, colour, dash, label)

@@ -32,7 +32,7 @@ from .report_words import (
 )
 
 REPORT = "report.html"
-_NOT_SHOWN = 1e-9  # relative change of a value that is as believed
+_NOT_SHOWN = 1e-9  # relative change of a value that is the prior one
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def _levels(diagnosis: Diagnosis) -> str:
 
     low, high = diagnosis.gain_interval
     rows = [
-        row("model as believed", diagnosis.baseline_residual),
+        row("prior model", diagnosis.baseline_residual),
         row("values adjusted within tolerance *", diagnosis.adjusted_residual),
         row("with everything that was found *", diagnosis.final_residual),
         row("noise alone (floor)", floor),
@@ -154,8 +154,8 @@ def _load_cell(found: ValidationSignal | None) -> str:
     if found is None:
         return ""
     return (
-        "<p>The load cell, which took no part in this, is off what the model as believed predicts "
-        f"by {found.believed:.3g} N rms, and off what the mended one does by {found.mended:.3g} N."
+        "<p>The load cell, which took no part in this, is off the prediction of the prior model "
+        f"by {found.prior:.3g} N rms, and off that of the corrected one by {found.corrected:.3g} N."
         "</p>"
     )
 
@@ -230,12 +230,12 @@ def _closed_loop(section: ClosedLoopSection) -> str:
         f"<p>{as_text(micro(sentence_for_page(effect.says)))}</p>",
         _table(
             [*head, "its motion becomes", "slowest eigenvalue"],
-            [row("as believed", effect.believed), row("with the causes", effect.extended)],
+            [row("prior model", effect.prior), row("with the causes", effect.extended)],
         ),
         f'<p class="small">{CONTROLLER} with its default gains, a step to {length(SETPOINT)}, '
         f"{STOP:g} s, plant and controller in one solver.</p>",
         "<details><summary>What the stability verdicts rest on</summary>"
-        f"<p>As believed: {as_text(effect.believed.evidence)}.</p>"
+        f"<p>Prior model: {as_text(effect.prior.evidence)}.</p>"
         f"<p>With the causes: {as_text(effect.extended.evidence)}.</p></details>",
         *(drawn(p) for p in pictures_of_loop(effect)),
     )
@@ -272,19 +272,19 @@ def _out_of_reach(diagnosis: Diagnosis) -> str:
 
 
 def _adjusted(diagnosis: Diagnosis) -> str:
-    believed, mended = diagnosis.believed, diagnosis.mended
+    prior, corrected = diagnosis.prior, diagnosis.corrected
     rows = [
         [
             n,
-            f"{believed.values[n]:.5g}",
-            f"{mended.values[n]:.5g}",
+            f"{prior.values[n]:.5g}",
+            f"{corrected.values[n]:.5g}",
             f"{100 * change:+.2g} %" if abs(change) > _NOT_SHOWN else "0",
-            f"{100 * believed.tolerance.get(n, 0.0):.3g} %",
+            f"{100 * prior.tolerance.get(n, 0.0):.3g} %",
             UNITS.get(n, UNITS.get(n.partition("_")[0], "")),
         ]
         for n, change in diagnosis.adjustments.items()
     ]
-    head = ["value", "believed", "adjusted", "change", "tolerance", "unit"]
+    head = ["value", "prior", "adjusted", "change", "tolerance", "unit"]
     return _section("Values adjusted", _table(head, rows))
 
 
@@ -313,9 +313,7 @@ def _footer(diagnosis: Diagnosis) -> str:
     from .. import __version__
 
     kind = {"ball_screw": "ball screw with a motor", "drive": "drive whose command is a force"}
-    model = (
-        f"{kind.get(diagnosis.believed.kind, diagnosis.believed.kind)}, {diagnosis.believed.law}"
-    )
+    model = f"{kind.get(diagnosis.prior.kind, diagnosis.prior.kind)}, {diagnosis.prior.law}"
     records = ", ".join(diagnosis.records)
     return (
         f"<footer>Records: {as_text(records)}. Model: {as_text(model)}. Diagnosed in "

@@ -41,7 +41,7 @@ _FRICTION: dict[tuple[object, ...], tuple[Vector, Vector, Vector]] = {}
 
 @dataclass(frozen=True)
 class DriveModel:
-    """A drive with a friction law and the values believed of it.
+    """A drive with a friction law and the prior values of it.
 
     Attributes
     ----------

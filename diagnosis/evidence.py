@@ -95,7 +95,7 @@ def _products(left: Sequence[Matrix], right: Sequence[Matrix]) -> Matrix:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is believed of a group's amplitudes before the data.
+    """The prior of a group's amplitudes.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ Matrix = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 MOST_CANCELLED = 1.5  # squares of what members bring, over that of what they bring together
-_HELD = 1e-3  # of its spread, to one that stands at the end of what is believed
+_HELD = 1e-3  # of its spread, to one that stands at the end of its prior
 OWN = (0.6, 1.6)  # amplitude of a cause whose shape has its size in it
 _PER_AMPLITUDE = 3.0  # evidence that one amplitude more in a form has to bring
 _INEXACT = 1e-3  # the same as a share of all that the form brings: no form is just right
@@ -115,7 +115,7 @@ def can_be(problem: Problem, explanation: Explanation) -> bool:
         if not m.shape.freed:
             continue
         for n, c in zip(m.shape.freed, m.columns, strict=True):
-            size = (1.0 + fitted[c]) * problem.model.values[n] / problem.believed.values[n]
+            size = (1.0 + fitted[c]) * problem.model.values[n] / problem.prior_model.values[n]
             low, high = free_range(n)
             if not low < size < high:
                 return False
@@ -248,7 +248,7 @@ def scores(problem: Problem, explanation: Explanation, member: int) -> Scores:
         priors = _beside(explanation, member)
     products = problem.columns.products()
     fitted = fit(products, priors)
-    mine = np.isin(fitted.columns, columns)  # a freed value stays where it was believed to be
+    mine = np.isin(fitted.columns, columns)  # a freed value stays at its prior
     amplitude = fitted.amplitude.copy()
     amplitude[mine] = 0.0
     mean = np.concatenate([p.mean for p in priors])

@@ -23,7 +23,7 @@ from .causes.presliding_hysteresis import bristled
 from .drive_model import DriveModel, curve_of
 
 NAME = "extended_plant"
-BELIEVED = "believed, adjusted to measured data"
+PRIOR = "prior, adjusted to measured data"
 FOUND = "found in measured data"
 
 _Number = TypeVar("_Number")
@@ -94,7 +94,7 @@ def extended_plant(
         model = bristled(model, values["sigma0"], values.pop("damping_ratio", 1.0))
         values["sigma1"] = model.values["sigma1"]
     make = bare_ball_screw if model.has_motor else bare_direct_drive
-    plant = _with_defaults(make(law(model.law), NAME), model.values, BELIEVED)
+    plant = _with_defaults(make(law(model.law), NAME), model.values, PRIOR)
     v = symbol("v")
     curve = curve_of(model.law).xreplace({v: sp.Abs(v) + _SLOWEST})
     first = [n for n in names if n not in (*_PARTING, *_BEFORE_THE_FORCE)]

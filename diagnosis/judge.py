@@ -15,7 +15,6 @@ from ..records.bad_record import BadRecord
 from ..records.drive_record import CURRENT, DriveRecord, read_drive_records
 from ..records.identifiable import check_identifiable
 from ..solver.files import write_json
-from .believed import believed
 from .blocks import Blocks, Estimate
 from .causes import CAUSES
 from .commanded import by_current
@@ -23,11 +22,12 @@ from .diagnosis import Level
 from .drive_model import DriveModel
 from .modelled_record import ModelledRecord, lay_along, with_law_force
 from .motion_parts import PARTS, motion_parts
+from .prior_model import prior_model_from
 from .regression import Added
 from .residuals import AHEAD, Residual, floor, residual
 
-BELIEVED, ADJUSTED, CORRECTED = "believed", "adjusted", "corrected"
-_COMPARED = ((ADJUSTED, BELIEVED), (CORRECTED, BELIEVED), (CORRECTED, ADJUSTED))
+PRIOR, ADJUSTED, CORRECTED = "prior", "adjusted", "corrected"
+_COMPARED = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Judgement:
     floor : Level
         What noise of the position alone would leave.
     scores : dict of str to Score
-        Of the models ``believed``, ``adjusted`` and ``corrected``.
+        Of the models ``prior``, ``adjusted`` and ``corrected``.
     gains : tuple of ModelGain
     notes : tuple of str
         Doubts.
@@ -169,14 +169,14 @@ def judge_records(records: Sequence[DriveRecord], file: ParameterFile) -> Judgem
     models = _models(file, told)
     records = [_commanded(r, told) for r in records]
     notes = check_identifiable(records)
-    courses = [_laid(r, models[BELIEVED], told) for r in records]
+    courses = [_laid(r, models[PRIOR], told) for r in records]
     nothing = Added.nothing(courses)
     named = _named(courses, models[CORRECTED], file, told)
     left = {
         name: residual(courses, model, named if name == CORRECTED else nothing)
         for name, model in models.items()
     }
-    telling = left[BELIEVED].telling
+    telling = left[PRIOR].telling
     parts = [motion_parts(c) for c in courses]
     masks = {name: np.concatenate([p[name] for p in parts]) & telling for name in PARTS}
     squares = Blocks(_seconds(courses))
@@ -218,7 +218,7 @@ def _told(file: ParameterFile) -> Diagnosed:
     if file.diagnosis is None:
         raise BadParameters(
             f"{file.path}: has no table [diagnosis]; expected the parameters.toml that ballscrew "
-            "diagnose writes, with the values believed and adjusted in it"
+            "diagnose writes, with the prior and the adjusted values in it"
         )
     return file.diagnosis
 
@@ -227,17 +227,17 @@ def _models(file: ParameterFile, told: Diagnosed) -> dict[str, DriveModel]:
     """The three models, by name; causes that are forces stand beside the corrected one."""
 
     def model(where: str, values: Mapping[str, Value]) -> DriveModel:
-        missing = [n for n in told.believed if n not in values]
+        missing = [n for n in told.prior if n not in values]
         if missing:
             raise BadParameters(f"{file.path}: [{where}] has no {missing[0]!r}")
-        own = {n: values[n] for n in told.believed}
-        return believed(replace(file, law=told.law, plant=own, found={}, tolerance={}))
+        own = {n: values[n] for n in told.prior}
+        return prior_model_from(replace(file, law=told.law, plant=own, found={}, tolerance={}))
 
     def plain(values: Mapping[str, float]) -> dict[str, Value]:
         return {n: Value(v) for n, v in values.items()}
 
     return {
-        BELIEVED: model("diagnosis.believed", plain(told.believed)),
+        PRIOR: model("diagnosis.prior", plain(told.prior)),
         ADJUSTED: model("diagnosis.adjusted", plain(told.adjusted)),
         CORRECTED: model("plant", file.plant),
     }

@@ -19,8 +19,8 @@ Vector = npt.NDArray[np.float64]
 class ValidationSignal:
     """What a load cell gives beyond what models predict of it, root mean square [N]."""
 
-    believed: float
-    mended: float
+    prior: float
+    corrected: float
 
 
 def foretold(course: ModelledRecord, model: DriveModel, more: Vector) -> Vector:
@@ -38,8 +38,8 @@ def foretold(course: ModelledRecord, model: DriveModel, more: Vector) -> Vector:
 
 def validation_signal(
     courses: Sequence[ModelledRecord],
-    believed: DriveModel,
-    mended: DriveModel,
+    prior_model: DriveModel,
+    corrected: DriveModel,
     more: Sequence[Vector],
 ) -> ValidationSignal | None:
     """How well both models predict the recorded ``force``; None where there is none to compare.
@@ -49,7 +49,7 @@ def validation_signal(
     more : sequence of ndarray, shape (n,)
         Forces of the named causes on the block's side of the cell, one array per record [N].
     """
-    if not believed.has_motor:  # where in a drive without parts a cell would sit, nobody told
+    if not prior_model.has_motor:  # where in a drive without parts a cell would sit, nobody told
         return None
     before, after = [], []
     for course, force in zip(courses, more, strict=True):
@@ -57,8 +57,8 @@ def validation_signal(
             read = course.record.signals["force"]
             known = np.isfinite(read)
             nothing = np.zeros(len(read))
-            before.append((read - foretold(course, believed, nothing))[known])
-            after.append((read - foretold(course, mended, force))[known])
+            before.append((read - foretold(course, prior_model, nothing))[known])
+            after.append((read - foretold(course, corrected, force))[known])
     if not before:
         return None
     return ValidationSignal(rms(np.concatenate(before)), rms(np.concatenate(after)))

@@ -47,7 +47,7 @@ class ModelledRecord:
         Spacing of the windows, and quarter of the length of one, in samples.
     inertia, resistance : float
         What an unforeseen way costs in force, see `sluggishness` [kg], and the resistance [Ohm], as
-        believed: balances are told in their terms.
+        prior: balances are told in their terms.
     current_share : float
         Of the noise of the balance of voltages, in its variance, what the current's reading makes;
         the rest is the velocity's.
@@ -262,7 +262,7 @@ def sluggishness(course: ModelledRecord, model: DriveModel) -> float:
 
 
 def voltage_scale(course: ModelledRecord, model: DriveModel) -> float:
-    """By which a voltage left over is told in the noise that it has under the believed resistance.
+    """By which a voltage left over is told in the noise that it has under the prior resistance.
 
     Were it told in volts, a model with a small resistance would leave less of a noisy current; in
     amperes, one with a large resistance less of a noisy velocity.

@@ -106,7 +106,7 @@ def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Mode
         slowed = max(problem.model.damping, 1e-9)
         column = member.columns[member.shape.freed.index("m")]
         found = problem.model.values["m"] * (1.0 + fitted[column])
-        later = abs(found - problem.believed.values["m"]) / slowed
+        later = abs(found - problem.prior_model.values["m"]) / slowed
     return "a command may be recorded as early as that" if later < least else ""
 
 

@@ -37,7 +37,7 @@ _MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
 KEPT = 4  # sets of each size that are grown
 LOOKED_AT = 40  # sets of each size that are looked at closely
 _BESIDE_NOISE = 3  # causes that noise is sought beside
-FREE_RANGE = (0.3, 3.0)  # of a value that may be wrong, to the believed one
+FREE_RANGE = (0.3, 3.0)  # of a value that may be wrong, to the prior one
 _ANY = 1.0  # relative spread of values that take all they can, where noise is sought
 _MUCH = 0.1  # of what is left, that one more cause has to explain there
 
@@ -71,7 +71,7 @@ class Problem:
     free : ndarray
         Spreads of values that may be anything.
     candidates : list of Candidate
-    believed : DriveModel
+    prior_model : DriveModel
     noise : Noise
         That makes the columns white.
     """
@@ -84,18 +84,18 @@ class Problem:
     high: Vector
     free: Vector
     candidates: list[Candidate]
-    believed: DriveModel
+    prior_model: DriveModel
     noise: Noise
 
 
 def state_problem(
     courses: Sequence[ModelledRecord],
     model: DriveModel,
-    believed: DriveModel,
+    prior_model: DriveModel,
     noise: Noise,
     found: Sequence[Candidate] | None = None,
 ) -> Problem:
-    """The problem around a model's values, whose priors are those believed.
+    """The problem around a model's values, whose prior is that of `prior_model`.
 
     What was `found` before is tried again with the values it had, beside the points of the grids.
     Where nothing is known of that, noise is sought beside all that the candidates can explain.
@@ -135,7 +135,7 @@ def state_problem(
         parts.append(part)
         candidates.append(Candidate(name, shape, np.arange(at, at + count), is_rival))
         at += count
-    prior = _prior(courses, model, believed)
+    prior = _prior(courses, model, prior_model)
     if found is None:
         own = [c for c in candidates if not (c.is_rival or c.shape.freed)]
         last = max((int(c.columns[-1]) for c in own), default=len(prior.mean))
@@ -148,18 +148,18 @@ def state_problem(
         model,
         names,
         prior,
-        *bounds(believed, model, (), courses),
+        *bounds(prior_model, model, (), courses),
         free_spreads(model),
         candidates,
-        believed,
+        prior_model,
         noise,
     )
 
 
-def _prior(courses: Sequence[ModelledRecord], model: DriveModel, believed: DriveModel) -> Prior:
+def _prior(courses: Sequence[ModelledRecord], model: DriveModel, prior_model: DriveModel) -> Prior:
     """Of relative changes of values, and of calibrations, around a model."""
-    mean = believed_changes(believed, model, courses)
-    spread = np.array([believed.tolerance[n] for n in model.adjustable]) / math.sqrt(3.0)
+    mean = prior_changes(prior_model, model, courses)
+    spread = np.array([prior_model.tolerance[n] for n in model.adjustable]) / math.sqrt(3.0)
     spread = np.append(spread, [d.spread for d in calibrated(courses).values()])
     return Prior(np.arange(1, len(mean) + 1), mean, spread)
 
@@ -218,31 +218,31 @@ def _explained(inner: Matrix, signal: Vector) -> float:
     return float(signal @ np.linalg.solve(inner + ridge, signal))
 
 
-def believed_changes(
-    believed: DriveModel, model: DriveModel, courses: Sequence[ModelledRecord]
+def prior_changes(
+    prior_model: DriveModel, model: DriveModel, courses: Sequence[ModelledRecord]
 ) -> Vector:
-    """Changes that lead from a model and a calibration back to what was believed."""
-    values = [believed.values[n] / model.values[n] - 1.0 for n in model.adjustable]
+    """Changes that lead from a model and a calibration back to the prior model."""
+    values = [prior_model.values[n] / model.values[n] - 1.0 for n in model.adjustable]
     return np.array([*values, *(-courses[0].calibration[n] for n in calibrated(courses))])
 
 
 def bounds(
-    believed: DriveModel,
+    prior_model: DriveModel,
     model: DriveModel,
     freed: Collection[str],
     courses: Sequence[ModelledRecord],
 ) -> tuple[Vector, Vector]:
-    """How far values and calibrations may still change: to the ends of what is believed.
+    """How far values and calibrations may still change: to the ends of their prior.
 
     Tolerances are hard, and a freed value has a range, too.
     """
     low, high = [], []
     for n in model.adjustable:
-        tolerance = believed.tolerance[n]
+        tolerance = prior_model.tolerance[n]
         ends = (1.0 - tolerance, 1.0 + tolerance)
         if n in freed:
             ends = free_range(n)
-        ratio = believed.values[n] / model.values[n]
+        ratio = prior_model.values[n] / model.values[n]
         low.append(ends[0] * ratio - 1.0)
         high.append(ends[1] * ratio - 1.0)
     for n, doubt in calibrated(courses).items():
@@ -253,7 +253,7 @@ def bounds(
 
 
 def free_range(name: str) -> tuple[float, float]:
-    """Of a value that may be wrong, to the believed one; a mass may be anything."""
+    """Of a value that may be wrong, to the prior one; a mass may be anything."""
     return (0.1, math.inf) if name == "m" else FREE_RANGE
 
 

@@ -41,14 +41,11 @@ def where_residual_is(found: Found, verdict: str, baseline: Level, lowest: Level
     alone = {n: g for n, g in found.first_alone.items() if n in LIVES}
     if verdict == NONE or not alone:
         return (
-            f"The model as believed leaves {size}; none of it has a structure beyond noise and "
+            f"The prior model leaves {size}; none of it has a structure beyond noise and "
             "values within their tolerances."
         )
     best = max(alone, key=lambda n: alone[n])
-    return (
-        f"The model as believed leaves {size}; what noise does not explain of it lives "
-        f"{LIVES[best]}."
-    )
+    return f"The prior model leaves {size}; what noise does not explain of it lives {LIVES[best]}."
 
 
 def _length(metres: float) -> str:

@@ -20,7 +20,7 @@ from .modelled_record import (
     with_law_force,
     with_own_offsets,
 )
-from .problem import Candidate, Problem, believed_changes, bounds, free_spreads, state_problem
+from .problem import Candidate, Problem, bounds, free_spreads, prior_changes, state_problem
 from .refinement import refine
 from .regression import (
     Added,
@@ -60,16 +60,16 @@ class Situation:
 def adjusted(
     courses: list[ModelledRecord],
     model: DriveModel,
-    believed: DriveModel,
+    prior_model: DriveModel,
     added: Added,
     freed: Sequence[str] = (),
     rounds: int = _ADJUSTMENTS,
 ) -> Situation:
-    """The believed values, each within its tolerance (or free), and the noise, fitted."""
+    """The prior values, each within its tolerance (or free), and the noise, fitted."""
     names = model.adjustable
     doubts = calibrated(courses)
-    spread = np.array([believed.tolerance[n] for n in names]) / math.sqrt(3.0)
-    free = free_spreads(believed)
+    spread = np.array([prior_model.tolerance[n] for n in names]) / math.sqrt(3.0)
+    free = free_spreads(prior_model)
     for name in freed:
         spread[names.index(name)] = free[names.index(name)]
     spread = np.append(spread, [d.spread for d in doubts.values()])
@@ -81,9 +81,9 @@ def adjusted(
             for y, s in zip(left, sensitivities(courses, model, added), strict=True)
         ]
         columns = whitened(made, parts)
-        mean = believed_changes(believed, model, courses)
+        mean = prior_changes(prior_model, model, courses)
         prior = Prior(np.arange(1, len(spread) + 1), mean, spread)
-        low, high = bounds(believed, model, freed, courses)
+        low, high = bounds(prior_model, model, freed, courses)
         change = fit_within(columns.T @ columns, [prior], low, high)
         model = model.changed(
             {n: model.values[n] * (1.0 + float(c)) for n, c in zip(names, change, strict=False)}
@@ -119,14 +119,14 @@ def _unlikelihood(situation: Situation, noise: Noise) -> float:
     return likelihood(situation.courses, situation.model, noise, situation.added)
 
 
-def _first_situation(courses: list[ModelledRecord], believed: DriveModel) -> Situation:
+def _first_situation(courses: list[ModelledRecord], prior_model: DriveModel) -> Situation:
     """Values adjusted, forces by voltage or by current, whichever leaves less."""
     nothing = Added.nothing(courses)
-    situation = adjusted(courses, believed, believed, nothing)
+    situation = adjusted(courses, prior_model, prior_model, nothing)
     if not all(c.has_current for c in courses):
         return situation
-    courses = [driven_by_current(c, believed) for c in situation.courses]
-    other = adjusted(courses, situation.model, believed, nothing)
+    courses = [driven_by_current(c, prior_model) for c in situation.courses]
+    other = adjusted(courses, situation.model, prior_model, nothing)
     return min(situation, other, key=lambda s: float(s.noise.sizes[0]))
 
 
@@ -149,10 +149,10 @@ class Found:
     single: Step | None = None
 
 
-def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
+def search(records: Sequence[DriveRecord], prior_model: DriveModel) -> Found:
     """Look for causes; values, noise and causes are found in turn until they agree."""
-    courses = with_own_offsets([lay_along(r, believed) for r in records], believed)
-    situation = _first_situation(courses, believed)
+    courses = with_own_offsets([lay_along(r, prior_model) for r in records], prior_model)
+    situation = _first_situation(courses, prior_model)
     first: Mapping[str, float] = {}
     best: Step | None = None
     single: Step | None = None
@@ -160,12 +160,12 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
     for turn in range(_TURNS):
         found = best.explanation.members if best else None
         problem = state_problem(
-            situation.courses, situation.model, believed, situation.noise, found
+            situation.courses, situation.model, prior_model, situation.noise, found
         )
         choice = choose(problem)
         first = first or choice.alone
         if not choice.best.members and not best:
-            return _nothing_found(situation, believed, choice, first)
+            return _nothing_found(situation, prior_model, choice, first)
         contenders = [e for e in _contenders(choice, turn == 0) if _key(e) not in tried]
         one = with_one_value(problem, choice.best) if turn == 0 else None
         contenders += [one] if one else []
@@ -175,7 +175,7 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
             choice = _kept(problem, choice, best.explanation)
             break
         tried |= {_key(e) for e in contenders}
-        steps = [_step(situation, problem, believed, e) for e in contenders]
+        steps = [_step(situation, problem, prior_model, e) for e in contenders]
         steps = [s for s in steps if s.stands]
         if not best:
             single = _best_single(steps)
@@ -186,13 +186,13 @@ def search(records: Sequence[DriveRecord], believed: DriveModel) -> Found:
             if best:
                 choice = _kept(problem, choice, best.explanation)
                 break
-            return _nothing_found(situation, believed, choice, first)
+            return _nothing_found(situation, prior_model, choice, first)
         noise = min((s.situation.noise for s in steps), key=lambda n: float(n.sizes[0]))
         costs = [_unlikelihood(s.situation, noise) + s.log_prior_odds for s in steps]
         step, cost = steps[int(np.argmin(costs))], min(costs)
         before = _unlikelihood(situation, noise)
-        if not best and cost + LOG_PRIOR_ODDS > before + _strain(situation, believed):
-            return _nothing_found(situation, believed, choice, first)
+        if not best and cost + LOG_PRIOR_ODDS > before + _strain(situation, prior_model):
+            return _nothing_found(situation, prior_model, choice, first)
         # what was found before may be the better whole, along its own motion
         if best and cost > before + best.log_prior_odds:
             choice = _kept(problem, choice, best.explanation)
@@ -213,13 +213,13 @@ def _in_their_forms(
     return refine(problem, explanation, situation.courses, situation.model, made, forms=1)
 
 
-def only_first(found: Found, believed: DriveModel) -> Found | None:
+def only_first(found: Found, prior_model: DriveModel) -> Found | None:
     """The end of a search under the first cause alone, where it has found others beside it."""
     single = found.single
     if single is None or _key(single.explanation) == _key(found.choice.best):
         return None
     after, members = single.situation, single.explanation.members
-    problem = state_problem(after.courses, after.model, believed, after.noise, members)
+    problem = state_problem(after.courses, after.model, prior_model, after.noise, members)
     best = again(problem, single.explanation.names)
     problem, best = _in_their_forms(after, problem, best)
     return Found(after, problem, replace(found.choice, best=best), found.first_alone)
@@ -236,10 +236,12 @@ def _kept(problem: Problem, choice: Choice, explanation: Explanation) -> Choice:
 
 
 def _nothing_found(
-    situation: Situation, believed: DriveModel, choice: Choice, first: Mapping[str, float]
+    situation: Situation, prior_model: DriveModel, choice: Choice, first: Mapping[str, float]
 ) -> Found:
     """The end of a search without a cause: what is left is noise, and is weighed as such."""
-    problem = state_problem(situation.courses, situation.model, believed, situation.noise, found=())
+    problem = state_problem(
+        situation.courses, situation.model, prior_model, situation.noise, found=()
+    )
     return Found(situation, problem, replace(choice, best=nothing_in(problem)), first)
 
 
@@ -249,12 +251,12 @@ def _key(explanation: Explanation) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Step:
-    """What becomes of a situation once an explanation is believed.
+    """What becomes of a situation once an explanation is accepted.
 
     Attributes
     ----------
     log_prior_odds : float
-        In natural logarithms: for values that are not those believed, and for amplitudes that were
+        In natural logarithms: for values that are not the prior ones, and for amplitudes that were
         as likely to be others.
     """
 
@@ -270,7 +272,7 @@ class Step:
 
 
 def _step(
-    situation: Situation, problem: Problem, believed: DriveModel, explanation: Explanation
+    situation: Situation, problem: Problem, prior_model: DriveModel, explanation: Explanation
 ) -> Step:
     freed = [n for m in explanation.members for n in m.shape.freed]
     made = filters(situation.courses, problem.noise)
@@ -279,20 +281,21 @@ def _step(
     after = adjusted(
         situation.courses,
         situation.model,
-        believed,
+        prior_model,
         added,
         freed,
         rounds=2,
     )
-    log_prior_odds = _strain(after, believed, freed) + _freedom(problem, best)
+    log_prior_odds = _strain(after, prior_model, freed) + _freedom(problem, best)
     return Step(after, problem, best, log_prior_odds)
 
 
-def _strain(situation: Situation, believed: DriveModel, freed: Sequence[str] = ()) -> float:
-    """What it costs that values are not those believed."""
+def _strain(situation: Situation, prior_model: DriveModel, freed: Sequence[str] = ()) -> float:
+    """What it costs that values are not the prior ones."""
     return 1.5 * sum(
-        (situation.model.values[n] / believed.values[n] - 1.0) ** 2 / believed.tolerance[n] ** 2
-        for n in believed.adjustable
+        (situation.model.values[n] / prior_model.values[n] - 1.0) ** 2
+        / prior_model.tolerance[n] ** 2
+        for n in prior_model.adjustable
         if n not in freed
     )
 

@@ -21,7 +21,7 @@ from .intervals import Interval
 from .layout import StackedRecords
 from .stribeck_fit import StribeckPoints
 
-MISFIT = 2.0  # what the law leaves, in noise of the force, beyond which it is not believed
+MISFIT = 2.0  # what the law leaves, in noise of the force, beyond which it is not trusted
 SIDES = {FORWARDS: "_pos", BACKWARDS: "_neg"}
 
 
@@ -46,7 +46,7 @@ class Identification:
     unexplained : float
         Root mean square of what the law leaves of the force beyond the load cell's noise [N].
     doubts : tuple of str
-        Why the result is not to be believed; empty if it is.
+        Why the result is not trusted; empty if it is.
     notes : tuple of str
     told : ParameterFile or None
         What was known of the drive before; goes into the result's parameter file.
@@ -70,7 +70,7 @@ class Identification:
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def believed(self) -> bool:
+    def trusted(self) -> bool:
         return not self.doubts
 
     def to_dict(self) -> dict[str, Any]:
@@ -91,7 +91,7 @@ class Identification:
                 r.name: [*e.said, *r.notes]
                 for r, e in zip(self.records, self.estimates, strict=True)
             },
-            "believed": self.believed,
+            "trusted": self.trusted,
             "doubts": list(self.doubts),
             "notes": list(self.notes),
         }

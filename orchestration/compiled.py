@@ -158,7 +158,7 @@ JOINT = np.dtype(
         *(
             (name, VECTOR)
             for name in (
-                *("reference", "start", "end", "middle", "law", "mended", "ramped", "applied"),
+                *("reference", "start", "end", "middle", "law", "corrected", "ramped", "applied"),
                 *("plain", "plain_logs", "frame", "logs"),
             )
         ),

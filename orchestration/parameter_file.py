@@ -68,9 +68,9 @@ class Diagnosed:
     command_shift : float
         How far before its stamp the command acts, in sampling intervals.
     law : str
-        Friction law believed; the file's own may have bristles beside.
-    believed, adjusted : mapping of str to float
-        The plant's values as believed, and adjusted within their tolerances without any cause, SI.
+        The prior model's friction law; the file's own may have bristles beside.
+    prior, adjusted : mapping of str to float
+        The plant's prior values, and adjusted within their tolerances without any cause, SI.
     causes : mapping of str to mapping of str to float
         Of each cause its numbers, SI.
     """
@@ -79,7 +79,7 @@ class Diagnosed:
     command: str
     command_shift: float
     law: str
-    believed: Mapping[str, float]
+    prior: Mapping[str, float]
     adjusted: Mapping[str, float]
     causes: Mapping[str, Mapping[str, float]]
 
@@ -215,7 +215,7 @@ def _diagnosis_table(told: Diagnosed) -> dict[str, Any]:
         "command": told.command,
         "command_shift": told.command_shift,
         "law": told.law,
-        "believed": dict(told.believed),
+        "prior": dict(told.prior),
         "adjusted": dict(told.adjusted),
         "causes": {name: dict(values) for name, values in told.causes.items()},
     }

@@ -39,7 +39,7 @@ _DIAGNOSIS_KEYS = (
     "command",
     "command_shift",
     "law",
-    "believed",
+    "prior",
     "adjusted",
     "causes",
 )
@@ -137,7 +137,7 @@ def _diagnosed(path: Path, given: Any) -> Diagnosed:
         _choice(path, "[diagnosis] command", table["command"], COMMANDS),
         _number(path, "[diagnosis] command_shift", table["command_shift"]),
         _choice(path, "[diagnosis] law", table["law"], LAWS),
-        _numbers(path, "diagnosis.believed", table["believed"]),
+        _numbers(path, "diagnosis.prior", table["prior"]),
         _numbers(path, "diagnosis.adjusted", table["adjusted"]),
         {n: _numbers(path, f"diagnosis.causes.{n}", values) for n, values in causes.items()},
     )

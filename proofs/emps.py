@@ -24,9 +24,9 @@ import numpy as np
 from provenance import provenance
 from scipy.signal import savgol_filter
 
-from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.prior_model import read_prior_model
 from ballscrew.records.drive_record import read_drive_records
 from ballscrew.solver.files import write_atomically
 
@@ -94,14 +94,14 @@ def main() -> int:
     if not path.exists():
         print(f"nothing proven: {path.name} is not here; see docs/emps.md", file=sys.stderr)
         return 2
-    believed = read_believed(ROOT / "docs" / "emps.toml")
+    prior_model = read_prior_model(ROOT / "docs" / "emps.toml")
     (record,) = read_drive_records([path], COLUMNS)
     record = replace(record, name="DATA_EMPS.mat")
     x, t = record.x, record.time - record.time[0]
     v = savgol_filter(x, 31, 3, deriv=1, delta=record.step)
-    gain = believed.values["gain"]
+    gain = prior_model.values["gain"]
     force = gain * record.u
-    alone = diagnose_records([record], believed)
+    alone = diagnose_records([record], prior_model)
     report: dict[str, Any] = {
         **provenance("emps"),
         "drive_force_rms_N": float(np.sqrt(np.mean(force**2))),
@@ -109,12 +109,12 @@ def main() -> int:
         "hidden": [],
     }
     had = {c.name for c in alone.causes}
-    for label, (name, extra) in effects(believed, x, v, t).items():
+    for label, (name, extra) in effects(prior_model, x, v, t).items():
         hidden = replace(
             record,
             signals={**record.signals, "u": record.u + extra / gain},
         )
-        found = diagnose_records([hidden], believed)
+        found = diagnose_records([hidden], prior_model)
         named = [c.name for c in found.causes]
         report["hidden"].append(
             {

@@ -224,7 +224,7 @@ def told(result: Identification) -> dict[str, Any]:
             for side, table in said["per_direction"].items()
         },
         "unexplained_N": result.unexplained,
-        "believed": result.believed,
+        "prior": result.prior,
         "doubts": said["doubts"],
     }
 

@@ -49,7 +49,7 @@ class Row:
         Values of the effect that have a counterpart in an answer.
     conditions : dict
     wrong_values : dict
-        Factors by which believed values are off.
+        Factors by which prior values are off.
     verdict : str
         The diagnosis' own, or ``refused`` (bad input, said so), ``failed`` (a crash),
         ``unusable`` (the world gave no record).
@@ -169,10 +169,10 @@ def run_trial(trial: Trial) -> Row:
 
     verdict, causes, evidence, kind, message = FAILED, [], None, [], ""
     with tempfile.TemporaryDirectory() as folder:
-        record, believed = write_case(case, Path(folder))
+        record, prior_model = write_case(case, Path(folder))
         started = time.process_time()
         try:
-            found = diagnose([record], params=believed)
+            found = diagnose([record], params=prior_model)
             verdict = str(found.verdict)
             causes = [(str(c.name), dict(c.parameters), dict(c.intervals)) for c in found.causes]
             evidence, kind = float(found.evidence), [float(one) for one in found.kind]

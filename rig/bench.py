@@ -161,7 +161,7 @@ def _run(
 def finish(
     setup: Setup, taps: dict[str, Vector], truth: dict[str, Vector], tolerance: float
 ) -> TrialRecord:
-    """Put columns in order and say what is not to be believed."""
+    """Put columns in order and say what is not trusted."""
     trial = setup.trial
     time = trial.time
     order = ["x", *(["x_fine"] if trial.fine else []), "force", "u"]

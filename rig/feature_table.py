@@ -37,7 +37,7 @@ class FeatureTable:
 
     @property
     def notes(self) -> list[str]:
-        """What was past its range in a trial, and makes it one not to be believed."""
+        """What was past its range in a trial, and makes it one not trusted."""
         return [f"{law}: {note}" for law, seen in self.observations.items() for note in seen.notes]
 
     @property
@@ -98,7 +98,7 @@ class FeatureTable:
             "differences": self.differences,
             "thesis_figures_for_lugre": [asdict(n) for n in self.named_figures],
             "statements": self.statements,
-            "not_to_be_believed": self.notes,
+            "not_trusted": self.notes,
         }
 
     def save(self, folder: Path | str) -> None:

@@ -41,7 +41,7 @@ class TrialRecord:
     settings : dict
         Seed, tolerance, noise, lags of filters and sampling [s].
     notes : list of str
-        Why parts of the record are not to be believed; empty if all are.
+        Why parts of the record are not trusted; empty if all are.
     calibration : Calibration or None
         Of the capacitance sensor.
     used : ParameterFile
@@ -72,7 +72,7 @@ class TrialRecord:
             "law": self.law,
             "parameters": self.parameters,
             **self.settings,
-            "not_to_be_believed": self.notes,
+            "not_trusted": self.notes,
         }
         if self.calibration:
             c = self.calibration

@@ -231,7 +231,7 @@ class _Joint:
         m, n, rows = len(wiring.commands), len(signals), 1 + count
         self._whole.set(m=m, n=n, count=count, reference=reference, applied=np.zeros(rows * m))
         self._whole.set(**{name: np.zeros(rows * n) for name in ("start", "end", "middle")})
-        laws = ("law", "mended", "ramped")
+        laws = ("law", "corrected", "ramped")
         self._whole.set(**{name: np.zeros(rows * m * (2 + n)) for name in laws})
         self._whole.set(frame=np.eye(count), plain=np.zeros((count, count)))
         self._whole.set(plain_logs=np.zeros(count), logs=np.zeros(count))

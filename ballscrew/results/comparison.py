@@ -23,7 +23,7 @@ class Comparison(Result, SwapResult):
         doubtful = [r.study.label for r in self.results if not r.trusted]
         names = ", ".join(r.study.label for r in self.results)
         return f"{names} on one plant" + (
-            f"; not to be believed: {', '.join(doubtful)}" if doubtful else ""
+            f"; not trusted: {', '.join(doubtful)}" if doubtful else ""
         )
 
     def facts(self) -> Iterable[tuple[str, str]]:

@@ -36,7 +36,7 @@ class DiagnosisResult(Result, Diagnosis):
 
     def facts(self) -> Iterable[tuple[str, str]]:
         rows = (
-            ("residual as believed, rms", self.baseline_residual),
+            ("residual of the prior model, rms", self.baseline_residual),
             ("residual with values adjusted, rms", self.adjusted_residual),
             ("residual with causes, rms", self.final_residual),
             ("noise alone, rms", self.floor),
@@ -61,7 +61,7 @@ class DiagnosisResult(Result, Diagnosis):
         """
         from ..diagnosis.extended_plant import extended_plant
 
-        return extended_plant(self.mended, self.found())
+        return extended_plant(self.corrected, self.found())
 
     def to_pandas(self) -> Any:
         """A row for each named cause's parameter: value, 95 % interval, unit, gain held out."""

@@ -14,11 +14,6 @@ from .result import Result, table_of
 class IdentifiedLaw(Result, Identification):
     """A friction law's parameters from records; see `ballscrew.identify`."""
 
-    @property
-    def trusted(self) -> bool:
-        """Whether all parameters are identified and the law describes the records."""
-        return self.believed
-
     def pictures(self) -> dict[str, Any]:
         from ..identification.identification_pictures import identification_figures
 

@@ -25,7 +25,7 @@ class RigRecord(Result, TrialRecord):
         return {"record": record_figure(self)}
 
     def headline(self) -> str:
-        doubt = f"; not to be believed: {'; '.join(self.notes)}" if self.notes else ""
+        doubt = f"; not trusted: {'; '.join(self.notes)}" if self.notes else ""
         return f"trial {self.trial.name} with {self.law}: {self.trial.asked}{doubt}"
 
     def facts(self) -> Iterable[tuple[str, str]]:

@@ -21,7 +21,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 FRICTION = symbol("friction")
-"""The whole friction force of the believed law, opposing motion [N]."""
+"""The whole friction force of the prior law, opposing motion [N]."""
 
 DRY = symbol("dry_friction")
 """The same without what is proportional to velocity [N]."""

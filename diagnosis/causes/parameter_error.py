@@ -1,4 +1,4 @@
-"""Nothing is missing: a value of the model is wrong by more than it was believed to be."""
+"""Nothing is missing: a value of the model is wrong by more than its tolerance."""
 
 from __future__ import annotations
 

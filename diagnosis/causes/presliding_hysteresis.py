@@ -45,7 +45,7 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
 
 def _beyond(courses: Courses, model: DriveModel) -> str | None:
     del courses
-    return None if model.law == "classical" else "the believed law has presliding of its own"
+    return None if model.law == "classical" else "the prior law has presliding of its own"
 
 
 def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:

@@ -50,7 +50,7 @@ def test_run_writes_what_it_promises(tmp_path, capsys):
     assert "trusted" in printed
 
 
-def test_a_result_not_to_be_believed_has_exit_code_one_and_says_what_to_change(tmp_path, capsys):
+def test_a_result_not_trusted_has_exit_code_one_and_says_what_to_change(tmp_path, capsys):
     arguments = ["run", "--controller", "iol", "--stop", "0.3", "--step", "1e-4"]
     arguments += ["--coupling", "gauss-seidel", "--out", str(tmp_path)]
     assert main(arguments) == 1

@@ -52,7 +52,7 @@ def test_json_is_what_is_saved_and_what_is_printed(files, tmp_path):
     assert code == 0
     told = json.loads(printed)
     assert told == json.loads((tmp_path / "judgement.json").read_text())
-    assert told["scores"]["believed"]["force"]["value_N"] == pytest.approx(LOAD, rel=0.1)
+    assert told["scores"]["prior"]["force"]["value_N"] == pytest.approx(LOAD, rel=0.1)
     (gain,) = (g for g in told["gains"] if (g["model"], g["over"]) == ("corrected", "adjusted"))
     assert gain["force"]["interval"][0] > 0.9
 

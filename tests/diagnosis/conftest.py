@@ -11,7 +11,7 @@ from strong_effects import write_strong
 def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     """A record with a hidden load, diagnosed by the command."""
     folder = tmp_path_factory.mktemp("diagnosed")
-    record, believed = write_strong({"load": 0.4}, folder / "data")
+    record, prior_model = write_strong({"load": 0.4}, folder / "data")
     out = folder / "out"
-    given = ("diagnose", record, "--params", believed, "--out", out)
-    return Diagnosed(record, believed, out, *run(*given))
+    given = ("diagnose", record, "--params", prior_model, "--out", out)
+    return Diagnosed(record, prior_model, out, *run(*given))

@@ -113,7 +113,7 @@ def test_current_alone_is_diagnosed_and_judged_in_any_units(signals, tmp_path):
     params.write_text("[plant]\n" + "\n".join(f"{n} = {v!r}" for n, v in values.items()))
     units = {"time": "ms", "i": "mA", "x": "deg"}
     found = diagnose([path], params, units=units, lead=lead)
-    assert found.believed.kind == "drive"
+    assert found.prior.kind == "drive"
     assert found.command == CURRENT
     assert found.baseline_residual.force == pytest.approx(LOAD, rel=0.1)
     assert "the current is the command of a drive" in found.notes[0]
@@ -125,7 +125,7 @@ def test_current_alone_is_diagnosed_and_judged_in_any_units(signals, tmp_path):
     # another record, with the voltage beside: the current counts
     other = checked("other", signals_of({"load": LOAD}, seed=5))
     scores = judge_records([other], file).scores
-    assert scores["believed"].force.value == pytest.approx(LOAD, rel=0.1)
+    assert scores["prior"].force.value == pytest.approx(LOAD, rel=0.1)
     with pytest.raises(BadRecord, match="u is a voltage, but the model was diagnosed with a curr"):
         judge_records([checked("voltage", without(other.signals, "i"))], file)
 

@@ -16,9 +16,9 @@ from strong_effects import strong_record
 from worlds import draw_case as draw_world
 from worlds import write_case as write_world
 
-from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
+from ballscrew.diagnosis.prior_model import read_prior_model
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import checked, read_drive_records
 
@@ -42,7 +42,7 @@ def found_of(effect):
 @pytest.mark.xdist_group("one_effect")
 def test_a_mass_that_is_found_is_in_the_model_once():
     found = found_of("unmodelled_inertia")
-    assert found.mended.values["m"] == pytest.approx(found.causes[0].parameters["m"])
+    assert found.corrected.values["m"] == pytest.approx(found.causes[0].parameters["m"])
 
 
 @pytest.mark.parametrize(
@@ -124,8 +124,8 @@ def test_the_last_digits_of_a_record_do_not_change_the_answer():
 def test_a_command_that_is_late_by_less_than_a_recorder_may_be_is_not_named(tmp_path):
     """Nobody told when within a sampling interval the command acts."""
     case = draw_world("linear_drive", ("input_delay",), 82000)
-    record, believed = write_world(case, tmp_path)
-    found = diagnose([record], params=believed)
+    record, prior_model = write_world(case, tmp_path)
+    found = diagnose([record], params=prior_model)
     assert not found.causes
     reasons = {n.name: n.because for n in found.not_named}
     assert reasons["input_delay"] == "a command may be recorded as early as that"
@@ -143,14 +143,14 @@ def test_each_record_may_have_an_offset_of_its_own(tmp_path):
     """The second half of a faultless record, as if another force pulled at it."""
     path, parameters = write_world(draw_world("linear_drive", (), 82000), tmp_path)
     (record,) = read_drive_records([path])
-    believed = read_believed(parameters)
-    half, more = len(record.x) // 2, 0.2 * believed.friction_scale
-    pulled = record.signals["u"] + more / believed.values["gain"]
+    prior_model = read_prior_model(parameters)
+    half, more = len(record.x) // 2, 0.2 * prior_model.friction_scale
+    pulled = record.signals["u"] + more / prior_model.values["gain"]
     parts = [
         checked("first", {n: s[:half] for n, s in record.signals.items()}),
         checked("second", {n: s[half:] for n, s in (record.signals | {"u": pulled}).items()}),
     ]
-    found = diagnose_records(parts, believed)
+    found = diagnose_records(parts, prior_model)
     assert not found.causes
     (note,) = (n for n in found.notes if n.startswith("offsets beyond that of first: "))
     assert float(note.split()[5]) == pytest.approx(more, rel=0.1)  # friction noise lasts
@@ -158,14 +158,14 @@ def test_each_record_may_have_an_offset_of_its_own(tmp_path):
 
 def test_values_that_cancel_each_other_are_not_called_wrong(tmp_path):
     """Nothing is hidden; without a current, a larger motor constant and resistance are alike."""
-    record, believed = write_world(draw_world("simulated", (), 82001), tmp_path)
-    assert not diagnose([record], params=believed).causes
+    record, prior_model = write_world(draw_world("simulated", (), 82001), tmp_path)
+    assert not diagnose([record], params=prior_model).causes
 
 
 def found_in_world(tmp_path, world, effects, seed):
     case = draw_world(world, effects, seed)
-    record, believed = write_world(case, tmp_path)
-    return case, diagnose([record], params=believed)
+    record, prior_model = write_world(case, tmp_path)
+    return case, diagnose([record], params=prior_model)
 
 
 def test_a_supply_that_sags_with_the_current_is_found_with_its_limit(tmp_path):
@@ -243,8 +243,8 @@ def test_a_load_and_an_asymmetry_are_told_apart_at_one_speed(hidden, name, size)
 
 def test_of_two_causes_that_a_record_cannot_tell_apart_neither_is_named_alone(tmp_path):
     case = draw_world("linear_drive", ("load_bias",), 82000)
-    record, believed = write_world(case, tmp_path)
-    found = diagnose([record], params=believed)
+    record, prior_model = write_world(case, tmp_path)
+    found = diagnose([record], params=prior_model)
     assert found.causes == ()
     assert [n.name for n in found.not_named if n.like] == ["direction_asymmetry"]
     assert "direction_asymmetry cannot be told from load_bias here" in found.next_experiment.says

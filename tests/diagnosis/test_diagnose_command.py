@@ -73,19 +73,19 @@ def test_the_corrected_file_is_enough_to_judge_all_three_models(diagnosed, tmp_p
     params = diagnosed.folder / "parameters.toml"
     told = read_parameters(params).diagnosis
     assert list(told.causes) == ["load_bias"]
-    believed = read_parameters(diagnosed.parameters).plant
-    assert all(told.believed[n] == v.value for n, v in believed.items())
+    prior = read_parameters(diagnosed.parameters).plant
+    assert all(told.prior[n] == v.value for n, v in prior.items())
     code, printed, _ = run("diagnose", "--judge", diagnosed.record, "--params", params, "--json")
     assert code == 0
     scores = json.loads(printed)["scores"]
     baseline, final = (diagnosed.result[n] for n in ("baseline_residual", "final_residual"))
-    assert scores["believed"]["force"]["value_N"] == pytest.approx(baseline["force_N"], rel=0.02)
+    assert scores["prior"]["force"]["value_N"] == pytest.approx(baseline["force_N"], rel=0.02)
     assert scores["corrected"]["force"]["value_N"] == pytest.approx(final["force_N"], rel=0.05)
     assert scores["corrected"]["force"]["value_N"] < scores["adjusted"]["force"]["value_N"]
 
 
 def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_path):
-    record, believed = write_strong({}, tmp_path / "data")
+    record, parameters = write_strong({}, tmp_path / "data")
     out = tmp_path / "out"
 
     def another_run(folder):
@@ -93,7 +93,7 @@ def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_pat
             (folder / name).write_text("of another record")
 
     write_run(out, another_run)
-    given = ("diagnose", record, "--params", believed, "--out", out, "--json")
+    given = ("diagnose", record, "--params", parameters, "--out", out, "--json")
     code, printed, _ = run(*given)
     assert code == 0
     told = json.loads(printed)
@@ -107,9 +107,9 @@ def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_pat
 
 def test_structure_that_no_cause_has_gives_exit_code_one(tmp_path):
     notch = {"detent": 1.0, "detent_place": 0.002, "detent_width": 0.0005}
-    record, believed = write_strong(notch, tmp_path / "data")
+    record, parameters = write_strong(notch, tmp_path / "data")
     out = tmp_path / "out"
-    code, printed, _ = run("diagnose", record, "--params", believed, "--out", out)
+    code, printed, _ = run("diagnose", record, "--params", parameters, "--out", out)
     assert code == 1
     assert printed.startswith("unexplained: ")
     assert "without a name: structure that lives with position" in printed
@@ -138,7 +138,7 @@ def bad(*arguments):
 
 def test_requests_that_make_no_sense_are_one_line(diagnosed, tmp_path):
     record, params, out = diagnosed.record, diagnosed.parameters, tmp_path / "out"
-    believed = ("--params", params, "--out", out)
+    given = ("--params", params, "--out", out)
     table = tmp_path / "table.csv"
     table.write_text("way,sigma\n+,1\n-,2\n+,1\n-,2\n")
     for arguments, words in (
@@ -148,10 +148,10 @@ def test_requests_that_make_no_sense_are_one_line(diagnosed, tmp_path):
         (("--trials", table, "--out", out), "needs --value"),
         (("--trials", table, "--value", "sgma", "--out", out), "sigma"),
         (("--trials", tmp_path / "no.csv", "--value", "sigma", "--out", out), "cannot be read"),
-        ((tmp_path / "no.csv", *believed), "no such file"),
-        ((record, "--map", "u", *believed), "THEIRS=OURS"),
-        ((record, "--map", "volts=u", *believed), "there is no column 'volts'"),
-        ((record, "--law", "modified_lugr", *believed), "did you mean modified_lugre?"),
+        ((tmp_path / "no.csv", *given), "no such file"),
+        ((record, "--map", "u", *given), "THEIRS=OURS"),
+        ((record, "--map", "volts=u", *given), "there is no column 'volts'"),
+        ((record, "--law", "modified_lugr", *given), "did you mean modified_lugre?"),
         ((record, "--params", tmp_path / "no.toml", "--out", out), "cannot be read"),
         ((record, "--params", record, "--out", out), "is no TOML file"),
         ((record, "--params", params, "--out", record), "is a file, expected a folder"),
@@ -339,15 +339,15 @@ def test_a_swing_that_shows_in_a_part_of_the_record_only_is_not_named(tmp_path):
     """The rig has no ripple; its rotor, which is not believed, made up for one."""
     rig = tmp_path / "rig"
     assert run("rig", "2.3.1/11", "--seed", "36", "--out", rig)[0] == 0
-    believed = ("--params", rig / "parameters.toml", "--out", tmp_path / "out", "--json")
-    assert json.loads(run("diagnose", rig / "record.csv", *believed)[1])["causes"] == []
+    given = ("--params", rig / "parameters.toml", "--out", tmp_path / "out", "--json")
+    assert json.loads(run("diagnose", rig / "record.csv", *given)[1])["causes"] == []
 
 
 def test_nothing_is_named_on_one_constant_speed_of_the_rig(tmp_path):
     """One constant speed: values that cancel each other there had a name beside them."""
     rig = tmp_path / "rig"
     assert run("rig", "viscous/30", "--seed", "10", "--out", rig)[0] == 0
-    believed = ("--params", rig / "parameters.toml", "--out", tmp_path / "out", "--json")
-    told = json.loads(run("diagnose", rig / "record.csv", *believed)[1])
+    given = ("--params", rig / "parameters.toml", "--out", tmp_path / "out", "--json")
+    told = json.loads(run("diagnose", rig / "record.csv", *given)[1])
     assert told["causes"] == []
     assert told["not_named"]

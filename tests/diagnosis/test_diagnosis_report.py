@@ -234,9 +234,9 @@ def found(**changes) -> Diagnosis:
         "next_experiment": NextExperiment(
             "slow reversals tell it from compliance", MOTION, "2.4/1"
         ),
-        "believed": model,
+        "prior": model,
         "adjusted": model.changed({"Fc": 1.26}),
-        "mended": model.changed({"Fc": 1.275}),
+        "corrected": model.changed({"Fc": 1.275}),
         "command": "voltage",
         "command_shift": 0.0,
         "adjustments": {"Fc": 0.02},
@@ -276,7 +276,7 @@ def text_of(page):
 def test_what_the_load_cell_says_is_told_where_there_was_one():
     assert "load cell" not in text_of(report(found(), NO_LOOP))
     said = text_of(report(found(load_cell=ValidationSignal(0.41, 0.12)), NO_LOOP))
-    assert "predicts by 0.41 N rms, and off what the mended one does by 0.12 N" in said
+    assert "model by 0.41 N rms, and off that of the corrected one by 0.12 N" in said
 
 
 NO_LOOP = ClosedLoopSection(None, "The solver gets no further.")
@@ -314,7 +314,7 @@ def test_the_next_experiments_command_file_stands_beside_the_diagnosis(tmp_path)
 
 def test_before_and_after_stand_against_the_floor():
     said = text_of(report(found(), NO_LOOP))
-    assert "model as believed 1 N 10 2 µm 20" in said
+    assert "prior model 1 N 10 2 µm 20" in said
     assert "with everything that was found * 0.75 N 7.5 1 µm 10" in said
     assert "noise alone (floor) 0.1 N 1 0.1 µm 1" in said
 
@@ -426,17 +426,17 @@ def test_pictures_of_signals_without_any_size_are_drawn():
 # -- the closed loop -------------------------------------------------------------------------
 
 
-def test_a_closed_loop_with_the_believed_plant_on_both_sides_differs_in_nothing(diagnosed):
-    from ballscrew.diagnosis.believed import read_believed
+def test_a_closed_loop_with_the_prior_plant_on_both_sides_differs_in_nothing(diagnosed):
     from ballscrew.diagnosis.extended_plant import extended_plant
+    from ballscrew.diagnosis.prior_model import read_prior_model
 
-    plant = extended_plant(read_believed(diagnosed.parameters), [])
+    plant = extended_plant(read_prior_model(diagnosed.parameters), [])
     effect = closed_loop_effect(plant, plant)
     assert effect.farthest == 0.0
-    assert effect.believed.becomes == "stuck on a line of equilibria"
-    assert effect.believed.slowest is not None
-    assert effect.believed.slowest < 0
-    assert effect.believed.settling is not None
+    assert effect.prior.becomes == "stuck on a line of equilibria"
+    assert effect.prior.slowest is not None
+    assert effect.prior.slowest < 0
+    assert effect.prior.settling is not None
 
 
 def test_a_plant_that_the_controller_does_not_fit_is_said():

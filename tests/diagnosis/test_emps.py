@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.diagnose import diagnose
+from ballscrew.diagnosis.prior_model import read_prior_model
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
@@ -35,7 +35,7 @@ def test_three_causes_of_a_real_machine_gain_on_laps_held_out_and_the_rest_is_sa
 
 
 def test_the_published_values_are_read():
-    model = read_believed(ROOT / "docs" / "emps.toml")
+    model = read_prior_model(ROOT / "docs" / "emps.toml")
     assert model.kind == "drive"
     assert model.values["m"] == 95.1089
     assert "offset" not in model.adjustable

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.diagnosis.believed import read_believed
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.drive_model import DriveModel, midway
 from ballscrew.diagnosis.extended_plant import (
@@ -18,6 +17,7 @@ from ballscrew.diagnosis.extended_plant import (
     write_extended_plant,
 )
 from ballscrew.diagnosis.modelled_record import ModelledRecord
+from ballscrew.diagnosis.prior_model import read_prior_model
 from ballscrew.fmus.export import with_law_ports
 from ballscrew.plant.ball_screw import PARAMETERS as SCREW
 from ballscrew.plant.direct_drive import PARAMETERS as DRIVE
@@ -129,7 +129,7 @@ OTHER_FORMS = [
 SIZED = ("gap", "stiffness", "load_stiffness", "delay")
 
 
-def believed(kind="ball_screw", law_name="modified_lugre", **values):
+def prior_model(kind="ball_screw", law_name="modified_lugre", **values):
     drive = SCREW if kind == "ball_screw" else DRIVE
     defaults = {p.name: p.default for p in (*drive, *law(law_name)(symbol("v")).parameters)}
     rotor = {"Jm": ROTOR} if kind == "ball_screw" else {}
@@ -145,11 +145,11 @@ def plant_with(model, *names):
 def test_every_cause_can_be_exported_with_its_values(tmp_path, name, law_name):
     if name == "presliding_hysteresis":
         law_name = "classical"  # the only law without presliding
-    files = write_extended_plant(plant_with(believed(law_name=law_name), name), tmp_path)
+    files = write_extended_plant(plant_with(prior_model(law_name=law_name), name), tmp_path)
     described = {v.name: v for v in fmpy.read_model_description(str(files.fmu)).modelVariables}
     for parameter, value in FOUND[name].items():
         assert float(described[parameter].start) == value
-    assert read_believed(files.parameters).kind == "ball_screw"
+    assert read_prior_model(files.parameters).kind == "ball_screw"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["extended_plant.fmu", "parameters.toml"]
 
 
@@ -157,14 +157,14 @@ def test_every_cause_can_be_exported_with_its_values(tmp_path, name, law_name):
     ("name", "values"), OTHER_FORMS, ids=lambda p: "+".join(p) if isinstance(p, dict) else p
 )
 def test_every_form_of_a_cause_is_part_of_the_plant_with_its_values(name, values):
-    plant = extended_plant(believed(), [(name, values)])
+    plant = extended_plant(prior_model(), [(name, values)])
     known = {p.name: p.default for p in plant.all_parameters}
     assert {n: known[n] for n in values} == values
     assert generate(with_law_ports(plant)).states
 
 
 def test_bristles_with_less_damping_have_it_as_sigma1():
-    model = believed(law_name="classical", sigma2=0.0)
+    model = prior_model(law_name="classical", sigma2=0.0)
     sigma1 = []
     for ratio in (0.0, 0.35, 1.0):
         values = {"sigma0": 2e5, "damping_ratio": ratio}
@@ -176,18 +176,18 @@ def test_bristles_with_less_damping_have_it_as_sigma1():
 
 def test_all_causes_at_once_are_one_plant():
     names = [n for n in CAUSES if n != "presliding_hysteresis"]
-    plant = plant_with(believed(law_name="classical"), *reversed(names))
+    plant = plant_with(prior_model(law_name="classical"), *reversed(names))
     sources = {p.name: p.source for p in plant.all_parameters}
     for name in names:
         for parameter in FOUND[name]:
             assert sources[parameter] == "found in measured data"
-    assert sources["kt"] == "believed, adjusted to measured data"
+    assert sources["kt"] == "prior, adjusted to measured data"
     assert generate(with_law_ports(plant)).modes == ["stuck", "forward", "backward"]
 
 
 @pytest.mark.parametrize("name", [n for n in CAUSES if n != "resistance_drift"])
 def test_every_cause_fits_a_drive_without_a_motor(name):
-    kernel = generate(with_law_ports(plant_with(believed("drive", "classical"), name)))
+    kernel = generate(with_law_ports(plant_with(prior_model("drive", "classical"), name)))
     known = {p.name: p.default for p in kernel.parameters}
     assert {n: known[n] for n in FOUND[name]} == FOUND[name]
 
@@ -196,7 +196,7 @@ def test_of_several_records_the_last_ones_phase_is_taken():
     values = {"periods_per_metre": 1000.0}
     values |= {f"friction_cos.{k}": 0.01 * k for k in range(1, 12)}
     values |= {f"friction_sin.{k}": 0.02 * k for k in range(1, 12)}
-    plant = extended_plant(believed(), [("position_periodic_friction", values)])
+    plant = extended_plant(prior_model(), [("position_periodic_friction", values)])
     known = {p.name: p.default for p in plant.all_parameters}
     assert known["friction_cos"] == pytest.approx(0.11)
     assert known["friction_sin"] == pytest.approx(0.22)
@@ -212,20 +212,20 @@ def test_of_several_records_the_last_ones_phase_is_taken():
 )
 def test_what_cannot_be_built_in_is_one_line(kind, found, said):
     with pytest.raises(BadExtension, match=said) as caught:
-        extended_plant(believed(kind), [found])
+        extended_plant(prior_model(kind), [found])
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["backlash", "compliance"])
 def test_two_bodies_need_a_rotor(name):
     with pytest.raises(OneBody, match="Jm is 0"):
-        plant_with(believed(Jm=0.0), name)
+        plant_with(prior_model(Jm=0.0), name)
 
 
 @pytest.mark.parametrize(("place", "breaks_away"), [(-0.01, True), (0.01, False)])
 def test_a_share_of_friction_is_a_share_of_the_break_away_force(place, breaks_away):
     """At one end friction is 30 % less than 2.35 N, at the other 30 % more."""
-    plant = plant_with(believed("drive", "classical"), "position_trend_friction")
+    plant = plant_with(prior_model("drive", "classical"), "position_trend_friction")
     (forward,) = (e for e in plant.modes[0].events if e.name == "breaks away forward")
     table = {symbol(p.name): p.default for p in plant.all_parameters}
     at = {symbol("x"): place, symbol("u"): 2.35}
@@ -235,7 +235,7 @@ def test_a_share_of_friction_is_a_share_of_the_break_away_force(place, breaks_aw
 @pytest.mark.parametrize(("command_held", "breaks_away"), [(2.7, False), (2.8, True)])
 def test_a_bend_at_low_speed_is_part_of_the_break_away_force(command_held, breaks_away):
     """2.35 N and 0.4 N."""
-    plant = plant_with(believed("drive", "classical"), "stribeck_mismatch")
+    plant = plant_with(prior_model("drive", "classical"), "stribeck_mismatch")
     (forward,) = (e for e in plant.modes[0].events if e.name == "breaks away forward")
     table = {symbol(p.name): p.default for p in plant.all_parameters}
     table |= {symbol("x"): 0.0, symbol("u"): command_held}
@@ -253,7 +253,7 @@ class Motion:
     v: np.ndarray
     i: np.ndarray
     arrived: np.ndarray  # voltage at the motor
-    force: np.ndarray  # all that opposes the drive, inertia of the believed model taken off
+    force: np.ndarray  # all that opposes the drive, inertia of the prior model taken off
 
 
 def command():
@@ -332,11 +332,11 @@ def apart(seen, told, where):
 @pytest.mark.parametrize(
     ("model", "names"),
     [
-        (believed(), ("position_periodic_friction", "load_bias")),
-        (believed(), ("compliance",)),
-        (believed("drive", "classical", offset=0.2), ("position_trend_friction", "load_bias")),
-        (believed(), ("backlash",)),
-        (believed("drive", "classical", offset=0.2), ("stribeck_mismatch",)),
+        (prior_model(), ("position_periodic_friction", "load_bias")),
+        (prior_model(), ("compliance",)),
+        (prior_model("drive", "classical", offset=0.2), ("position_trend_friction", "load_bias")),
+        (prior_model(), ("backlash",)),
+        (prior_model("drive", "classical", offset=0.2), ("stribeck_mismatch",)),
     ],
     ids=["periodic and load", "compliance", "drive, sticking", "backlash", "bend, sticking"],
 )
@@ -348,7 +348,7 @@ def test_the_force_in_motion_is_the_one_it_was_found_by(model, names):
     "form", [f for f in OTHER_FORMS if f[0] in _FORCES], ids=lambda f: "+".join(f[1])
 )
 def test_the_force_of_each_form_is_the_one_it_was_found_by(form):
-    check_force_in_motion(believed(), [form])
+    check_force_in_motion(prior_model(), [form])
 
 
 def check_force_in_motion(model, found):
@@ -368,9 +368,9 @@ def check_force_in_motion(model, found):
     ids="+".join,
 )
 def test_a_late_command_arrives_as_was_foretold(found):
-    motion = simulated(believed(), [("input_delay", found)])
+    motion = simulated(prior_model(), [("input_delay", found)])
     u = command()
-    change = CAUSES["input_delay"].at([laid(motion)], believed(), found).command[0][:, 0]
+    change = CAUSES["input_delay"].at([laid(motion)], prior_model(), found).command[0][:, 0]
     later = np.arange(SAMPLES) > 20
     assert apart(motion.arrived, u + change, later) < 5e-4
     assert apart(motion.arrived, u, later) > 5e-3
@@ -390,7 +390,7 @@ def test_a_late_command_arrives_as_was_foretold(found):
     ids="_".join,
 )
 def test_an_extended_plant_runs_and_swaps_like_any_other(tmp_path, names):
-    fmu = write_extended_plant(plant_with(believed(), *names), tmp_path / "made").fmu
+    fmu = write_extended_plant(plant_with(prior_model(), *names), tmp_path / "made").fmu
     loop = ["--plant", str(fmu), "--out", str(tmp_path)]
     assert main(["run", "--controller", "nctf", "--stop", "0.5", *loop]) == 0
     figures = json.loads((tmp_path / "metrics.json").read_text())
@@ -404,7 +404,7 @@ def test_an_extended_plant_runs_and_swaps_like_any_other(tmp_path, names):
 
 
 def test_a_drive_that_sticks_runs_under_a_controller(tmp_path):
-    model = believed("drive", "classical", offset=0.2)
+    model = prior_model("drive", "classical", offset=0.2)
     plant = plant_with(model, "position_trend_friction", "load_bias")
     fmu = write_extended_plant(plant, tmp_path / "made").fmu
     left = []

@@ -27,12 +27,12 @@ def a_record(effects, seed, name="other.csv", **more):
     return checked(name, {k: s[: n - 1] for k, s in signals.items()})
 
 
-def a_file(believed=None, adjusted=None, corrected=None, causes=None, **more):
-    """What a diagnosis leaves that started at `believed` and named `causes`."""
-    believed = {**TRUTH, **(believed or {})}
-    adjusted = {**believed, **(adjusted or {})}
+def a_file(prior_model=None, adjusted=None, corrected=None, causes=None, **more):
+    """What a diagnosis leaves that started at `prior` and named `causes`."""
+    prior_model = {**TRUTH, **(prior_model or {})}
+    adjusted = {**prior_model, **(adjusted or {})}
     told = Diagnosed(
-        ("one.csv",), "voltage", 0.0, "modified_lugre", believed, adjusted, causes or {}
+        ("one.csv",), "voltage", 0.0, "modified_lugre", prior_model, adjusted, causes or {}
     )
     values = {n: Value(v) for n, v in {**adjusted, **(corrected or {})}.items()}
     return ParameterFile(plant=values, diagnosis=dataclasses.replace(told, **more))
@@ -45,18 +45,20 @@ def loaded():
 
 def test_a_cause_that_is_there_gains_and_its_model_comes_down_to_the_noise(loaded):
     found = judge_records([loaded], a_file(causes={"load_bias": {"load": LOAD}}))
-    believed, corrected = found.scores["believed"], found.scores["corrected"]
+    prior_model, corrected = found.scores["prior"], found.scores["corrected"]
     # the load alone is the gap: what is left beside it is the noise of the friction
-    assert believed.force.value == pytest.approx(math.hypot(LOAD, corrected.force.value), rel=0.05)
+    assert prior_model.force.value == pytest.approx(
+        math.hypot(LOAD, corrected.force.value), rel=0.05
+    )
     assert corrected.force.value < 1.5 * found.floor.force < 0.2 * LOAD
-    low, high = believed.force.interval
-    assert low < believed.force.value < high
+    low, high = prior_model.force.interval
+    assert low < prior_model.force.value < high
     gain = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
     assert gain.force.value > 0.95
     assert 0.9 < gain.force.interval[0] < gain.force.value < gain.force.interval[1] <= 1.0
     assert gain.position.interval[0] > 0.5
     # a load is the same wherever one looks
-    for part, score in believed.parts.items():
+    for part, score in prior_model.parts.items():
         assert score.value == pytest.approx(LOAD, rel=0.15), part
     assert found.shares["forwards"] + found.shares["backwards"] == pytest.approx(1.0)
 
@@ -68,16 +70,16 @@ def test_a_cause_that_is_not_there_loses(loaded):
     assert gain.position.interval[1] < 0.0
 
 
-def test_values_adjusted_are_judged_beside_those_believed():
+def test_values_adjusted_are_judged_beside_the_prior_ones():
     record = a_record({}, 4)
     wrong = {"sigma2": 1.2 * TRUTH["sigma2"]}
-    found = judge_records([record], a_file(believed=wrong, adjusted={"sigma2": TRUTH["sigma2"]}))
-    gain = next(g for g in found.gains if (g.model, g.over) == ("adjusted", "believed"))
+    found = judge_records([record], a_file(prior_model=wrong, adjusted={"sigma2": TRUTH["sigma2"]}))
+    gain = next(g for g in found.gains if (g.model, g.over) == ("adjusted", "prior"))
     assert gain.force.interval[0] > 0.5
     nothing = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
     assert (nothing.force.value, nothing.position.value) == (0.0, 0.0)
     # too much viscous friction shows where it is fast
-    parts = found.scores["believed"].parts
+    parts = found.scores["prior"].parts
     assert parts["fast"].value > 2 * parts["slow"].value
 
 
@@ -117,9 +119,9 @@ def test_a_short_record_has_figures_and_no_intervals():
     record = a_record({"load": LOAD}, 6)
     short = checked("short", {n: s[:2500] for n, s in record.signals.items()})
     found = judge_records([short], a_file(causes={"load_bias": {"load": LOAD}}))
-    assert found.scores["believed"].force.interval is None
-    assert found.to_dict()["scores"]["believed"]["force"] == {
-        "value_N": found.scores["believed"].force.value,
+    assert found.scores["prior"].force.interval is None
+    assert found.to_dict()["scores"]["prior"]["force"] == {
+        "value_N": found.scores["prior"].force.value,
         "interval_N": None,
     }
 
@@ -170,7 +172,7 @@ def test_a_table_that_makes_no_sense_is_one_line(tmp_path, text, said):
     assert "\n" not in str(caught.value)
 
 
-def test_the_models_law_is_that_of_the_believed_plant():
+def test_the_models_law_is_that_of_the_prior_plant():
     """Bristles found under the classical law are a cause; the file's own law has them, too."""
     record = a_record({}, 7)
     own = {n: v for n, v in TRUTH.items() if n not in ("sigma0", "sigma1", "Kv")}

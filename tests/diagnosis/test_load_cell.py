@@ -45,14 +45,14 @@ def record_of(hidden, with_cell=True):
     [{"load": -0.3}, {"ripple": 0.1, "ripple_n": 2.0}],
     ids=["on the block", "on the screw, which the cell does not feel"],
 )
-def test_the_mended_model_foretells_what_the_cell_reads(hidden):
+def test_the_corrected_model_foretells_what_the_cell_reads(hidden):
     found = found_with_cell(**hidden)
     (cause,) = found.causes
     floor = math.hypot(NOISE, STEP / math.sqrt(12), 0.02 * NOMINAL["Fc"])
-    assert found.load_cell.mended < 1.25 * floor
+    assert found.load_cell.corrected < 1.25 * floor
     if cause.name == "load_bias":
-        assert found.load_cell.believed > 0.28
-    assert found.to_dict()["load_cell"]["mended_N"] == found.load_cell.mended
+        assert found.load_cell.prior > 0.28
+    assert found.to_dict()["load_cell"]["corrected_N"] == found.load_cell.corrected
 
 
 @pytest.mark.xdist_group("load_cell")

@@ -224,7 +224,7 @@ def test_what_the_thesis_trials_cannot_tell_is_said_with_a_trial_that_would_do(t
 
     truth, records = thesis_trials
     result = identify(records, "directional_lugre")
-    assert not result.believed
+    assert not result.trusted
     open_ones = {n for n, i in result.parameters.items() if not i.identified}
     assert open_ones == {"sigma1_pos", "sigma1_neg", "Vs_neg"}
     assert "delay between force and motion" in result.parameters["sigma1_pos"].because

@@ -43,14 +43,14 @@ def test_a_constant_force_is_found_with_its_interval(found):
     for name, truth in DAHL.items():
         interval = found.parameters[name]
         assert interval.low <= truth <= interval.high, name
-    assert found.believed
+    assert found.trusted
 
 
 def test_without_it_the_friction_is_wrong(found):
     without = identify(mostly_forwards(1), "dahl")
     fc = without.parameters["Fc"]
     assert fc.low > 1.1 * DAHL["Fc"]
-    assert not without.believed
+    assert not without.trusted
     apart = {side: without.per_direction[side]["Fc"].value for side in ("forwards", "backwards")}
     assert apart["forwards"] - apart["backwards"] == pytest.approx(2 * LOAD, rel=0.1)
     again = {side: found.per_direction[side]["Fc"].value for side in ("forwards", "backwards")}
@@ -93,7 +93,7 @@ def test_one_direction_tells_no_offset_and_it_is_said():
     assert not offset.identified
     assert "one way only" in offset.because
     assert "both directions" in offset.would_do
-    assert not result.believed
+    assert not result.trusted
 
 
 def test_what_is_held_stays_and_the_rest_is_told_better():

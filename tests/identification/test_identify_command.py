@@ -134,14 +134,14 @@ def test_bad_requests_are_one_line(data, tmp_path):
 
 
 def test_values_are_held_and_a_constant_force_is_fitted(data, tmp_path, capsys):
-    believed = tmp_path / "believed.toml"
-    believed.write_text(
+    prior_model = tmp_path / "prior.toml"
+    prior_model.write_text(
         'format = "ballscrew-parameters 1"\nkind = "drive"\nlaw = "dahl"\n'
         "[plant]\nalpha = 1.0\nm = 1.0\n"
     )
     fix = ("--fix", "alpha", "--fix", "sigma=87750", "--offset")
     out = tmp_path / "out"
-    given = (*data, "--law", "dahl", *FOREIGN, "--params", str(believed), *fix)
+    given = (*data, "--law", "dahl", *FOREIGN, "--params", str(prior_model), *fix)
     assert run(*given, "--out", str(out)) == 0
     printed = capsys.readouterr()
     rows = {line.split()[0]: line for line in printed.out.splitlines() if line}

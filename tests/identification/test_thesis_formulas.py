@@ -55,7 +55,7 @@ def test_nominal_values_of_table_2_3_are_means_of_both_directions():
         assert mean == pytest.approx(float(row["nominal"]), rel=1e-9)
 
 
-@pytest.mark.parametrize(("trial", "p"), [("6", 1.2305), ("9", 1.6163)])  # 9: digits mended
+@pytest.mark.parametrize(("trial", "p"), [("6", 1.2305), ("9", 1.6163)])  # 9: digits corrected
 def test_rows_of_table_2_7_come_back_from_their_reference_points(trial, p):
     row = next(r for r in table("table_2_7_bliman_sorine") if r["trial"] == trial)
     printed = [float(row[n]) for n in ("f1_N", "f2_N", "eps_f_m", "eta")]
@@ -97,7 +97,7 @@ def test_points_beyond_condition_2_11_have_no_solution_and_the_reason_is_said():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_dahl_s_curve_solves_dahl_s_equation_so_the_sign_of_eq_2_5_is_mended(sign):
+def test_dahl_s_curve_solves_dahl_s_equation_so_the_sign_of_eq_2_5_is_corrected(sign):
     x = np.linspace(0, sign * 2e-4, 400)
     f = dahl_curve(x, 87750.0, 2.0)
     slope = np.gradient(f, x)

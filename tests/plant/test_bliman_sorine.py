@@ -27,11 +27,11 @@ def test_friction_ends_at_f1_minus_f2():
     assert along(5e-3)["friction"][-1] == pytest.approx(2.0523, abs=1e-6)
 
 
-def test_the_peak_from_rest_is_eq_2_18_with_its_exponent_mended():
-    mended = F1 - F2 + F2 * (1 - ETA) * (ETA * F2 / F1) ** (ETA / (1 - ETA))
+def test_the_peak_from_rest_is_eq_2_18_with_its_exponent_corrected():
+    corrected = F1 - F2 + F2 * (1 - ETA) * (ETA * F2 / F1) ** (ETA / (1 - ETA))
     printed = F1 - F2 + F2 * (1 - ETA) * (ETA * F2 / F1) ** (1 / (1 - ETA))
     peak = along(1e-3)["friction"].max()
-    assert peak == pytest.approx(mended, rel=1e-7)
+    assert peak == pytest.approx(corrected, rel=1e-7)
     assert peak == pytest.approx(2.277, abs=5e-4)
     assert abs(peak - printed) > 0.03
 

@@ -17,7 +17,7 @@ def course(alpha=1.0, sign=1.0):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_friction_from_rest_is_eq_2_5_and_2_6_with_their_signs_mended(sign):
+def test_friction_from_rest_is_eq_2_5_and_2_6_with_their_signs_corrected(sign):
     """F = +-Fc (1 - exp(-sigma |x| / Fc)); printed, 2.5 has a growing exponential."""
     got = course(sign=sign)
     exact = sign * FC * (1 - np.exp(-SIGMA * np.abs(got.outputs["x"]) / FC))

@@ -150,7 +150,7 @@ def test_laws_lag_and_vary_if_and_only_if_they_claim_to(table):
 
 @of_the_table
 def test_break_away_of_bliman_and_sorine_is_the_peak_from_rest(table):
-    """Eq. 2.18 with its exponent mended: 2.277 N for row 6."""
+    """Eq. 2.18 with its exponent corrected: 2.277 N for row 6."""
     f1, f2, eta = 19.875, 17.8227, 0.9063
     peak = f1 - f2 + f2 * (1 - eta) * (eta * f2 / f1) ** (eta / (1 - eta))
     assert table.observations["bliman_sorine"].forwards.force == pytest.approx(peak, rel=1e-3)

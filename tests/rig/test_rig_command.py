@@ -43,7 +43,7 @@ def test_parameters_of_all_parts_can_be_set(tmp_path):
 def test_a_record_past_an_instruments_range_ends_with_one_and_says_why(tmp_path, capsys):
     assert rig("2.8/5", "--set", "plant.Fs=1.3", "--out", tmp_path) == 1
     assert "capacitance sensor is out of its calibrated 70 um" in capsys.readouterr().err
-    assert json.loads((tmp_path / "trial.json").read_text())["not_to_be_believed"]
+    assert json.loads((tmp_path / "trial.json").read_text())["not_trusted"]
 
 
 def test_a_trial_is_exported_instead_of_run(tmp_path, capsys):

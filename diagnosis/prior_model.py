@@ -32,7 +32,7 @@ _NEVER_ADJUSTED = ("L", "p", "Kv", "offset")
 _WIDEST = 0.9  # relative doubt of a value whose interval is wider than the value itself
 
 
-def read_believed(path: Path | str | None = None, law: str | None = None) -> DriveModel:
+def read_prior_model(path: Path | str | None = None, law: str | None = None) -> DriveModel:
     """Read a parameter file as the model of a drive.
 
     What is not in it is the plant's default. The doubt of a value is that of ``[tolerance]``, else
@@ -54,11 +54,11 @@ def read_believed(path: Path | str | None = None, law: str | None = None) -> Dri
     ------
     BadParameters
     """
-    return believed(ParameterFile() if path is None else read_parameters(path), law)
+    return prior_model_from(ParameterFile() if path is None else read_parameters(path), law)
 
 
-def believed(file: ParameterFile, law: str | None = None) -> DriveModel:
-    """The model of a parameter file that was read already; see `read_believed`."""
+def prior_model_from(file: ParameterFile, law: str | None = None) -> DriveModel:
+    """The model of a parameter file that was read already; see `read_prior_model`."""
     if file.kind not in _PLANTS:
         raise BadParameters(
             f"{file.path}: kind is {file.kind!r}, expected one of {', '.join(_PLANTS)}: a "
