@@ -30,7 +30,7 @@ command. Several are one study. Separators, decimal commas, lines before the tab
 units are found by themselves; a column without a name goes by its number. With kind = "drive", u
 may be a force or a torque, as in --unit u=N. FILE.toml says what you believe, see
 docs/parameters.md: kind ("ball_screw" or "drive"), law, [plant] in SI units and [tolerance], the
-relative doubt of each value (default half of its interval, else 0.03).
+relative tolerance of each value (default half of its interval, else 0.03).
 
 examples:
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis

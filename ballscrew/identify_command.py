@@ -140,9 +140,9 @@ def _identify(options: argparse.Namespace) -> int:
                 f"{interval.would_do}",
                 file=sys.stderr,
             )
-    for doubt in result.doubts:
-        if doubt.split(":")[0] not in result.parameters:
-            print(f"not trusted: {doubt}", file=sys.stderr)
+    for warning in result.warnings:
+        if warning.split(":")[0] not in result.parameters:
+            print(f"not trusted: {warning}", file=sys.stderr)
     return TRUSTED if result.trusted else NOT_TRUSTED
 
 

@@ -59,16 +59,16 @@ def driven_by_current(model: DriveModel) -> DriveModel:
     """A ball screw as a drive whose command is the motor's current.
 
     The gain is the motor's force per ampere, known as well as `kt` is; the mass is of all that
-    moves, and its doubt what those of block and rotor are at most.
+    moves, and its tolerance what those of block and rotor are at most.
     """
     known = {p.name for p in bare_direct_drive(law(model.law)).all_parameters}
     values = {n: v for n, v in model.values.items() if n in known}
     values |= {"m": model.inertia, "gain": model.per_ampere, "offset": 0.0}
-    doubt = model.tolerance
+    given = model.tolerance
     block, rotor = model.values["m"], model.inertia - model.values["m"]
-    tolerance = {n: t for n, t in doubt.items() if n in values}
-    tolerance["gain"] = doubt.get("kt", 0.0)
-    tolerance["m"] = (block * doubt.get("m", 0.0) + rotor * doubt.get("Jm", 0.0)) / model.inertia
+    tolerance = {n: t for n, t in given.items() if n in values}
+    tolerance["gain"] = given.get("kt", 0.0)
+    tolerance["m"] = (block * given.get("m", 0.0) + rotor * given.get("Jm", 0.0)) / model.inertia
     return DriveModel("drive", model.law, values, tolerance)
 
 

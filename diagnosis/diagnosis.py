@@ -214,7 +214,7 @@ class Diagnosis:
     load_cell : Witness or None
         What the recorded ``force``, which takes no part, says of both models.
     notes : tuple of str
-        Doubts.
+        Warnings.
     """
 
     verdict: str

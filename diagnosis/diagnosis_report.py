@@ -70,7 +70,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             _out_of_reach(diagnosis),
             _adjusted(diagnosis),
             _noise(diagnosis),
-            _doubts(diagnosis),
+            _warnings(diagnosis),
             _footer(diagnosis),
         ]
     )
@@ -302,11 +302,11 @@ def _noise(diagnosis: Diagnosis) -> str:
     return _section("Noise, as found", _table(["of", "size", "unit"], rows))
 
 
-def _doubts(diagnosis: Diagnosis) -> str:
+def _warnings(diagnosis: Diagnosis) -> str:
     if not diagnosis.notes:
         return ""
     items = "".join(f"<li>{as_text(n)}</li>" for n in diagnosis.notes)
-    return _section("Doubts", f"<ul>{items}</ul>")
+    return _section("Warnings", f"<ul>{items}</ul>")
 
 
 def _footer(diagnosis: Diagnosis) -> str:

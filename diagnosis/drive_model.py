@@ -52,7 +52,7 @@ class DriveModel:
     values : mapping of str to float
         All parameters, SI.
     tolerance : mapping of str to float
-        Relative doubt of each value that may be adjusted: its uniform spread, plus or minus.
+        Relative tolerance of each value that may be adjusted: its uniform spread, plus or minus.
     """
 
     kind: str

@@ -265,8 +265,8 @@ def _sines(cause: str, reach: Reach, model: DriveModel) -> Motion:
     spare = 0.8 * (force_to_spare(reach, model) - model.damping * peak) / model.inertia
     hardest = spare if spare > 0.0 else reach.acceleration
     fastest = min(hardest / (2 * math.pi * peak), 1.0 / (_SAMPLES_A_PERIOD * rows))
-    if reach.count:
-        fastest = min(fastest, peak / (2 * math.pi * _COUNTS * reach.count))
+    if reach.resolution:
+        fastest = min(fastest, peak / (2 * math.pi * _COUNTS * reach.resolution))
     fastest = max(fastest, peak / (math.pi * (high - low)))  # else it does not fit the travel
     parts, speeds, frequencies = [np.zeros(1)], [], []
     for share in (0.25, 0.5, 1.0):

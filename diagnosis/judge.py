@@ -79,7 +79,7 @@ class Judgement:
         Of the models ``prior``, ``adjusted`` and ``corrected``.
     gains : tuple of ModelGain
     notes : tuple of str
-        Doubts.
+        Warnings.
     """
 
     records: tuple[str, ...]

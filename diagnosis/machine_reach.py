@@ -29,7 +29,7 @@ class Reach:
         Largest command, either sign, its unit.
     step : float
         Sampling interval [s].
-    count : float
+    resolution : float
         Step of the encoder [m]; 0 if it is not counted.
     lasts : float
         Length of the longest record [s].
@@ -41,7 +41,7 @@ class Reach:
     acceleration: float
     command: float
     step: float
-    count: float
+    resolution: float
     lasts: float
 
     @property
@@ -58,7 +58,7 @@ def reach_of(courses: Sequence[ModelledRecord]) -> Reach:
         acceleration=max(float(np.quantile(np.abs(c.mean_a), 0.95)) for c in courses),
         command=max(float(np.abs(c.u).max()) for c in courses),
         step=min(c.step for c in courses),
-        count=max(c.record.count for c in courses),
+        resolution=max(c.record.resolution for c in courses),
         lasts=max(float(c.time[-1]) for c in courses),
     )
 

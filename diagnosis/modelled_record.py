@@ -26,12 +26,12 @@ _SHOWN = 0.05  # of the friction: what a position's noise may make of the force 
 _SHORTEST, _SHORT, _LONGEST = 2e-4, 1e-3, 0.02  # spacing of the windows [s]
 _OF_BAND = 0.35  # of the period that a position carries: shorter windows see a filter
 _MOST_WINDOWS = 10_000
-_SHAKES = 4  # draws that tell how a doubtful motion blurs the law
+_SHAKES = 4  # draws that tell how an uncertain motion blurs the law
 _AROUND = 5  # windows
 _FALLS = 4.0  # powers of ten within an octave, that only a filter makes
 _LONGEST_REST = 0.05  # beyond which samples tell nothing [s]
 _SLOW = 3e-3  # of the record's fast speeds: slower is rest
-_OFFSET = 0.1  # of its root mean square: a current sensor's doubt
+_OFFSET = 0.1  # of its root mean square: a current sensor's standard deviation
 _OFFSETS = "offset."  # names of the records' own
 _OWN_OFFSET = 0.5  # of the friction, that a record's own offset may be
 
@@ -58,8 +58,8 @@ class ModelledRecord:
         each sample [N].
     unknown : ndarray, shape (n,)
         Force that opposes the motion and that the model does not have [N].
-    doubt : ndarray, shape (windows,)
-        Variance of the law's force that the doubt of the motion makes [N^2].
+    force_variance : ndarray, shape (windows,)
+        Variance of the law's force that the error of the motion makes [N^2].
     calibration : mapping of str to float
         What the instruments are off by, as far as it is known: ``command_shift`` in sampling
         intervals, ``current_offset`` [A] and ``current_gain`` of what is read, and
@@ -82,7 +82,7 @@ class ModelledRecord:
     i: Vector
     bristle: Vector
     unknown: Vector
-    doubt: Vector
+    force_variance: Vector
     current_share: float = 1.0
     calibration: Mapping[str, float] = field(default_factory=dict)
     by_current: bool = False
@@ -168,10 +168,10 @@ class ModelledRecord:
 
 def position_noise(record: DriveRecord) -> float:
     """Standard deviation of a position's reading [m]."""
-    return max(record.count / math.sqrt(12.0), fast_noise(record.x), 1e-12)
+    return max(record.resolution / math.sqrt(12.0), fast_noise(record.x), 1e-12)
 
 
-class Doubt(NamedTuple):
+class CalibrationPrior(NamedTuple):
     """How far an instrument may be off: a spread, and what is beyond belief."""
 
     spread: float
@@ -179,22 +179,22 @@ class Doubt(NamedTuple):
     high: float
 
 
-def doubts(course: ModelledRecord) -> dict[str, Doubt]:
+def calibration_priors(course: ModelledRecord) -> dict[str, CalibrationPrior]:
     """What the instruments may be off by, under the names of `ModelledRecord.calibration`.
 
     A command acts from where it is written, or half an interval to either side of it; of a jump of
     the voltage, a sample of the current at its time has nothing yet, or all.
     """
-    found = {"command_shift": Doubt(0.4, -0.6, 0.6)}
+    found = {"command_shift": CalibrationPrior(0.4, -0.6, 0.6)}
     if course.has_current:
         offset = _OFFSET * float(np.sqrt(np.nanmean(course.record.signals["i"] ** 2)))
-        found["current_offset"] = Doubt(offset, -3.0 * offset, 3.0 * offset)
-        found["current_gain"] = Doubt(0.03, -0.06, 0.06)
-        found["current_jump"] = Doubt(0.4, 0.0, 1.0)
+        found["current_offset"] = CalibrationPrior(offset, -3.0 * offset, 3.0 * offset)
+        found["current_gain"] = CalibrationPrior(0.03, -0.06, 0.06)
+        found["current_jump"] = CalibrationPrior(0.4, 0.0, 1.0)
     own = [n for n in course.calibration if n.startswith(_OFFSETS)]
     if own:
         most = _OWN_OFFSET * float(np.sqrt(np.mean(course.bristle**2)))
-        found |= dict.fromkeys(own, Doubt(0.5 * most, -most, most))
+        found |= dict.fromkeys(own, CalibrationPrior(0.5 * most, -most, most))
     return found
 
 
@@ -239,9 +239,11 @@ def lay_along(record: DriveRecord, model: DriveModel) -> ModelledRecord:
         course,
         inertia=sluggishness(course, model),
         current_share=_current_share(course, model, noise),
-        calibration=dict.fromkeys(doubts(course), 0.0),
+        calibration=dict.fromkeys(calibration_priors(course), 0.0),
     )
-    return replace(with_law_force(course, model), doubt=_doubt(course, model, noise))
+    return replace(
+        with_law_force(course, model), force_variance=_force_variance(course, model, noise)
+    )
 
 
 def _rough(record: DriveRecord, width: int, model: DriveModel) -> float:
@@ -287,10 +289,10 @@ def driven_by_current(course: ModelledRecord, model: DriveModel) -> ModelledReco
     return replace(course, inertia=sluggishness(course, model))
 
 
-def _doubt(course: ModelledRecord, model: DriveModel, noise: float) -> Vector:
-    """Variance of the law's force that the doubt of the motion makes, shape (windows,) [N^2].
+def _force_variance(course: ModelledRecord, model: DriveModel, noise: float) -> Vector:
+    """Variance of the law's force that the error of the motion makes, shape (windows,) [N^2].
 
-    The motion is doubtful by its noise, and by what smoothing it over twice the time changes.
+    The motion is uncertain by its noise, and by what smoothing it over twice the time changes.
     """
     random = np.random.default_rng(0)
     n, width = len(course.x), course.width

@@ -12,7 +12,7 @@ from .causes.cause import engaged
 from .drive_model import DriveModel
 from .explanation import OWN, Explanation, amplitudes, can_be, scores
 from .held_out import with_values
-from .modelled_record import ModelledRecord, doubts, opposing
+from .modelled_record import ModelledRecord, calibration_priors, opposing
 from .problem import Problem
 from .regression import calibrated
 from .search import added_by
@@ -92,10 +92,12 @@ def not_shown(problem: Problem, now: Explanation, k: int, courses: Sequence[Mode
     fitted = amplitudes(problem, now)
     late, way = CAUSES[member.name].late, CAUSES[member.name].way
     if way:
-        too_short = way(problem.model, member.shape.values) < max(c.record.count for c in courses)
+        too_short = way(problem.model, member.shape.values) < max(
+            c.record.resolution for c in courses
+        )
         return "its way is less than a count of the encoder" if too_short else ""
     # a command that acts later than it is written may be a recorder's
-    later, least = np.inf, doubts(course)["command_shift"].high * course.step
+    later, least = np.inf, calibration_priors(course)["command_shift"].high * course.step
     if late:
         place = 1 + len(problem.names) + list(calibrated(courses)).index("command_shift")
         early = (course.calibration["command_shift"] + fitted[place]) * course.step

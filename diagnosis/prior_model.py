@@ -25,19 +25,19 @@ from ..solver.component import Component, Parameter
 from .drive_model import DIRECT, MOTOR, DriveModel
 
 TOLERANCE = 0.03
-"""Relative doubt of a value of whose doubt nothing is said."""
+"""Relative tolerance of a value of which nothing is said."""
 
 _PLANTS = {BALL_SCREW: bare_ball_screw, DRIVE: bare_direct_drive}
 _NEVER_ADJUSTED = ("L", "p", "Kv", "offset")
-_WIDEST = 0.9  # relative doubt of a value whose interval is wider than the value itself
+_WIDEST = 0.9  # relative tolerance of a value whose interval is wider than the value itself
 
 
 def read_prior_model(path: Path | str | None = None, law: str | None = None) -> DriveModel:
     """Read a parameter file as the model of a drive.
 
-    What is not in it is the plant's default. The doubt of a value is that of ``[tolerance]``, else
-    half of its interval, else `TOLERANCE`. Values that only a closed loop needs (amplifier, initial
-    states, controllers) and the table ``[found]``, of an extended plant, are left aside.
+    What is not in it is the plant's default. The tolerance of a value is that in ``[tolerance]``,
+    else half of its interval, else `TOLERANCE`. Values that only a closed loop needs (amplifier,
+    initial states, controllers) and the table ``[found]``, of an extended plant, are left aside.
 
     Parameters
     ----------
@@ -81,7 +81,8 @@ def prior_model_from(file: ParameterFile, law: str | None = None) -> DriveModel:
     adjusted = _adjusted(file.kind, used)
     _check_tolerance(file, {*adjusted, *_adjusted(file.kind, own)})
     tolerance = {
-        n: file.tolerance[n] if n in file.tolerance else _doubt(file.plant.get(n)) for n in adjusted
+        n: file.tolerance[n] if n in file.tolerance else _tolerance_of(file.plant.get(n))
+        for n in adjusted
     }
     return DriveModel(file.kind, used, values, tolerance)
 
@@ -123,7 +124,7 @@ def _adjusted(kind: str, law: str) -> list[str]:
     return [n for n in names if n not in _NEVER_ADJUSTED]
 
 
-def _doubt(value: Value | None) -> float:
+def _tolerance_of(value: Value | None) -> float:
     """Half of a value's interval as a share of the value."""
     if value is None or value.interval is None or value.value == 0:
         return TOLERANCE

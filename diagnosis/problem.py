@@ -245,10 +245,10 @@ def bounds(
         ratio = prior_model.values[n] / model.values[n]
         low.append(ends[0] * ratio - 1.0)
         high.append(ends[1] * ratio - 1.0)
-    for n, doubt in calibrated(courses).items():
+    for n, prior in calibrated(courses).items():
         now = courses[0].calibration[n]
-        low.append(doubt.low - now)
-        high.append(doubt.high - now)
+        low.append(prior.low - now)
+        high.append(prior.high - now)
     return np.array(low), np.array(high)
 
 

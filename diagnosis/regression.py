@@ -18,9 +18,9 @@ from scipy.optimize import nnls
 from .causes.cause import Shape
 from .drive_model import DriveModel
 from .modelled_record import (
-    Doubt,
+    CalibrationPrior,
     ModelledRecord,
-    doubts,
+    calibration_priors,
     mean_current,
     sluggishness,
     true_current,
@@ -197,7 +197,7 @@ def filters(courses: Sequence[ModelledRecord], noise: Noise) -> list[Filter]:
 
 def force_weights(course: ModelledRecord, size: float, growth: float) -> Vector:
     """Weights of the balance of forces whose noise has this size, shape (windows,)."""
-    remembered = np.convolve(course.doubt, np.ones(3))[: len(course.doubt)]
+    remembered = np.convolve(course.force_variance, np.ones(3))[: len(course.force_variance)]
     return np.asarray(1.0 / np.sqrt(1.0 + (remembered + _grown(course, growth)) / size**2))
 
 
@@ -242,9 +242,9 @@ def whitened(made: Sequence[Filter], parts: Sequence[Matrix]) -> Matrix:
     return np.vstack([w.reshape(-1, w.shape[2]) for w in white])
 
 
-def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, Doubt]:
+def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]:
     """What the instruments of a study may be off by."""
-    return doubts(courses[0])
+    return calibration_priors(courses[0])
 
 
 def sensitivities(
@@ -380,19 +380,19 @@ def _size_and_growth(
     courses: Sequence[ModelledRecord], innovation: Sequence[Vector], least: float
 ) -> tuple[float, float]:
     """Of the balance of forces: what drives it at rest [N], and how that grows [N*s/m]."""
-    squares, doubts_, paces = [], [], []
+    squares, variances, paces = [], [], []
     for c, e in zip(courses, innovation, strict=True):
         counts = np.flatnonzero(telling(c) > 0.0)
         squares.append(e**2)
-        doubts_.append(np.convolve(c.doubt, np.ones(3))[: len(c.doubt)][counts])
+        variances.append(np.convolve(c.force_variance, np.ones(3))[: len(c.force_variance)][counts])
         paces.append(averaged(c.v**2, c.width)[counts])
-    square, doubt, pace = (np.concatenate(p) for p in (squares, doubts_, paces))
+    square, variance, pace = (np.concatenate(p) for p in (squares, variances, paces))
     size, growth = least**2 + float(np.mean(square)), 0.0
     for _ in range(
         _ROUNDS
     ):  # iterated weighted least squares: the scatter of squares is their size
-        weight = 1.0 / (size + growth * pace + doubt)
+        weight = 1.0 / (size + growth * pace + variance)
         columns = np.column_stack([np.ones(len(pace)), pace]) * weight[:, None]
-        found, _ = nnls(columns, np.maximum(square - doubt, 0.0) * weight)
+        found, _ = nnls(columns, np.maximum(square - variance, 0.0) * weight)
         size, growth = max(float(found[0]), least**2), float(found[1])
     return math.sqrt(size), math.sqrt(growth)

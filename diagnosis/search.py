@@ -67,12 +67,12 @@ def adjusted(
 ) -> Situation:
     """The prior values, each within its tolerance (or free), and the noise, fitted."""
     names = model.adjustable
-    doubts = calibrated(courses)
+    priors = calibrated(courses)
     spread = np.array([prior_model.tolerance[n] for n in names]) / math.sqrt(3.0)
     free = free_spreads(prior_model)
     for name in freed:
         spread[names.index(name)] = free[names.index(name)]
-    spread = np.append(spread, [d.spread for d in doubts.values()])
+    spread = np.append(spread, [d.spread for d in priors.values()])
     for _ in range(rounds):  # Gauss-Newton
         left = leftovers(courses, model, added)
         made = filters(courses, fitted_noise(courses, model, left))
@@ -88,7 +88,7 @@ def adjusted(
         model = model.changed(
             {n: model.values[n] * (1.0 + float(c)) for n, c in zip(names, change, strict=False)}
         )
-        moved = dict(zip(doubts, change[len(names) :].tolist(), strict=True))
+        moved = dict(zip(priors, change[len(names) :].tolist(), strict=True))
         courses = [with_law_force(c, model) for c in recalibrated(courses, moved)]
         if np.all(np.abs(change) < _SETTLED * spread):
             break

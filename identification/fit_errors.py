@@ -36,7 +36,7 @@ def summed_up(climb: Climb, cost: float) -> Fit:
     columns, own, noisy = pieces.columns, pieces.own, pieces.noisy
     q, p = len(columns), problem.size
     inverse = np.asarray(np.linalg.inv(pieces.information), dtype=float)
-    prior = climb.doubt**-2
+    prior = climb.prior_std**-2
     meat = np.diag(prior)
     shares: list[Vector] = []
     # pieces of the records; each touches the global unknowns and one record's own
@@ -65,13 +65,13 @@ def summed_up(climb: Climb, cost: float) -> Fit:
     blind[clocks, clocks] -= _told_of_delays(climb, pieces)
     cautious = np.linalg.inv(blind)
     plain = cautious[:p, :p]
-    rounding = course.count**2 / 12
+    rounding = course.resolution**2 / 12
     spread = climb.spread(point) ** 2 + rounding
     white = (spread - climb.hidden) / spread
     moved = [inverse[:p] @ climb.pull(pieces, problem.weight[0] * e) for e in climb.errors]
     of_motion = np.mean(np.square(moved), axis=0)
     whole = inverse[:p] ** 2 @ prior
-    short = with_backlash(course.x, course.starts, course.play)
+    short = with_backlash(course.x, course.starts, course.backlash)
     more = climb.force_on(np.stack([short, course.v, course.inertial])) - climb.force(point)
     rounded = (inverse[:p] @ climb.pull(pieces, problem.weight[0] * more)) ** 2
     heard = _of_noise(climb, pieces, inverse, white)
@@ -132,10 +132,10 @@ def _of_sensors(climb: Climb) -> Vector:
         bare = law.parameters[j % len(law.parameters)]
         if bare in _ELASTIC:
             way = presliding_way(law, values, name[len(bare) :])
-            variances[j] = float(np.mean((course.play / way) ** 2 + course.gain_doubt**2))
+            variances[j] = float(np.mean((course.backlash / way) ** 2 + course.gain_std**2))
         elif bare == "sigma1":
             sigma0, sigma1 = np.exp(climb.point.coordinates[j - 1 : j + 1])
-            variances[j] = (float(problem.clock_doubt.min()) * sigma0 / sigma1) ** 2
+            variances[j] = (float(problem.clock_std.min()) * sigma0 / sigma1) ** 2
     return variances
 
 
@@ -146,7 +146,7 @@ def _of_noise(climb: Climb, pieces: Pieces, inverse: Matrix, white: Vector) -> V
     owner, records = problem.owner, problem.course.records
     weight = problem.weight[0] * white
     variances = np.empty(p)
-    prior = climb.doubt**-2
+    prior = climb.prior_std**-2
     for j in range(p):
         arm = inverse[j]
         own = arm[q : q + OWN * records].reshape(OWN, records)
@@ -168,7 +168,7 @@ def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
     told = np.zeros(course.clocks)
     for c in range(course.clocks):
         at = np.append(np.arange(p), p + c)
-        claimed = np.diag(np.append(climb.doubt[:p] ** -2, 0.0))
+        claimed = np.diag(np.append(climb.prior_std[:p] ** -2, 0.0))
         for r in np.flatnonzero(course.clock == c):
             part = slice(course.starts[r], course.starts[r + 1])
             local, own = pieces.columns[at, part], pieces.own[:, part]
@@ -176,7 +176,7 @@ def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
             alone = weighted @ own.T
             first = p + course.clocks + r
             places = first + course.records * np.arange(OWN)
-            alone[np.diag_indices(OWN)] += climb.doubt[places] ** -2
+            alone[np.diag_indices(OWN)] += climb.prior_std[places] ** -2
             cross = weighted @ local.T
             claimed += (local * problem.weight[0, part]) @ local.T
             claimed -= cross.T @ np.linalg.solve(alone, cross)
@@ -191,7 +191,7 @@ def intervals_of(
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
     errors = np.sqrt(np.diag(fit.covariance))
     drawn = draw_coordinates(fit) if fit.law.name in DRAWN else None
-    blurred = blurred_elements(fit, climb.problem.course.count)
+    blurred = blurred_elements(fit, climb.problem.course.resolution)
     intervals = {}
     for j, name in enumerate(fit.names):
         value, error = float(values[j]), float(errors[j])
@@ -256,9 +256,9 @@ def profile_bounds(
         held = [j, *climb.held]
         walk = Climb(climb.problem, climb.point.coordinates, held, climb.hidden)
         walk.centre = climb.centre
-        walk.doubt = climb.doubt.copy()
-        walk.doubt[j] = 1e6  # the bound is the data's
-        walk.point = climb.point.moved(np.zeros(len(climb.doubt)))
+        walk.prior_std = climb.prior_std.copy()
+        walk.prior_std[j] = 1e6  # the bound is the data's
+        walk.point = climb.point.moved(np.zeros(len(climb.prior_std)))
         base = walk.cost(walk.point)
         # all else goes along as the information at the fit says, and is then fitted
         ridge = np.linalg.inv(walk.normal(walk.point).information)[j]

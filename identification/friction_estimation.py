@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 
 from ..records.force_record import Record
-from ..records.resolution import count_size, fast_noise, held_samples
+from ..records.resolution import fast_noise, held_samples, resolution_of
 
 Vector = npt.NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Motion:
         What the smoothing itself may have done to the position [m].
     noise : float
         Standard deviation of the measured position [m].
-    count : float
+    resolution : float
         Step of a counted position [m]; 0 if it is not counted.
     bandwidth : float
         Frequency at which the smoothing halves an oscillation [Hz].
@@ -69,7 +69,7 @@ class Motion:
     a: Vector
     bent: Vector
     noise: float
-    count: float
+    resolution: float
     bandwidth: float
     step: float
     seen: Vector
@@ -99,7 +99,7 @@ class FrictionEstimate:
         Whether the record begins without force, hence at rest.
     force_noise : float
         Standard deviation of the force's fast noise, its resolution included [N].
-    force_count : float
+    force_resolution : float
         Resolution of the force [N]; 0 if no grid is seen.
     noise : float
         Standard deviation of `friction` [N]: of the force, and of mass times acceleration.
@@ -111,7 +111,7 @@ class FrictionEstimate:
     motion: Motion
     from_rest: bool
     force_noise: float
-    force_count: float
+    force_resolution: float
     noise: float
     said: tuple[str, ...]
 
@@ -147,10 +147,10 @@ def smooth_motion(
     position = np.concatenate([np.full(before, position[0]), position])
     n = len(position)
     if like:
-        count, noise = like.count, like.noise
+        resolution, noise = like.resolution, like.noise
         held = np.concatenate([np.arange(before), before + like.held]) if before else like.held
     else:
-        count = count_size(position) if counted else 0.0
+        resolution = resolution_of(position) if counted else 0.0
         held = held_samples(position)
         noise = fast_noise(position[held])
     later -= (
@@ -158,12 +158,12 @@ def smooth_motion(
     )  # a lag counts from the middle of what is held
     if like:
         pass
-    elif count > noise and len(held) == n:
-        noise = count / math.sqrt(12)
+    elif resolution > noise and len(held) == n:
+        noise = resolution / math.sqrt(12)
     else:  # a grid finer than the noise is that of the file
-        count = 0.0
+        resolution = 0.0
     origin = float(position[0])
-    readings = _readings(position - origin, count, held, before)
+    readings = _readings(position - origin, resolution, held, before)
     data, weights = readings.data, readings.weights
     if noise == 0.0:
         smooth, strength = data.copy(), np.zeros(n - 2)
@@ -178,7 +178,7 @@ def smooth_motion(
             strength = _strength(readings, noise, 1.0 / calm)
         smooth = _smoothed(readings, strength)
         for _ in range(8):  # a counted position is known to within half a count
-            outside = np.abs(smooth - data) > (0.55 * count if count else 4 * noise)
+            outside = np.abs(smooth - data) > (0.55 * resolution if resolution else 4 * noise)
             outside &= weights > 0
             if not np.any(outside):
                 break
@@ -202,7 +202,7 @@ def smooth_motion(
         a[before:],
         bent[before:],
         noise,
-        count,
+        resolution,
         bandwidth,
         step,
         smooth[before:] + origin,
@@ -240,7 +240,9 @@ class _Readings:
         return max((float(np.mean(t)) for t in (told, passed) if len(t) >= _FEW), default=0.0)
 
 
-def _readings(data: Vector, count: float, held: npt.NDArray[np.int64], before: int) -> _Readings:
+def _readings(
+    data: Vector, resolution: float, held: npt.NDArray[np.int64], before: int
+) -> _Readings:
     """Weights of samples, the first `before` of them at rest.
 
     Within a count a slow motion is not seen, but where it passes from one to the next it is there,
@@ -249,7 +251,7 @@ def _readings(data: Vector, count: float, held: npt.NDArray[np.int64], before: i
     n = len(data)
     weights, edges, still = np.zeros(n), np.zeros(n - 1), np.zeros(n - 1)
     still[:before] = _AT_REST
-    if not count:
+    if not resolution:
         weights[held] = 1.0
         weights[:before] = 0.0
         return _Readings(data, weights, edges, still)
@@ -257,7 +259,7 @@ def _readings(data: Vector, count: float, held: npt.NDArray[np.int64], before: i
     lengths = np.diff(np.concatenate([[before - 1], passed, [n - 1]]))
     weights[before:] = np.repeat(1.0 / lengths, lengths)
     near = np.minimum(lengths[:-1], lengths[1:])
-    single = np.abs(np.diff(data)[passed]) < 1.5 * count
+    single = np.abs(np.diff(data)[passed]) < 1.5 * resolution
     edges[passed] = np.where(single & (near > 1), 1.0 * np.minimum(near, _SLOWEST) ** 2, 0.0)
     return _Readings(data, weights, edges, still)
 
@@ -313,10 +315,10 @@ def estimate_friction(record: Record) -> FrictionEstimate:
     lag_force = float(record.lags.get("force", 0.0))
     lag_position = float(record.lags.get(name, 0.0))
     force_noise = fast_noise(record.force)
-    count = count_size(record.force)
-    if count < 0.1 * force_noise:  # the grid of the file's digits
-        count = 0.0
-    force_noise = max(force_noise, count / math.sqrt(12))
+    resolution = resolution_of(record.force)
+    if resolution < 0.1 * force_noise:  # the grid of the file's digits
+        resolution = 0.0
+    force_noise = max(force_noise, resolution / math.sqrt(12))
     from_rest = abs(float(np.mean(record.force[:5]))) < 3 * max(force_noise, 1e-9)
     motion = smooth_motion(
         record.position,
@@ -339,8 +341,10 @@ def estimate_friction(record: Record) -> FrictionEstimate:
             else "; nothing to shift"
         ),
         f"position noise {motion.noise:.3g} m"
-        + (f" (counts of {motion.count:.4g} m)" if motion.count else ""),
+        + (f" (counts of {motion.resolution:.4g} m)" if motion.resolution else ""),
         f"friction noise {noise:.3g} N a sample"
-        + (f", load cell in steps of {count:.3g} N" if count else ""),
+        + (f", load cell in steps of {resolution:.3g} N" if resolution else ""),
     ]
-    return FrictionEstimate(friction, motion, from_rest, force_noise, count, noise, tuple(said))
+    return FrictionEstimate(
+        friction, motion, from_rest, force_noise, resolution, noise, tuple(said)
+    )

@@ -123,14 +123,14 @@ def candidates(fit: Fit, parameter: str) -> list[Candidate]:
     return [slow, fast, cycles]
 
 
-def which_would_do(fit: Fit, parameter: str, count: float) -> str:
+def which_would_do(fit: Fit, parameter: str, resolution: float) -> str:
     """The first candidate trial that would identify a parameter, or that none of them would."""
     if parameter == OFFSET:
         return "the same motion in both directions would do"
     options = candidates(fit, parameter)
     coordinates = _plausible(fit)
     for option in options:
-        expected = _expected_error(fit, coordinates, option, parameter, count)
+        expected = _expected_error(fit, coordinates, option, parameter, resolution)
         if 2 * expected <= NARROW:
             return f"{option.what} would do: expected within {200 * expected:.2g} %"
     return f"of {len(options)} trials tried by calculation none would do alone"
@@ -148,16 +148,18 @@ def _plausible(fit: Fit) -> Vector:
 
 
 def _expected_error(
-    fit: Fit, coordinates: Vector, option: Candidate, parameter: str, count: float
+    fit: Fit, coordinates: Vector, option: Candidate, parameter: str, resolution: float
 ) -> float:
     """Relative standard error of a parameter with a further trial."""
     p = len(coordinates)
-    course = _course(option, fit.noise, count)
+    course = _course(option, fit.noise, resolution)
     climb = Climb(Problem(course, fit.law, fit.tied), coordinates)
     force = climb.force(climb.point)
-    course = replace(course, force=np.round(force / count) * count if count else force)
+    course = replace(
+        course, force=np.round(force / resolution) * resolution if resolution else force
+    )
     climb.problem = Problem(course, fit.law, fit.tied)
-    climb.doubt[:p] = 1e3  # the trial alone may leave some parameters open
+    climb.prior_std[:p] = 1e3  # the trial alone may leave some parameters open
     information = climb.normal(climb.point).information
     alone = np.linalg.inv(np.linalg.inv(information)[:p, :p])
     before = np.linalg.inv(np.linalg.inv(fit.information)[:p, :p])
@@ -173,7 +175,7 @@ def _expected_error(
     return math.sqrt(float(turn @ covariance @ turn))
 
 
-def _course(option: Candidate, noise: float, count: float) -> StackedRecords:
+def _course(option: Candidate, noise: float, resolution: float) -> StackedRecords:
     times: Vector = option.step * np.arange(round(option.duration / option.step), dtype=float)
     xs = [motion(times) for motion in option.motions]
     n, records = len(times), len(xs)
@@ -185,15 +187,15 @@ def _course(option: Candidate, noise: float, count: float) -> StackedRecords:
         force=np.zeros(n * records),
         blur=np.full(n * records, option.blur),
         step=np.full(records, option.step),
-        shift_doubt=np.full(records, option.blur),
-        gain_doubt=np.full(records, 1e-7),
-        delay_doubt=np.full(records, option.step / math.sqrt(12)),
+        shift_std=np.full(records, option.blur),
+        gain_std=np.full(records, 1e-7),
+        delay_std=np.full(records, option.step / math.sqrt(12)),
         starts=n * np.arange(records + 1, dtype=np.int64),
         clock=np.zeros(records, dtype=np.int64),
-        count=count,
+        resolution=resolution,
         noise=noise,
         replays=np.empty((0, 3, n * records)),
-        play=np.zeros(records),
+        backlash=np.zeros(records),
         still=np.zeros(n * records, dtype=bool),
     )
 
@@ -229,13 +231,13 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
         )
     if name == "sigma1":
         sigma0 = values[parameter.replace("sigma1", "sigma0")]
-        doubt = float(course.delay_doubt.min())
+        std = float(course.delay_std.min())
         lead = values[parameter] / sigma0
         return (
             f"to first order sigma1 only advances the bristles' force by sigma1/sigma0, "
             f"{1e3 * lead:.2g} ms here; the delay between force and motion is known to "
-            f"{1e3 * doubt:.2g} ms (one standard deviation), which alone is "
-            f"{doubt * sigma0:.3g} N*s/m"
+            f"{1e3 * std:.2g} ms (one standard deviation), which alone is "
+            f"{std * sigma0:.3g} N*s/m"
         )
     if name == "Vs":
         begin = course.x[course.starts[:-1]][course.of_record()]

@@ -45,7 +45,7 @@ class Identification:
     points : StribeckPoints
     unexplained : float
         Root mean square of what the law leaves of the force beyond the load cell's noise [N].
-    doubts : tuple of str
+    warnings : tuple of str
         Why the result is not trusted; empty if it is.
     notes : tuple of str
     told : ParameterFile or None
@@ -64,14 +64,14 @@ class Identification:
     estimates: tuple[FrictionEstimate, ...]
     points: StribeckPoints
     unexplained: float
-    doubts: tuple[str, ...]
+    warnings: tuple[str, ...]
     notes: tuple[str, ...]
     told: ParameterFile | None = None
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def trusted(self) -> bool:
-        return not self.doubts
+        return not self.warnings
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -92,7 +92,7 @@ class Identification:
                 for r, e in zip(self.records, self.estimates, strict=True)
             },
             "trusted": self.trusted,
-            "doubts": list(self.doubts),
+            "warnings": list(self.warnings),
             "notes": list(self.notes),
         }
 

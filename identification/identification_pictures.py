@@ -30,7 +30,7 @@ def identification_figures(result: Identification) -> dict[str, Any]:
     course, fit = result.course, result.fit
     open_ones = [n for n, i in result.parameters.items() if not i.identified]
     word = "identified" if result.trusted else "not trusted"
-    if len(open_ones) == len(result.doubts) > 0:
+    if len(open_ones) == len(result.warnings) > 0:
         word = "all but " + ", ".join(open_ones)
     title = f"{result.law} from {len(result.records)} records: {word}"
     measured = course.force - course.inertial

@@ -141,9 +141,9 @@ def identify(
     noise = float(np.median([e.force_noise for e in estimates]))
     square = float(np.mean(residual**2)) if len(residual) else 0.0
     unexplained = math.sqrt(max(square - noise**2, 0.0))
-    doubts = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
+    warnings = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
     if unexplained > MISFIT * noise:
-        doubts.append(
+        warnings.append(
             f"the law leaves {unexplained:.3g} N of the force unexplained, "
             f"{unexplained / noise:.3g} times its noise of {noise:.3g} N: this is not the friction "
             "of these records"
@@ -189,7 +189,7 @@ def identify(
         estimates=tuple(estimates),
         points=points,
         unexplained=unexplained,
-        doubts=tuple(doubts),
+        warnings=tuple(warnings),
         notes=tuple(notes),
         told=told,
         fixed=fixed,
@@ -203,7 +203,7 @@ def _judged(fit: Fit, name: str, course: StackedRecords) -> Interval:
     return replace(
         interval,
         because=why_not(fit, name, course),
-        would_do=which_would_do(fit, name, course.count),
+        would_do=which_would_do(fit, name, course.resolution),
     )
 
 

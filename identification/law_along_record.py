@@ -232,8 +232,8 @@ def score(
     )
 
 
-def with_backlash(x: Vector, starts: Bounds, play: Vector) -> Vector:
-    """Positions that come short by `play` [m] after a record's start and after each reversal.
+def with_backlash(x: Vector, starts: Bounds, backlash: Vector) -> Vector:
+    """Positions that come short by `backlash` [m] after a record's start and after each reversal.
 
     What rebuilding does at corners is the same at all of them and in all records, and a replay of
     the rounded corners shows but a part of it.
@@ -243,8 +243,8 @@ def with_backlash(x: Vector, starts: Bounds, play: Vector) -> Vector:
     x : ndarray, shape (n,)
         Position [m].
     starts : ndarray of int, shape (records + 1,)
-    play : ndarray, shape (records,)
+    backlash : ndarray, shape (records,)
     """
     dragged = np.empty_like(x)
-    _library().with_backlash(at(x), starts.ctypes.data, len(play), at(play), at(dragged))
+    _library().with_backlash(at(x), starts.ctypes.data, len(backlash), at(backlash), at(dragged))
     return dragged

@@ -21,7 +21,7 @@ _STILL = 3.0  # spreads of the velocity below which a block may as well stick
 AROUND = 3  # samples around a break-away of which it is not known which it was
 # Share of the position's noise by which corners are wrong everywhere: a sixth of a count, whose
 # noise is that of a uniform error.
-_PLAY = math.sqrt(12) / 6
+_BACKLASH = math.sqrt(12) / 6
 EXAMPLES = 12  # of what rebuilding a motion does
 _CORNER = 1.3  # the smoothed position is less certain where a motion begins
 
@@ -35,17 +35,17 @@ class StackedRecords:
     x, v, inertial, force, blur : ndarray, shape (n,)
         Position [m], velocity [m/s], mass times acceleration [N], measured force [N], spread of the
         position [m].
-    step, shift_doubt, gain_doubt, delay_doubt : ndarray, shape (records,)
+    step, shift_std, gain_std, delay_std : ndarray, shape (records,)
         Sampling interval [s], spread of the displacement before [m], of the position's scale [1],
         of the delay [s].
     starts : ndarray of int, shape (records + 1,)
     clock : ndarray of int, shape (records,)
         Which of the unknown delays a record has.
-    count, noise : float
+    resolution, noise : float
         Resolution of the load cell and first guess of the noise before it [N].
     replays : ndarray, shape (examples, 3, n)
         `x`, `v` and `inertial` as they are when rebuilt once more, see `replay`.
-    play : ndarray, shape (records,)
+    backlash : ndarray, shape (records,)
         How far corners may be wrong in the same way everywhere [m].
     still : ndarray of bool, shape (n,)
         Where the block may as well stick.
@@ -57,15 +57,15 @@ class StackedRecords:
     force: Vector
     blur: Vector
     step: Vector
-    shift_doubt: Vector
-    gain_doubt: Vector
-    delay_doubt: Vector
+    shift_std: Vector
+    gain_std: Vector
+    delay_std: Vector
     starts: npt.NDArray[np.int64]
     clock: npt.NDArray[np.int64]
-    count: float
+    resolution: float
     noise: float
     replays: Matrix
-    play: Vector
+    backlash: Vector
     still: npt.NDArray[np.bool_]
 
     @property
@@ -99,10 +99,10 @@ def lay_out(
     """
     estimates = [estimate_friction(r) for r in records] if estimates is None else list(estimates)
     lengths = [len(r.force) for r in records]
-    counts = [e.force_count for e in estimates if e.force_count]
-    count = float(np.median(counts)) if counts else 0.0
+    counts = [e.force_resolution for e in estimates if e.force_resolution]
+    resolution = float(np.median(counts)) if counts else 0.0
     rough = float(np.median([e.force_noise for e in estimates]))
-    noise = max(math.sqrt(max(rough**2 - count**2 / 12, 0.0)), 0.2 * count, 1e-6)
+    noise = max(math.sqrt(max(rough**2 - resolution**2 / 12, 0.0)), 0.2 * resolution, 1e-6)
     rates = sorted({round(math.log(r.step), 2) for r in records})
     shifts = []
     for estimate in estimates:
@@ -115,9 +115,9 @@ def lay_out(
         return np.stack([np.concatenate(c) for c in columns])
 
     # calibrations scatter alike: one that happens to fit well is no better than the others
-    doubts = np.array([r.gain_doubt for r in records])
-    usual = math.sqrt(float(np.mean(doubts[doubts > 0] ** 2))) if np.any(doubts > 0) else 0.0
-    gain_doubt = np.where(doubts > 0, usual, 1e-7)
+    stds = np.array([r.gain_std for r in records])
+    usual = math.sqrt(float(np.mean(stds[stds > 0] ** 2))) if np.any(stds > 0) else 0.0
+    gain_std = np.where(stds > 0, usual, 1e-7)
     x, v, inertial = together([e.motion for e in estimates])
     random = np.random.default_rng(0)
     replays = [together([replayed(e, random) for e in estimates]) for _ in range(EXAMPLES)]
@@ -128,15 +128,15 @@ def lay_out(
         force=np.concatenate([r.force for r in records]),
         blur=np.concatenate([e.motion.blur for e in estimates]),
         step=np.array([r.step for r in records]),
-        shift_doubt=np.array(shifts),
-        gain_doubt=gain_doubt,
-        delay_doubt=np.array([max(r.delay_doubt, 1e-9) for r in records]),
+        shift_std=np.array(shifts),
+        gain_std=gain_std,
+        delay_std=np.array([max(r.delay_std, 1e-9) for r in records]),
         starts=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
         clock=np.array([rates.index(round(math.log(r.step), 2)) for r in records], dtype=np.int64),
-        count=count,
+        resolution=resolution,
         noise=noise,
         replays=np.stack(replays),
-        play=np.array([_PLAY * e.motion.noise for e in estimates]),
+        backlash=np.array([_BACKLASH * e.motion.noise for e in estimates]),
         still=np.concatenate([_may_stick(e.motion) for e in estimates]),
     )
 
@@ -156,7 +156,7 @@ def break_aways(course: StackedRecords) -> dict[int, float]:
     friction = course.force - course.inertial
     for r in range(course.records):
         begin, end = int(course.starts[r]), int(course.starts[r + 1])
-        from_rest = course.shift_doubt[r] < _FREE_SHIFT
+        from_rest = course.shift_std[r] < _FREE_SHIFT
         still = course.still[begin:end]
         first = begin + np.flatnonzero(still & ~np.append(False, still[:-1]))
         last = begin + np.flatnonzero(still & ~np.append(still[1:], False))

@@ -44,8 +44,8 @@ class Problem:
         self.edges = np.zeros(len(course.x), dtype=bool)
         self.edges[course.starts[:-1]] = True
         self.edges[course.starts[1:] - 1] = True
-        self.clock_doubt = np.array(
-            [float(np.min(course.delay_doubt[course.clock == c])) for c in range(course.clocks)]
+        self.clock_std = np.array(
+            [float(np.min(course.delay_std[course.clock == c])) for c in range(course.clocks)]
         )
         self.per_sample = 1.0 / course.step[self.owner]
         self.begin = course.x[course.starts[:-1]][self.owner]
@@ -128,5 +128,11 @@ class Problem:
     def _score(self, predicted: Vector, spread: Vector, cost_only: bool) -> float:
         course = self.course
         return score(
-            course.force, predicted, spread, course.count, self.gradient, self.weight, cost_only
+            course.force,
+            predicted,
+            spread,
+            course.resolution,
+            self.gradient,
+            self.weight,
+            cost_only,
         )

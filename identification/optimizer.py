@@ -102,13 +102,13 @@ class Climb:
         wide = np.full(problem.size, _WIDE)
         wide[problem.of_law :] = _WIDE_OFFSET * course.level
         wide[list(held)] = _CERTAIN
-        self.doubt = np.concatenate(
+        self.prior_std = np.concatenate(
             [
                 wide,
-                problem.clock_doubt,
-                course.shift_doubt,
-                course.gain_doubt,
-                0.5 * course.gain_doubt,
+                problem.clock_std,
+                course.shift_std,
+                course.gain_std,
+                0.5 * course.gain_std,
                 np.full(course.records, _VIBRATION),
                 [_WIDE],
             ]
@@ -134,14 +134,14 @@ class Climb:
 
     def spread(self, point: Point) -> Vector:
         """Standard deviation of each sample before rounding [N]."""
-        least = max(0.1 * self.problem.course.count, 1e-7)
+        least = max(0.1 * self.problem.course.resolution, 1e-7)
         return np.sqrt(max(math.exp(point.noise), least) ** 2 + self.hidden)
 
     def offsets(self, point: Point) -> Vector:
         return self.vector(point) - self.centre
 
     def prior(self, point: Point) -> float:
-        beliefs = float(np.sum((self.offsets(point) / self.doubt) ** 2))
+        beliefs = float(np.sum((self.offsets(point) / self.prior_std) ** 2))
         under = (max(gap, 0.0) for gap in self.problem.stribeck_gaps(point.coordinates))
         return 0.5 * (beliefs + sum((gap / UNDER) ** 2 for gap in under))
 
@@ -189,7 +189,7 @@ class Climb:
             columns[j] = (problem.later(force, point.delays) - here) / _STEP
         for c in range(course.clocks):
             moved = point.delays.copy()
-            tiny = 1e-3 * problem.clock_doubt[c]
+            tiny = 1e-3 * problem.clock_std[c]
             moved[c] += tiny
             columns[p + c] = (problem.later(base, moved) - here) / tiny
         own = np.empty((OWN, len(base)))
@@ -236,8 +236,8 @@ class Climb:
         information = np.triu(information) + np.triu(information, 1).T
         slope[-1] = float(gradient[1] @ noisy)
         everything = np.arange(size)
-        information[everything, everything] += self.doubt**-2
-        slope -= self.offsets(point) / self.doubt**2
+        information[everything, everything] += self.prior_std**-2
+        slope -= self.offsets(point) / self.prior_std**2
         gaps = problem.stribeck_gaps(point.coordinates)
         for (fc, fs), gap in zip(problem.peaked, gaps, strict=True):
             if gap > 0:

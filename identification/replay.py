@@ -24,8 +24,8 @@ def replayed(estimate: FrictionEstimate, random: np.random.Generator) -> Motion:
         Decides origin and noise.
     """
     motion = estimate.motion
-    if motion.count:
-        position = motion.count * np.floor(motion.seen / motion.count + random.random())
+    if motion.resolution:
+        position = motion.resolution * np.floor(motion.seen / motion.resolution + random.random())
     else:
         held = motion.held
         fresh = motion.seen[held] + motion.noise * random.standard_normal(len(held))

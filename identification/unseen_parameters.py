@@ -103,7 +103,7 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     return bool(fast < _SPEEDS * slow or fast < _FALLEN * fit.values["Vs" + end])
 
 
-def blurred_elements(fit: Fit, count: float) -> set[str]:
+def blurred_elements(fit: Fit, resolution: float) -> set[str]:
     """Names of the parameters of Maxwell-slip elements that records do not tell from others.
 
     An element is told if, wherever the parameters may be, it holds more than the load cell rounds
@@ -112,7 +112,7 @@ def blurred_elements(fit: Fit, count: float) -> set[str]:
     Parameters
     ----------
     fit : Fit
-    count : float
+    resolution : float
         Resolution of the load cell [N].
     """
     if fit.law.name != "maxwell_slip":
@@ -126,7 +126,7 @@ def blurred_elements(fit: Fit, count: float) -> set[str]:
         ways = held / stiffness
         before = np.column_stack([np.zeros(len(ways)), ways[:, :-1]])
         after = np.column_stack([ways[:, 1:], np.full(len(ways), math.inf)])
-        told = np.mean((held > 2 * count) & (before < ways) & (ways < after), axis=0)
+        told = np.mean((held > 2 * resolution) & (before < ways) & (ways < after), axis=0)
         for i in np.flatnonzero(told < CONFIDENCE):
             names |= {fit.names[first + i], fit.names[first + ELEMENTS + i]}
     return names

@@ -106,7 +106,7 @@ class ParameterFile:
     controllers, rig : mapping of str to mapping of str to Value
         By controller, and by part of the rig.
     tolerance : mapping of str to float
-        Relative doubt of values of the plant that `diagnose` may adjust.
+        Relative tolerance of values of the plant that `diagnose` may adjust.
     not_identified : mapping of str to str
         Parameters that records do not tell, and why.
     diagnosis : Diagnosed or None

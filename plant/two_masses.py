@@ -33,7 +33,7 @@ STIFFNESS = Parameter(
 LOAD_STIFFNESS = Parameter(
     "load_stiffness", 1e8, "N/m", "of what lies between friction and load", _FOUND, minimum=1e-3
 )
-GAP = Parameter("gap", 0.0, "m", "play of the block, from side to side", _FOUND, minimum=0.0)
+GAP = Parameter("gap", 0.0, "m", "backlash of the block, from side to side", _FOUND, minimum=0.0)
 SIDES = Parameter(
     "contact_stiffness", 1e8, "N/m", "of the gap's sides", "typical of a ball nut", minimum=1e3
 )

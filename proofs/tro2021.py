@@ -225,7 +225,7 @@ def told(result: Identification) -> dict[str, Any]:
         },
         "unexplained_N": result.unexplained,
         "prior": result.prior,
-        "doubts": said["doubts"],
+        "warnings": said["warnings"],
     }
 
 

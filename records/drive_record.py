@@ -87,7 +87,7 @@ class DriveRecord:
         return VELOCITY in self.signals
 
     @cached_property
-    def count(self) -> float:
+    def resolution(self) -> float:
         """Step of a counted position [m]; 0 if it is not counted."""
         return 0.0 if self.velocity_alone else encoder_count(self.x)
 

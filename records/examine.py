@@ -34,16 +34,16 @@ class Examination:
     carries : float
         Frequency up to which the position carries information [Hz]; half the sampling rate, unless
         it was filtered or interpolated.
-    count : float
+    resolution : float
         Step of a counted position [m]; 0 if it is not counted.
     clipped : ndarray of bool, shape (n,)
         Samples at which the command, or a current, stands at an extreme.
     notes : tuple of str
-        What is doubtful of the record, and what was done to it; one sentence each.
+        Warnings about the record, and what was done to it; one sentence each.
     """
 
     carries: float
-    count: float
+    resolution: float
     clipped: npt.NDArray[np.bool_]
     notes: tuple[str, ...]
 
@@ -68,8 +68,8 @@ def examine(record: DriveRecord) -> Examination:
         what = "the current i" if command == "i" else "the command u"
         raise BadRecord(f"{name}: {what} is zero all the time")
     notes = list(record.notes)
-    count = record.count
-    carries = _carries(x, record.step, count)
+    resolution = record.resolution
+    carries = _carries(x, record.step, resolution)
     if carries < 0.5 / record.step:
         notes.append(
             f"{name}: the position carries nothing above {carries:.3g} Hz, of the "
@@ -91,7 +91,7 @@ def examine(record: DriveRecord) -> Examination:
             f"{name}: moves one way only: whatever shows at reversals, or differs by direction, "
             "cannot be told from a constant force"
         )
-    return Examination(carries, count, clipped, tuple(notes))
+    return Examination(carries, resolution, clipped, tuple(notes))
 
 
 def _moves_one_way(x: Vector) -> bool:
@@ -117,10 +117,10 @@ def _clipped(values: Vector) -> npt.NDArray[np.bool_]:
     return flat
 
 
-def _carries(x: Vector, step: float, count: float) -> float:
+def _carries(x: Vector, step: float, resolution: float) -> float:
     """Frequency up to which a position carries information [Hz]."""
     half = 0.5 / step
-    if count:
+    if resolution:
         return half
     every = _straight_between(x)
     held = len(held_samples(x))

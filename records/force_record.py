@@ -48,7 +48,7 @@ _LARGEST = {
     "force": (2e3, "mN"),
 }
 _SMALLEST = {"force": (2e-3, "kN")}
-_UNSAID_GAIN_DOUBT = 0.01  # of a fine position whose calibration is not told
+_UNSAID_GAIN_STD = 0.01  # of a fine position whose calibration is not told
 _LONGEST_STEP = 0.5  # [s]
 _SI = {"x": "m", "x_fine": "m", VELOCITY: "m/s", "force": "N"}
 
@@ -69,9 +69,9 @@ class Record:
         Mass between load cell and friction [kg].
     lags : mapping of str to float
         How much later than the truth each column is, by its filter or sensor [s]; 0 if not named.
-    delay_doubt : float
+    delay_std : float
         Standard deviation of the delay between force and motion that nobody knows [s].
-    gain_doubt : float
+    gain_std : float
         Standard deviation of the scale of `position`, as its calibration leaves it [1].
     about : mapping
         The rig's ``trial.json``, if there is one.
@@ -84,8 +84,8 @@ class Record:
     step: float
     mass: float = 1.0
     lags: Mapping[str, float] = field(default_factory=dict)
-    delay_doubt: float = 0.0
-    gain_doubt: float = 0.0
+    delay_std: float = 0.0
+    gain_std: float = 0.0
     about: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -220,14 +220,14 @@ def with_description(
         step,
         mass,
         _lags(about),
-        delay_doubt=step / math.sqrt(12),
+        delay_std=step / math.sqrt(12),
         about=about,
         notes=tuple(notes),
     )
     if record.position_name != "x_fine":
         return record
-    fine, gain_doubt = _by_eq_2_1(about, signals["x_fine"])
-    return replace(record, signals={**signals, "x_fine": fine}, gain_doubt=gain_doubt)
+    fine, gain_std = _by_eq_2_1(about, signals["x_fine"])
+    return replace(record, signals={**signals, "x_fine": fine}, gain_std=gain_std)
 
 
 def _read_about(path: Path) -> dict[str, Any]:
@@ -255,7 +255,7 @@ def _lags(about: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]:
-    """Fine position by Eq. 2.1 through the trial's own calibration, and the doubt of its scale.
+    """Fine position by Eq. 2.1 through the trial's own calibration, and its scale's deviation.
 
     The instrument's polynomial bends away from the hyperbola that the plates follow: at small
     displacements its slope is wrong by several percent, in every trial in the same way. The
@@ -263,7 +263,7 @@ def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]
     """
     calibration = about.get("calibration")
     if not isinstance(calibration, Mapping):
-        return x_fine, _UNSAID_GAIN_DOUBT
+        return x_fine, _UNSAID_GAIN_STD
     try:
         c0, c1, c2 = (float(c) for c in calibration["polynomial_m_per_pF"])
         points = np.array(calibration["displacement_m"], dtype=float)

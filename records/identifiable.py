@@ -1,4 +1,4 @@
-"""Whether several records can carry one diagnosis, and what of them is doubtful."""
+"""Whether several records can carry one diagnosis, and warnings about them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .examine import examine
 
 
 def check_identifiable(records: Sequence[DriveRecord]) -> list[str]:
-    """Doubts of what records can tell.
+    """Warnings about what records can tell.
 
     Raises
     ------

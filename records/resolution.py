@@ -10,7 +10,7 @@ Vector = npt.NDArray[np.float64]
 _ROUNDING = 0.4  # of a count: noise up to which rounding makes most of it
 
 
-def count_size(values: Vector) -> float:
+def resolution_of(values: Vector) -> float:
     """Step of the grid that all values lie on; 0 where there is none.
 
     Parameters
@@ -46,8 +46,8 @@ def encoder_count(position: Vector) -> float:
     ----------
     position : ndarray, shape (n,)
     """
-    count = count_size(position)
-    return count if fast_noise(position) < _ROUNDING * count else 0.0
+    resolution = resolution_of(position)
+    return resolution if fast_noise(position) < _ROUNDING * resolution else 0.0
 
 
 def fast_noise(values: Vector) -> float:

@@ -281,12 +281,12 @@ def _closed(
     )
     if not exponents:
         return Attractor(Kind.CYCLE, text, period=period, amplitude=amplitude, return_error=error)
-    limit, doubt = _over_periods(model, once.end, period)
+    limit, limit_error = _over_periods(model, once.end, period)
     order = np.argsort(-limit)
-    limit, doubt = limit[order], doubt[order]
+    limit, limit_error = limit[order], limit_error[order]
     if limit[0] * period > GROWING:
         return None
-    zeros = int(np.sum(np.abs(limit) <= np.maximum(doubt, 1e-3 / period)))
+    zeros = int(np.sum(np.abs(limit) <= np.maximum(limit_error, 1e-3 / period)))
     text += f"; over whole periods the exponents are {', '.join(f'{v:.4g}' for v in limit)} nats/s"
     kind, would = Kind.CYCLE, ""
     if zeros > 1 and limit[0] <= 1e-3 / period:
@@ -301,7 +301,7 @@ def _closed(
         amplitude=amplitude,
         return_error=error,
         limit=limit,
-        limit_error=doubt,
+        limit_error=limit_error,
     )
 
 
@@ -329,8 +329,8 @@ def _over_periods(
     first = growth[half] / (half * period)
     with np.errstate(invalid="ignore"):
         second = (growth[-1] - growth[half]) / ((periods - half) * period)
-        doubt = np.where(np.isfinite(first + second), np.abs(first - second), 0.0)
-    return np.asarray(growth[-1] / (periods * period)), doubt
+        error = np.where(np.isfinite(first + second), np.abs(first - second), 0.0)
+    return np.asarray(growth[-1] / (periods * period)), error
 
 
 def _unclosed(model: Model, passes: Returns) -> Attractor:

@@ -20,8 +20,8 @@ class IdentifiedLaw(Result, Identification):
         return identification_figures(self)
 
     def headline(self) -> str:
-        doubts = f"; {'; '.join(self.doubts)}" if self.doubts else ""
-        return f"{self.law} from {len(self.records)} records{doubts}"
+        warnings = f"; {'; '.join(self.warnings)}" if self.warnings else ""
+        return f"{self.law} from {len(self.records)} records{warnings}"
 
     def facts(self) -> Iterable[tuple[str, str]]:
         for name, i in self.parameters.items():

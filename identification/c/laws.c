@@ -361,14 +361,14 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
     force[n - 1] = force[n - 2];
 }
 
-/* Positions that come short by `play` [m] after a record's start and after each reversal. */
-API void with_backlash(const double *x, const int64_t *starts, int64_t records, const double *play,
+/* Positions that come short by `backlash` [m] after a record's start and after each reversal. */
+API void with_backlash(const double *x, const int64_t *starts, int64_t records, const double *backlash,
                    double *dragged)
 {
     for (int64_t r = 0; r < records; r++) {
         double at = x[starts[r]];
         for (int64_t k = starts[r]; k < starts[r + 1]; k++) {
-            at = fmin(fmax(at, x[k] - play[r]), x[k] + play[r]);
+            at = fmin(fmax(at, x[k] - backlash[r]), x[k] + backlash[r]);
             dragged[k] = at;
         }
     }

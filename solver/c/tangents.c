@@ -7,9 +7,9 @@
 #include "factorize.h"
 #include "propagation.h"
 
-/* Two rules' integrals of the Jacobian over a step may differ by DOUBT * rtol**ORDER, over the
+/* Two rules' integrals of the Jacobian over a step may differ by TOLERANCE * rtol**ORDER, over the
  * states' magnitudes [nats]: both are of order four where the stepper is of order five. */
-#define DOUBT 1.0
+#define TOLERANCE 1.0
 #define ORDER 0.45
 #define STILL 1e-10    /* share of the Jacobian by which it may change in a step and be constant */
 #define SHORTEST 1e-14 /* step over time at which it is left at that */
@@ -225,7 +225,7 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
 {
     const int n = s->states;
     const size_t size = (size_t)n * sizeof(double);
-    const double doubt = DOUBT * pow(w->rtol, ORDER);
+    const double tolerance = TOLERANCE * pow(w->rtol, ORDER);
     double *const x = w->states + row * n, *const growth = w->growth + row * w->count;
     double *const trace = w->trace + row;
     double *const mode = s->events > 0 ? w->u + s->held - 1 : NULL;
@@ -267,7 +267,7 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
             if (mode)
                 *mode = mode_before;
             const double apart = look_at_step(s, w, t, h, work, step);
-            if (apart > doubt && h > SHORTEST * larger(fabs(t), fabs(goal))) {
+            if (apart > tolerance && h > SHORTEST * larger(fabs(t), fabs(goal))) {
                 memcpy(x, step->first, size);
                 until = t + 0.5 * h;
                 info->next_step = 0.5 * h;

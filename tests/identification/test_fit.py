@@ -315,7 +315,7 @@ def test_fs_below_fc_is_pulled_back_as_its_slope_says():
         [climb.normal(climb.point).columns @ climb.problem.gradient[0], np.zeros(5)]
     )
     for j in (law.parameters.index(n) for n in ("Fc", "Fs")):
-        step = np.zeros(len(climb.doubt))
+        step = np.zeros(len(climb.prior_std))
         step[j] = 1e-5
         rise = climb.prior(climb.point.moved(step)) - climb.prior(climb.point.moved(-step))
         assert pulled[j] == pytest.approx(-rise / 2e-5, rel=1e-6)
@@ -329,7 +329,7 @@ def test_a_law_that_does_not_fit_is_not_believed():
     trials = [sine_velocity(s * 4e-3, 1.0, 9.0) for s in (1, -1)]
     records = [record_of(t, "lugre", LUGRE, random) for t in trials]
     result = identify(records, "dahl")
-    assert any("unexplained" in doubt for doubt in result.doubts)
+    assert any("unexplained" in warning for warning in result.warnings)
 
 
 def test_directions_that_differ_are_noticed():

@@ -38,7 +38,7 @@ def test_smoothed_motion_does_not_lag_and_stays_within_a_count():
         lag = np.sum((v - motion.v)[inner] * np.gradient(v, 0.005)[inner])
         lag /= np.sum(np.gradient(v, 0.005)[inner] ** 2)
         assert abs(lag) < 5e-4
-        assert motion.count == pytest.approx(COUNT, rel=1e-6)
+        assert motion.resolution == pytest.approx(COUNT, rel=1e-6)
         # Where the body moves by whole counts a sample, all samples near lie at the same place of
         # their counts: the readings are off by up to half a count there in the same way, and the
         # smooth course may leave a reading by a little besides. Elsewhere it is far better: the

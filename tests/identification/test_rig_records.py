@@ -36,7 +36,7 @@ def test_the_rig_s_parameters_come_back_within_their_intervals(folder):
         low, high = i.low or 0.0, i.high or float("inf")
         assert low <= truth[f"plant.{name}"] <= high, name
     assert not result.parameters["sigma1"].identified
-    assert [d.split(":")[0] for d in result.doubts] == ["sigma1"]
+    assert [d.split(":")[0] for d in result.warnings] == ["sigma1"]
     assert not any("directions differ" in n for n in result.notes)
 
 

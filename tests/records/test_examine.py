@@ -28,7 +28,7 @@ def with_digits(values, digits=9):
 
 
 @pytest.mark.parametrize(
-    ("x", "count"),
+    ("x", "resolution"),
     [
         (COUNTED, COUNT),
         (np.round((WAY + 3.3e-7) / COUNT) * COUNT + 7.1e-7, COUNT),
@@ -54,9 +54,9 @@ def with_digits(values, digits=9):
         "smooth",
     ],
 )
-def test_the_count_of_an_encoder_is_found_and_none_where_noise_hides_it(x, count):
+def test_the_resolution_of_an_encoder_is_found_and_none_where_noise_hides_it(x, resolution):
     seen = look(x)
-    assert seen.count == pytest.approx(count, rel=1e-4)
+    assert seen.resolution == pytest.approx(resolution, rel=1e-4)
     assert seen.carries == 500.0
 
 
@@ -79,7 +79,7 @@ def low_passed(x, corner):
 )
 def test_what_a_filter_or_interpolation_left_of_a_position_is_said(x, least, most):
     seen = look(x)
-    assert seen.count == 0.0
+    assert seen.resolution == 0.0
     assert least <= seen.carries <= most
     (note,) = seen.notes
     assert f"the position carries nothing above {seen.carries:.3g} Hz, of the 500 Hz" in note
@@ -108,7 +108,7 @@ def test_clipped_samples_are_marked():
     assert not look().clipped.any()
 
 
-def test_a_smooth_top_is_not_clipped_and_neither_is_a_count_of_the_converter():
+def test_a_smooth_top_is_not_clipped_and_neither_is_a_step_of_the_converter():
     u = np.round(np.sin(3 * TIME + 0.1 * RANDOM.standard_normal(len(TIME))) / 0.01) * 0.01
     assert np.mean(look(u=u).clipped) < 0.1
     assert look(u=np.sin(3 * TIME)).clipped.sum() == 0

@@ -94,7 +94,7 @@ def test_samples_missing_from_a_velocity_are_put_right_before_it_is_integrated()
 def test_an_integral_of_counted_velocities_is_no_counted_position():
     rpm = np.round(SPEED / LEAD * 60)
     record = checked("mine", {"time": TIME, "u": FORCE, "v": rpm / 60 * LEAD})
-    assert record.count == 0.0
+    assert record.resolution == 0.0
     assert examine(record).carries == 500.0
 
 

@@ -172,9 +172,9 @@ def record_of(
         "force": force_read,
         "x": np.floor(at / COUNT + phase) * COUNT,
     }
-    gain_doubt = 0.01 if trial.fine else 0.0
+    gain_std = 0.01 if trial.fine else 0.0
     if trial.fine:
-        gain, bend = gain_doubt * random.standard_normal(2) * (1, 0.5)
+        gain, bend = gain_std * random.standard_normal(2) * (1, 0.5)
         scaled = at * (1 + gain + bend * at / np.abs(at).max())
         signals["x_fine"] = scaled + 5e-8 * random.standard_normal(n)
     return Record(
@@ -182,6 +182,6 @@ def record_of(
         signals,
         trial.step,
         mass,
-        delay_doubt=trial.step / math.sqrt(12),
-        gain_doubt=gain_doubt,
+        delay_std=trial.step / math.sqrt(12),
+        gain_std=gain_std,
     )
