@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from ..instruments.low_pass import filter_lag
 from ..instruments.sampling_period import SAMPLE_TIME
-from ..solver.core import at
-from ..solver.kernel import IntegrationError, Model
+from ..solver.core import DONE, NOT_FINITE, at
+from ..solver.kernel import MAX_STEPS, IntegrationError, Model, describe_failure
 from .calibration import POINTS
 from .compiled_rig import plant_kernel, program_kernel
 from .noise import Noise
@@ -126,15 +126,15 @@ def _run(
     true = np.empty((len(time), len(outputs)))
     y, held = np.empty(len(outputs)), np.empty(len(program.kernel.discrete))
     # what stays where it is goes by its address: thousands of short calls
-    moving = at(plant.x), at(plant.u), at(plant.p)
+    axis = plant.system.instance(plant.x, plant.u, plant.p, y, plant.atol, plant.info)
     working = at(program.x), at(program.u), at(program.p)
-    at_y, at_held, at_taps, at_true = at(y), at(held), at(taps), at(true)
+    at_held, at_taps = at(held), at(taps)
     names = [o.name for o in program.kernel.outputs]
     command = names.index(COMMAND) if COMMAND in names else -1
     reference = setup.external[REFERENCE[trial.control]]
     at_u = [i.name for i in plant.kernel.inputs].index(COMMAND)
     for k, t in enumerate(time):
-        plant.system.out(t, *moving, at_y)
+        axis.out(t)
         program.u[measured] = y[places]
         program.u[outside] = external[k]
         program.system.sample(t, *working, at_held)
@@ -142,9 +142,14 @@ def _run(
         program.system.out(t, *working, at_taps + k * taps.strides[0])
         plant.u[at_u] = taps[k, command] if command >= 0 else reference[k]
         # again: the voltage at the motor follows the new command at once
-        plant.system.out(t, *moving, at_true + k * true.strides[0])
+        axis.out(t)
+        true[k] = y
         if k + 1 < len(time):
-            plant.advance(t, time[k + 1])
+            status = axis.advance(t, time[k + 1], tolerance, MAX_STEPS)
+            if status not in (DONE, NOT_FINITE):  # the latter is told below, with its time
+                raise IntegrationError(
+                    describe_failure(plant.kernel.name, status, plant.info, time[k + 1])
+                )
         if progress and k % 200 == 0:
             progress(float(t))
     broken = ~np.isfinite(true).all(axis=1)

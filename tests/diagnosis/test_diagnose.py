@@ -22,6 +22,8 @@ from ballscrew.diagnosis.prior_model import read_prior_model
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import checked, read_drive_records
 
+in_a_world = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
+
 TRUTH = {
     "load_bias": ({"load": 0.4}, "load", 0.4),
     "torque_ripple": ({"ripple": 0.3, "ripple_n": 2.0}, "ripple_cos", 0.3),
@@ -121,6 +123,7 @@ def test_the_last_digits_of_a_record_do_not_change_the_answer():
     assert np.ptp(sizes) < 1e-6
 
 
+@in_a_world
 def test_a_command_that_is_late_by_less_than_a_recorder_may_be_is_not_named(tmp_path):
     """Nobody told when within a sampling interval the command acts."""
     case = draw_world("linear_drive", ("input_delay",), 82000)
@@ -139,6 +142,7 @@ def test_a_value_at_the_end_of_its_tolerance_is_said():
     assert "kt" in note
 
 
+@in_a_world
 def test_each_record_may_have_an_offset_of_its_own(tmp_path):
     """The second half of a faultless record, as if another force pulled at it."""
     path, parameters = write_world(draw_world("linear_drive", (), 82000), tmp_path)
@@ -156,6 +160,7 @@ def test_each_record_may_have_an_offset_of_its_own(tmp_path):
     assert float(note.split()[5]) == pytest.approx(more, rel=0.1)  # friction noise lasts
 
 
+@in_a_world
 def test_values_that_cancel_each_other_are_not_called_wrong(tmp_path):
     """Nothing is hidden; without a current, a larger motor constant and resistance are alike."""
     record, prior_model = write_world(draw_world("simulated", (), 82001), tmp_path)
@@ -168,6 +173,7 @@ def found_in_world(tmp_path, world, effects, seed):
     return case, diagnose([record], params=prior_model)
 
 
+@in_a_world
 def test_a_supply_that_sags_with_the_current_is_found_with_its_limit(tmp_path):
     _, found = found_in_world(tmp_path, "industrial", ("voltage_saturation",), 61000)
     (cause,) = found.causes
@@ -176,6 +182,7 @@ def test_a_supply_that_sags_with_the_current_is_found_with_its_limit(tmp_path):
     assert cause.parameters["supply_resistance"] > 0.0
 
 
+@in_a_world
 def test_a_command_averaged_over_many_samples_is_found_with_its_window(tmp_path):
     """32 samples; a value that stood at the end of its range hid that."""
     _, found = found_in_world(tmp_path, "simulated", ("input_delay",), 61000)
@@ -183,6 +190,7 @@ def test_a_command_averaged_over_many_samples_is_found_with_its_window(tmp_path)
     assert cause.parameters["command_window"] == pytest.approx(3.17e-3, rel=0.03)
 
 
+@in_a_world
 def test_bristles_of_a_law_that_has_none_are_told_from_a_gap_and_a_spring(tmp_path):
     case, found = found_in_world(tmp_path, "heavy_screw", ("presliding_hysteresis",), 61000)
     (cause,) = found.causes
@@ -191,6 +199,7 @@ def test_bristles_of_a_law_that_has_none_are_told_from_a_gap_and_a_spring(tmp_pa
     assert low < case.effects[0].truth["sigma0"] < high
 
 
+@in_a_world
 def test_a_load_is_named_where_an_asymmetry_adds_nothing_beside_it(tmp_path):
     case, found = found_in_world(tmp_path, "simulated", ("load_bias",), 61001)
     (cause,) = found.causes
@@ -198,6 +207,7 @@ def test_a_load_is_named_where_an_asymmetry_adds_nothing_beside_it(tmp_path):
     assert cause.parameters["load"] == pytest.approx(case.effects[0].truth["load"], rel=0.02)
 
 
+@in_a_world
 def test_a_small_lead_names_nothing_where_the_drive_follows_within_a_sample(tmp_path):
     """Friction that drifts was called a winding that warms up; without a current they are alike."""
     _, found = found_in_world(tmp_path, "fast_screw", ("friction_drift",), 110000)
@@ -205,12 +215,14 @@ def test_a_small_lead_names_nothing_where_the_drive_follows_within_a_sample(tmp_
     assert {n.name: n.like for n in found.not_named} == {"resistance_drift": "friction_drift"}
 
 
+@in_a_world
 def test_the_first_cause_is_named_where_those_found_beside_it_do_not_hold(tmp_path):
     """Two values called wrong beside it took away so much that nothing was named."""
     _, found = found_in_world(tmp_path, "heavy_screw", ("position_trend_friction",), 90003)
     assert [c.name for c in found.causes] == ["position_trend_friction"]
 
 
+@in_a_world
 def test_an_interval_holds_what_forms_that_explain_as_much_say(tmp_path):
     """Told dry and viscous apart, the dry part alone was called 7 %, give or take 2."""
     case, found = found_in_world(tmp_path, "heavy_screw", ("direction_asymmetry",), 100003)
@@ -219,6 +231,7 @@ def test_an_interval_holds_what_forms_that_explain_as_much_say(tmp_path):
     assert low < case.effects[0].truth["dry_asymmetry"] < high
 
 
+@in_a_world
 def test_friction_is_not_said_to_vanish_where_nothing_is_hidden(tmp_path):
     """The engine before found a friction that falls by 90 % after the start."""
     _, found = found_in_world(tmp_path, "industrial", (), 61017)
@@ -241,6 +254,7 @@ def test_a_load_and_an_asymmetry_are_told_apart_at_one_speed(hidden, name, size)
     assert cause.parameters[name] == pytest.approx(size, rel=0.05)
 
 
+@in_a_world
 def test_of_two_causes_that_a_record_cannot_tell_apart_neither_is_named_alone(tmp_path):
     case = draw_world("linear_drive", ("load_bias",), 82000)
     record, prior_model = write_world(case, tmp_path)

@@ -15,7 +15,7 @@ from worlds.layout import TRAVEL, blank
 SEED = 7
 
 
-of_the_cases = pytest.mark.xdist_group("worlds_cases")  # which are drawn once
+of_the_cases = pytest.mark.xdist_group("worlds")  # which are drawn and compiled once
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,8 @@ VALUES = {
     "m": 2.0, "gain": 1.0, "sigma2": 20.0, "Fc": 1.0, "Fs": 1.5, "Vs": 0.01, "offset": 0.0,
 }  # fmt: skip
 
+pytestmark = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
+
 
 def slide():
     """A slide with Coulomb friction, and a command that drives it to and fro."""

@@ -10,6 +10,8 @@ from scipy.integrate import solve_ivp
 from world_runs import PERIOD, drive, nominal_axis, run, swing
 from worlds import layout as at
 
+pytestmark = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
+
 
 def interpolated(commands):
     """The command on lines between its values, at any time."""
