@@ -50,6 +50,28 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
     return stored_kernel(f"loop_{plant}_{controller}", make, __name__, *parts)
 
 
+def held_loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
+    """As `loop_kernel`, with discrete states among the states, see `with_held_states`."""
+    kernel = loop_kernel(plant, controller)
+    if not kernel.discrete:
+        return kernel
+    from ..fmus.catalogue import component, module_of
+
+    def make() -> Component:
+        from ..solver.connect import connect
+        from ..solver.held_states import with_held_states
+
+        sides = (component(c) if isinstance(c, str) else c for c in (plant, controller))
+        return with_held_states(_with_ramps(connect(*sides)))
+
+    if not (isinstance(plant, str) and isinstance(controller, str)):
+        from ..solver.codegen import generate
+
+        return generate(make())
+    parts = module_of(plant), module_of(controller)
+    return stored_kernel(f"held_loop_{plant}_{controller}", make, __name__, *parts)
+
+
 def _with_ramps(loop: Component) -> Component:
     from ..solver.component import TIME, Input, symbol
 

@@ -79,6 +79,7 @@ class Walk(ct.Structure):
         ("scale", _At),
         ("max_steps", ct.c_int32),
         ("collocating", ct.c_int32),
+        ("period", ct.c_double),
     )
 
 
@@ -96,6 +97,7 @@ class Crossings(ct.Structure):
         ("level", ct.c_double),
         ("most", ct.c_int32),
         *((name, _At) for name in ("times", "states", "low", "high")),
+        ("period", ct.c_double),
     )
 
 

@@ -93,8 +93,10 @@ def follow_tangents(
     Raises
     ------
     ValueError
-        For a count or frame that does not fit the states.
+        For a count or frame that does not fit the states, or discrete states that are none of the
+        states; see `with_held_states`.
     """
+    _check_no_discrete(model)
     n = len(model.x)
     count = n if count is None else count
     if not 1 <= count <= n:
@@ -126,6 +128,15 @@ def follow_tangents(
         return run
     run.growth[:, :leading] = again.growth
     return run
+
+
+def _check_no_discrete(model: Model) -> None:
+    held = model.kernel.discrete
+    if held:
+        raise ValueError(
+            f"{model.kernel.name} has the discrete state {held[0].name}, expected it among the "
+            "states, by with_held_states"
+        )
 
 
 def _may_be_explicit(model: Model, t: float) -> bool:
@@ -196,6 +207,7 @@ def _followed(
         at(scale),
         MAX_STEPS,
         collocating,
+        model.sample_time,
     )
     done = model.system.spectrum(told, explicitly, model.info)
     status = int(model.info[core.STATUS])
@@ -270,7 +282,16 @@ def follow_returns(
         The plane: where this state has this value.
     most : int
         0: no plane is looked for, and steps are as long as the tolerance lets them be.
+
+    A sampled system is looked at from sample to sample: its returns are the first samples beyond
+    the plane, with the states before the update.
+
+    Raises
+    ------
+    ValueError
+        For discrete states that are none of the states; see `with_held_states`.
     """
+    _check_no_discrete(model)
     n = len(model.x)
     bound = RUNAWAY * model.kernel.nominal
     times, states = np.empty(most), np.empty((most, n))
@@ -286,6 +307,7 @@ def follow_returns(
         level,
         most,
         *map(at, (times, states, low, high)),
+        model.sample_time,
     )
 
     def walk(explicitly: bool) -> int:

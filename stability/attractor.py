@@ -104,6 +104,12 @@ def classify_attractor(
     rounds : int
         How often to look on, each time `LONGER` times as long, for rest or a cycle.
     """
+    aligned = _sample_after(model, time)
+    if aligned > time:
+        seen = follow_returns(model, time, aligned, 0, np.inf, 0)
+        if seen.failure:
+            return _run_away(seen) if seen.diverged else _broken(seen)
+        time = aligned
     for _ in range(rounds):
         resting = _resting(model, time)
         if resting is not None:
@@ -142,6 +148,12 @@ def classify_attractor(
     return Attractor(Kind.UNDECIDED, text, "a longer run", amplitude=amplitude)
 
 
+def _sample_after(model: Model, time: float) -> float:
+    """The first sample instant that is not before this time; the time itself without samples."""
+    period = model.sample_time
+    return float(np.ceil(time / period - 1e-6) * period) if period else time
+
+
 def _without_exponents(model: Model, passes: Returns) -> Attractor:
     return Attractor(
         Kind.UNDECIDED,
@@ -165,15 +177,13 @@ def _resting(model: Model, time: float) -> Attractor | None:
         return None  # it neither falls nor grows: the linear part cannot tell
     distance = float(np.max(np.abs(model.x - before.state) / nominal))
     wait = 3.0 / -before.slowest if before.slowest < 0.0 else 1.0
+    if model.sample_time:  # what is gone within a sample takes as many of them as there are states
+        wait = max(wait, len(nominal) * model.sample_time)
+        wait = _sample_after(model, time + wait) - time
     if distance > NEAR:
         return None
     state, held = model.x.copy(), model.u.copy()
-    try:
-        model.advance(time, time + wait, PATIENCE)
-    except IntegrationError:
-        found = None
-    else:
-        found = equilibrium_near(model, time + wait)
+    found = equilibrium_near(model, time + wait) if _moved(model, time, wait) else None
     if found is not None and found.slowest <= 0.0:
         left = float(np.max(np.abs(model.x - found.state) / nominal))
         moved = float(np.max(np.abs(found.state - before.state) / nominal))
@@ -181,6 +191,17 @@ def _resting(model: Model, time: float) -> Attractor | None:
             return _rest(model, found, time + wait, wait, distance, left)
     model.x[:], model.u[:] = state, held
     return None
+
+
+def _moved(model: Model, time: float, wait: float) -> bool:
+    """Whether the model could be moved on by so long."""
+    if model.sample_time:
+        return not follow_returns(model, time, time + wait, 0, np.inf, 0).failure
+    try:
+        model.advance(time, time + wait, PATIENCE)
+    except IntegrationError:
+        return False
+    return True
 
 
 def _rest(
@@ -208,7 +229,8 @@ def _rest(
 
 
 def _complex(value: complex) -> str:
-    return f"{value.real:.4g}" + (f"{value.imag:+.4g}i" if value.imag else "")
+    whole = np.isfinite(value.real) and value.imag
+    return f"{value.real:.4g}" + (f"{value.imag:+.4g}i" if whole else "")
 
 
 def _plane(model: Model, time: float, span: float) -> tuple[int, float, Returns]:
@@ -366,4 +388,10 @@ def _unclosed(model: Model, passes: Returns) -> Attractor:
         return Attractor(Kind.CHAOS, text, **common)
     if len(limit) > 1 and zero[:2].all() and not zero.all():
         return Attractor(Kind.TORUS, text, **common)
+    if model.sample_time and zero[0] and not zero.all():
+        # From sample to sample there is no direction of time: the one zero is the cycle's phase.
+        text += (
+            f"; it is a cycle whose period, {between:.6g} s on average, no sampling period divides"
+        )
+        return Attractor(Kind.CYCLE, text, period=between, **common)
     return Attractor(Kind.UNDECIDED, text, "a longer run", **common)

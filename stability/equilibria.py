@@ -1,4 +1,4 @@
-"""The equilibrium near a state, and its eigenvalues."""
+"""The equilibrium near a state, and its eigenvalues: of equations, or of a map between samples."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..solver.kernel import Model
+from ..solver.spectrum import follow_tangents
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 NEUTRAL = 1e-11  # share of the Jacobian's largest entry below which an eigenvalue is zero
+FAST = 1e-6  # share of the map's largest eigenvalue below which one has lost digits
+FOLLOWED = 20  # samples
 _NEWTON = 30
 _CLOSE = 1e-6  # nominal magnitudes; where an eigenvalue is nearly zero, round-off moves it so far
 
@@ -25,7 +28,9 @@ class Equilibrium:
     ----------
     state : ndarray, shape (n,)
     eigenvalues : ndarray of complex, shape (n,)
-        Of the Jacobian [1/s], largest real part first; zeros along a set of equilibria.
+        Of the Jacobian [1/s], largest real part first; zeros along a set of equilibria. Of a
+        sampled system: logarithms of its map's eigenvalues over the sampling period, minus infinity
+        for what is gone within a sample.
     neutral : int
         How many of them are zero: the dimension of the set of equilibria that this one is part of.
     """
@@ -55,24 +60,80 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
     """
     # Over nominal magnitudes, so that a state's size does not depend on its unit.
     nominal = model.kernel.nominal
+    linearize = _sample_map if model.sample_time else _rates
     point = model.x.copy()
     for _ in range(_NEWTON):
-        rates = model.derivatives(time, point) / nominal
-        a = model.jacobian(time, point) * nominal[None, :] / nominal[:, None]
-        if not (np.isfinite(rates).all() and np.isfinite(a).all()):
+        change, a = linearize(model, time, point)
+        if not (np.isfinite(change).all() and np.isfinite(a).all()):
             return None
-        step = _shortest_solution(a, rates) * nominal
+        step = _shortest_solution(a, change) * nominal
         point = point - step
         if np.all(np.abs(step) <= _CLOSE * nominal):
             break
     else:
         return None
-    a = model.jacobian(time, point) * nominal[None, :] / nominal[:, None]
-    values = np.linalg.eigvals(a)
-    values = values[np.argsort(-values.real)].astype(complex)
+    _, a = linearize(model, time, point)
+    values = np.linalg.eigvals(a).astype(complex)
     zero = NEUTRAL * float(np.abs(a).max(initial=0.0))
+    if model.sample_time:  # the map is as exact as its solver
+        zero = max(zero, 10.0 * model.tolerance)
     neutral = np.abs(values) <= zero
-    return Equilibrium(point, np.where(neutral, 0.0, values), int(neutral.sum()))
+    if model.sample_time:
+        values = _rates_between_samples(model, time, point, np.asarray(values + 1.0, np.complex128))
+    values = np.where(neutral, 0.0, values)
+    values = values[np.argsort(-values.real)]
+    return Equilibrium(point, values, int(neutral.sum()))
+
+
+def _rates_between_samples(
+    model: Model, time: float, point: Vector, factors: npt.NDArray[np.complex128]
+) -> npt.NDArray[np.complex128]:
+    """What the map's eigenvalues are per second; small ones from tangents, which lose no digits."""
+    period = model.sample_time
+    by_size = np.argsort(-np.abs(factors))
+    small = np.abs(factors) <= FAST * np.abs(factors).max()
+    rates = np.zeros(len(factors), complex)
+    rates[~small] = np.log(factors[~small] + 0j) / period
+    if small.any():
+        kept = model.x.copy(), model.u.copy(), model.info.copy()
+        start = np.ceil(time / period) * period
+        model.x[:] = point
+        grid = start + period * np.array([0.0, FOLLOWED, 2.0 * FOLLOWED])
+        run = follow_tangents(model, grid)
+        model.x[:], model.u[:], model.info[:] = kept
+        with np.errstate(invalid="ignore"):
+            late = (run.growth[-1] - run.growth[-2]) / (FOLLOWED * period)
+        late = -np.sort(-np.where(np.isnan(late), -np.inf, late))
+        rates[by_size[-int(small.sum()) :]] = late[-int(small.sum()) :]
+    return rates
+
+
+def _rates(model: Model, time: float, point: Vector) -> tuple[Vector, Matrix]:
+    """Rates of the states and the Jacobian, over nominal magnitudes."""
+    nominal = model.kernel.nominal
+    a = model.jacobian(time, point) * nominal[None, :] / nominal[:, None]
+    return model.derivatives(time, point) / nominal, a
+
+
+def _sample_map(model: Model, time: float, point: Vector) -> tuple[Vector, Matrix]:
+    """Change of the states from one sample to the next and its slopes, over nominal magnitudes."""
+    nominal = model.kernel.nominal
+    n = len(nominal)
+    period = model.sample_time
+    start = np.ceil(time / period) * period
+    kept = model.x.copy(), model.u.copy(), model.info.copy()
+    columns = []
+    for axis in np.eye(n):
+        model.x[:], model.u[:] = point, kept[1]
+        run = follow_tangents(model, np.array([start, start + period]), 1, axis[None, :])
+        if run.failure:
+            break
+        columns.append(run.frame[0] * np.exp(run.growth[-1, 0]))
+    change = (model.x - point) / nominal
+    model.x[:], model.u[:], model.info[:] = kept
+    if len(columns) < n:
+        return np.full(n, np.nan), np.full((n, n), np.nan)
+    return change, np.column_stack(columns) * nominal[None, :] / nominal[:, None] - np.eye(n)
 
 
 def _shortest_solution(a: Matrix, b: Vector) -> Vector:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..orchestration.whole_loop import loop_kernel
+from ..orchestration.whole_loop import held_loop_kernel
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.spectrum import Spectrum
 
@@ -30,7 +30,7 @@ def loop_maker(
     KeyError
         For a parameter that does not exist.
     """
-    kernel = loop_kernel(plant, controller)
+    kernel = held_loop_kernel(plant, controller)
     values = {PLANT + k: v for k, v in (plant_values or {}).items()}
     values |= {CONTROLLER + k: v for k, v in (controller_values or {}).items()}
 
@@ -75,7 +75,7 @@ def loop_lyapunov(
     ------
     NoExponents, KeyError, ValueError
     """
-    kernel = loop_kernel(plant, controller)
+    kernel = held_loop_kernel(plant, controller)
     kernel.compile()  # two tolerances, and the motion beyond, are worth half a second
     make = loop_maker(plant, controller, setpoint, plant_values, controller_values)
     order = loop_order(kernel)
@@ -115,6 +115,11 @@ def loop_lyapunov_over_fmus(
     from .fmu_with_tangents import TangentsImpossible
     from .tangents_over_fmus import follow_over_fmus
 
+    if held_loop_kernel(plant, controller).sample_time:
+        raise NoExponents(
+            f"{controller} is sampled, and no FMU has tangents of a sampled part; "
+            "use the equations, --via model"
+        )
     given = (setpoint, plant, plant_values, controller_values)
     known = loop_lyapunov(controller, stop, *given, progress=progress)
     if progress:

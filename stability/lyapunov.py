@@ -186,8 +186,6 @@ def lyapunov(
 
     Raises
     ------
-    NoExponents
-        For a system with sampled states.
     ValueError
         For a time or tolerance that makes no sense.
     """
@@ -199,11 +197,6 @@ def lyapunov(
     motions: list[Attractor] = []
     for share in (1.0, TIGHTER):
         model = make(tolerance * share)
-        if model.kernel.discrete:
-            raise NoExponents(
-                f"{model.kernel.name} holds {model.kernel.discrete[0].name} between samples: its "
-                "motion is a map from sample to sample, whose exponents are not computed here"
-            )
         n = len(model.x)
         if progress:
             progress(f"exponents over {stop:g} s at tolerance {tolerance * share:g}")

@@ -103,10 +103,12 @@ def _draw_boundary(axes: Any, study: MapStudy) -> list[Any]:
     from matplotlib.lines import Line2D
 
     from .cell import stuck_growth
-    from .study import DESIGN
+    from .study import DESIGN, kernel_of
 
     if DESIGN in (study.x.side, study.y.side):
         return []  # a design for each of its points would take longer than the map
+    if kernel_of(study).sample_time:
+        return []  # the criterion is one of continuous feedback
     xs = np.linspace(study.x.low, study.x.high, _BOUNDARY_POINTS)
     ys = np.linspace(study.y.low, study.y.high, _BOUNDARY_POINTS)
     growth = np.array([[stuck_growth(study, float(x), float(y)) for x in xs] for y in ys])

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..orchestration.memory import check_memory
-from ..orchestration.whole_loop import loop_kernel
+from ..orchestration.whole_loop import held_loop_kernel
 from ..solver.kernel import CONTROLLER, PLANT, Kernel
 
 Vector = npt.NDArray[np.float64]
@@ -107,11 +107,6 @@ class MapStudy:
             f"{self.x.count} x {self.y.count} cells need",
             "map fewer points, or one part after another",
         )
-        if kernel_of(self).discrete:
-            raise BadMap(
-                f"{self.controller} holds its command between samples; maps of sampled loops are "
-                "not computed here"
-            )
         if (self.x.side, self.x.parameter) == (self.y.side, self.y.parameter):
             raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
         ranges = {p.name: (p.minimum, p.maximum) for p in kernel_of(self).parameters}
@@ -168,7 +163,7 @@ def _owner(name: str, plant: str, controller: str) -> tuple[str, str]:
 
     if name == SETPOINT:
         return SETPOINT, SETPOINT
-    kernel = loop_kernel(plant, controller)
+    kernel = held_loop_kernel(plant, controller)
     known = [p.name for p in kernel.parameters] + [f"{s.name}_start" for s in kernel.states]
     theirs = [n.removeprefix(CONTROLLER) for n in known if n.startswith(CONTROLLER)]
     ours = [n.removeprefix(PLANT) for n in known if n.startswith(PLANT)]
@@ -197,7 +192,7 @@ def _owner(name: str, plant: str, controller: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=8)
 def _loop(plant: str, controller: str) -> Kernel:
-    return loop_kernel(plant, controller)
+    return held_loop_kernel(plant, controller)
 
 
 def kernel_of(study: MapStudy) -> Kernel:

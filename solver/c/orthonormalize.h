@@ -24,41 +24,54 @@ static double free_of_others(double *frame, int j, int n)
     return square;
 }
 
+/* Some direction that the rows before row j leave. */
+static void any_other(double *frame, int j, int n)
+{
+    double *const own = frame + j * n;
+    for (int axis = 0; axis < n; axis++) {
+        for (int i = 0; i < n; i++)
+            own[i] = i == axis ? 1.0 : 0.0;
+        free_of_others(frame, j, n);
+        const double square = free_of_others(frame, j, n); /* the second time for round-off */
+        if (square > 0.5 / n) {
+            for (int i = 0; i < n; i++)
+                own[i] /= sqrt(square);
+            return;
+        }
+    }
+}
+
 /* Orthonormalize the rows of `frame` in order and add the logarithms of what is left of them. A row
- * that had no direction of its own left gets some other one, and minus infinity. Returns the
- * difference between the largest and the smallest of the logarithms [nats]; collapsed rows do not
- * count. */
+ * that had no direction of its own left goes behind all others, with some other direction and minus
+ * infinity: what grows has to stay before what is gone. Returns the difference between the largest
+ * and the smallest of the logarithms [nats]; collapsed rows do not count. */
 static double orthonormalize(double *frame, int count, int n, double *logs)
 {
     double low = HUGE_VAL, high = -HUGE_VAL;
-    for (int j = 0; j < count; j++) {
+    int left = count;
+    for (int j = 0; j < left;) {
         double *const own = frame + j * n;
-        double before = 0.0, length = 0.0;
+        double before = 0.0;
         for (int i = 0; i < n; i++)
             before += own[i] * own[i];
-        double square = free_of_others(frame, j, n);
+        const double square = free_of_others(frame, j, n);
         if (square > COLLAPSED * COLLAPSED * before) {
-            length = sqrt(square);
-            const double growth = log(length);
+            const double length = sqrt(square), growth = log(length);
             logs[j] += growth;
             low = smaller(low, growth);
             high = larger(high, growth);
+            for (int i = 0; i < n; i++)
+                own[i] /= length;
+            j++;
         } else {
-            logs[j] = -HUGE_VAL;
-            for (int axis = 0; axis < n; axis++) { /* some direction that the rows before leave */
-                for (int i = 0; i < n; i++)
-                    own[i] = i == axis ? 1.0 : 0.0;
-                free_of_others(frame, j, n);
-                square = free_of_others(frame, j, n); /* the second time for round-off */
-                if (square > 0.5 / n) {
-                    length = sqrt(square);
-                    break;
-                }
-            }
+            left--;
+            memmove(own, own + n, (size_t)((count - 1 - j) * n) * sizeof *own);
+            memmove(logs + j, logs + j + 1, (size_t)(count - 1 - j) * sizeof *logs);
+            logs[count - 1] = -HUGE_VAL;
         }
-        for (int i = 0; i < n; i++)
-            own[i] /= length;
     }
+    for (int j = left; j < count; j++)
+        any_other(frame, j, n);
     return high >= low ? high - low : 0.0;
 }
 

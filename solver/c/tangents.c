@@ -13,6 +13,7 @@
 #define ORDER 0.45
 #define STILL 1e-10    /* share of the Jacobian by which it may change in a step and be constant */
 #define SHORTEST 1e-14 /* step over time at which it is left at that */
+#define RANK 1e-12     /* share of a matrix' first pivot below which one is none */
 #define ROOT_3 1.7320508075688772
 #define GAUSS (0.5 - ROOT_3 / 6.0)
 #define HEAVY ((3.0 + 2.0 * ROOT_3) / 12.0)
@@ -85,6 +86,70 @@ static double log_determinant(double *matrix, int32_t *pivots, int n)
     return total;
 }
 
+/* Rank of a matrix that maps states to states, by elimination with full pivoting; overwritten. */
+static int rank_of(double *matrix, int n, const double *scale)
+{
+    double first = 0.0;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            matrix[i * n + j] *= scale[j] / scale[i];
+    for (int k = 0; k < n; k++) {
+        int row = k, column = k;
+        for (int i = k; i < n; i++)
+            for (int j = k; j < n; j++)
+                if (fabs(matrix[i * n + j]) > fabs(matrix[row * n + column])) {
+                    row = i;
+                    column = j;
+                }
+        const double pivot = matrix[row * n + column];
+        if (k == 0)
+            first = fabs(pivot);
+        if (!(fabs(pivot) > RANK * first))
+            return k;
+        for (int j = 0; j < n; j++) {
+            const double other = matrix[k * n + j];
+            matrix[k * n + j] = matrix[row * n + j];
+            matrix[row * n + j] = other;
+        }
+        for (int i = 0; i < n; i++) {
+            const double other = matrix[i * n + k];
+            matrix[i * n + k] = matrix[i * n + column];
+            matrix[i * n + column] = other;
+        }
+        for (int i = k + 1; i < n; i++) {
+            const double factor = matrix[i * n + k] / pivot;
+            for (int j = k; j < n; j++)
+                matrix[i * n + j] -= factor * matrix[k * n + j];
+        }
+    }
+    return n;
+}
+
+/* Put behind all others the row of `frame` that is nearest to what the rows before it span: where a
+ * matrix has taken a direction away, round-off is all that is left of its own. `copy` is scratch. */
+static void put_last(double *frame, int count, int n, double *logs, double *copy)
+{
+    memcpy(copy, frame, (size_t)(count * n) * sizeof *copy);
+    int worst = count - 1;
+    double least = HUGE_VAL;
+    for (int j = 0; j < count; j++) {
+        double before = 0.0;
+        for (int i = 0; i < n; i++)
+            before += copy[j * n + i] * copy[j * n + i];
+        const double square = free_of_others(copy, j, n);
+        const double share = before > 0.0 ? square / before : 0.0;
+        if (share < least) {
+            least = share;
+            worst = j;
+        }
+        for (int i = 0; i < n && square > 0.0; i++)
+            copy[j * n + i] /= sqrt(square);
+    }
+    double *const own = frame + worst * n;
+    memmove(own, own + n, (size_t)((count - 1 - worst) * n) * sizeof *own);
+    memmove(logs + worst, logs + worst + 1, (size_t)(count - 1 - worst) * sizeof *logs);
+}
+
 /* Let the noted events act on the tangents; the logarithm of their matrix' determinant. `timed`:
  * a state decides when they happen, not an input that has jumped. */
 static double jump(const System *s, double t, const Walk *w, const double *x, double *growth,
@@ -100,8 +165,17 @@ static double jump(const System *s, double t, const Walk *w, const double *x, do
         }
     }
     apply(step->omega, w->frame, w->count, n, step->at);
-    orthonormalize(w->frame, w->count, n, growth);
-    return log_determinant(step->omega, step->propagation.pivots, n);
+    memcpy(step->mean, step->omega, (size_t)(n * n) * sizeof(double));
+    const int rank = rank_of(step->mean, n, w->scale);
+    const int left = rank < w->count ? rank : w->count;
+    for (int count = w->count; count > left; count--)
+        put_last(w->frame, count, n, growth, step->slow);
+    orthonormalize(w->frame, left, n, growth);
+    for (int j = left; j < w->count; j++) {
+        any_other(w->frame, j, n);
+        growth[j] = -HUGE_VAL;
+    }
+    return rank < n ? -HUGE_VAL : log_determinant(step->omega, step->propagation.pivots, n);
 }
 
 /* Jacobians over a step from t by h: their mean, and those at Gauss' points and at the end. Returns
@@ -220,8 +294,9 @@ static int diverged(const double *x, const double *bound, int n)
     return 0;
 }
 
-/* Follow state and tangents over one row of the grid; DONE, or why not. */
-static int follow_row(const System *s, const Walk *w, int row, Work *work, Info *info, Step *step)
+/* Follow state and tangents from t to `goal`, within one row of the grid; DONE, or why not. */
+static int follow_span(const System *s, const Walk *w, int row, double t, double goal, Work *work,
+                       Info *info, Step *step)
 {
     const int n = s->states;
     const size_t size = (size_t)n * sizeof(double);
@@ -230,8 +305,7 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
     double *const trace = w->trace + row;
     double *const mode = s->events > 0 ? w->u + s->held - 1 : NULL;
     Note *const note = work->note;
-    const double goal = w->times[row];
-    double t = w->times[row - 1], until = goal;
+    double until = goal;
     if (note) {
         /* events that are due because an input jumped happen now, whatever the state */
         note->any = 0;
@@ -283,6 +357,43 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
         t = info->reached;
         if (note && note->any)
             *trace += jump(s, t, w, x, growth, note, 1, step);
+    }
+    return DONE;
+}
+
+/* The first sample instant after t, or t itself where that is one and `here`. */
+static double sample_instant(double t, double period, int here)
+{
+    const double count = t / period, nearest = rint(count);
+    const int at_one = fabs(count - nearest) <= SAME_INSTANT;
+    if (at_one)
+        return here ? t : (nearest + 1.0) * period;
+    return ceil(count) * period;
+}
+
+/* Follow state and tangents over one row of the grid; DONE, or why not. A sample at the row's end
+ * belongs to the next row. */
+static int follow_row(const System *s, const Walk *w, int row, Work *work, Info *info, Step *step)
+{
+    const double goal = w->times[row];
+    double t = w->times[row - 1];
+    if (!(w->period > 0.0))
+        return follow_span(s, w, row, t, goal, work, info, step);
+    double *const x = w->states + row * s->states, *const growth = w->growth + row * w->count;
+    while (t < goal) {
+        if (sample_instant(t, w->period, 1) == t) {
+            work->note->any = 0;
+            note_event(s, t, x, w->u, w->p, SAMPLE, work->note);
+            s->react(s, t, x, w->u, w->p, SAMPLE);
+            w->trace[row] += jump(s, t, w, x, growth, work->note, 0, step);
+        }
+        double end = sample_instant(t, w->period, 0);
+        if (end > goal || goal - end <= SAME_INSTANT * w->period)
+            end = goal;
+        const int status = follow_span(s, w, row, t, end, work, info, step);
+        if (status != DONE)
+            return status;
+        t = end;
     }
     return DONE;
 }
@@ -365,16 +476,27 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
     const size_t size = (size_t)n * sizeof(double);
     double *const before = memory, *const again = before + n, *const held = again + n;
     double *const mode = held + s->held;
+    double *const sampled = mode + s->held;
     const double longest = c->most ? (c->t1 - c->t0) / STRIDES : c->t1 - c->t0;
-    double t = c->t0;
+    double t = c->t0, until = c->t1;
     int found = 0;
     memcpy(c->low, c->x, size);
     memcpy(c->high, c->x, size);
+    memcpy(sampled, c->x, size);
     for (int round = 0; round < c->max_steps && t < c->t1 && (found < c->most || !c->most);
          round++) {
+        if (c->period > 0.0 && (t == c->t0 || t == until)) {
+            if (sample_instant(t, c->period, 1) == t) {
+                s->react(s, t, c->x, c->u, c->p, SAMPLE);
+                round = 0; /* steps are counted from sample to sample */
+            }
+            until = sample_instant(t, c->period, 0);
+            if (until > c->t1 || c->t1 - until <= SAME_INSTANT * c->period)
+                until = c->t1;
+        }
         memcpy(before, c->x, size);
         memcpy(held, c->u, (size_t)s->held * sizeof(double));
-        const int status = walk(s, t, smaller(c->t1, t + longest), c->x, c->u, c->p, c->atol,
+        const int status = walk(s, t, smaller(until, t + longest), c->x, c->u, c->p, c->atol,
                                 c->rtol, work, info, 1);
         info->status = status;
         if (status != DONE && status != TOO_MANY_STEPS)
@@ -388,7 +510,18 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
             c->high[i] = larger(c->high[i], c->x[i]);
         }
         const double reached = info->reached;
-        if (before[c->coordinate] < c->level && c->level <= c->x[c->coordinate]) {
+        if (c->period > 0.0) {
+            /* motions of a sampled system are the same only where their samples are */
+            if (reached == until && sample_instant(until, c->period, 1) == until) {
+                if (found < c->most && sampled[c->coordinate] < c->level &&
+                    c->level <= c->x[c->coordinate]) {
+                    c->times[found] = reached;
+                    memcpy(c->states + found * n, c->x, size);
+                    found++;
+                }
+                memcpy(sampled, c->x, size);
+            }
+        } else if (before[c->coordinate] < c->level && c->level <= c->x[c->coordinate]) {
             memcpy(again, c->x, size);
             const double q = meet(s, c, walk, work, t, reached - t, before, held, info, again, mode);
             c->times[found] = t + q;
@@ -414,7 +547,7 @@ static int returns(const System *s, const Crossings *c, int explicitly, Info *in
     const int n = s->states;
     const size_t own = explicitly ? EXPLICIT_DOUBLES(n) : WORK_DOUBLES(n, s->events);
     double *const memory =
-        calloc(own + 2 * (size_t)n + 2 * (size_t)s->held, sizeof(double));
+        calloc(own + 3 * (size_t)n + 2 * (size_t)s->held, sizeof(double));
     if (!memory) {
         info->status = NO_MEMORY;
         return 0;

@@ -19,6 +19,11 @@
 
 #include "stepper.h"
 
+/* A sampled system holds its discrete states as states that stand still; their update is the first
+ * event of every mode, which nothing but the clock makes happen. */
+#define SAMPLE 0
+#define SAME_INSTANT 1e-6 /* share of the period */
+
 /* A motion and tangents that are to be followed over a grid of times. */
 typedef struct {
     int32_t rows, count; /* times; tangents */
@@ -35,6 +40,7 @@ typedef struct {
     const double *scale; /* n: powers of two near the states' magnitudes */
     int32_t max_steps;
     int32_t collocating; /* whether slow tangents are collocated */
+    double period;       /* of the samples, at its multiples; 0 without */
 } Walk;
 
 /* How often a motion crosses a plane upwards. */
@@ -51,6 +57,7 @@ typedef struct {
     double *times;  /* most */
     double *states; /* most x n */
     double *low, *high; /* n: of the states at the ends of steps */
+    double period;      /* as in Walk; crossings are then looked at from sample to sample */
 } Crossings;
 
 static int spectrum(const System *s, const Walk *w, Info *info);

@@ -110,7 +110,7 @@ def test_a_loop_that_runs_away_says_when(tmp_path):
         (["--controller", "iol", "--set", "controller.sigma0=1"], "no parameter 'sigma0'"),
         (["--controller", "iol", "--set", "plant.Fc=-1"], "out of its range"),
         (["--controller", "iol", "--tolerance", "1"], "--tolerance is 1"),
-        (["--controller", "pid_sampled"], "holds"),
+        (["--controller", "pid_sampled", "--via", "fmu"], "pid_sampled is sampled"),
         (["--controller", "iol", "--via", "fmu", "--step", "0"], "--step is 0"),
         (["--controller", "iol", "--setpoint", "x"], "--setpoint is 'x'"),
     ],

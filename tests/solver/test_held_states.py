@@ -1,0 +1,174 @@
+"""Sampled systems: tangents through the sample map, returns at sample instants."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import Component, DiscreteState, Output, Parameter, State, symbol
+from ballscrew.solver.held_states import with_held_states
+from ballscrew.solver.kernel import Model
+from ballscrew.solver.spectrum import follow_returns, follow_tangents
+
+PERIOD = 0.02
+NUMBERS = st.floats(-2.0, 2.0, allow_nan=False, width=32)
+
+
+def sampled(states: dict[str, sp.Expr], held: dict[str, sp.Expr], start: float = 0.1) -> Component:
+    return Component(
+        name="system",
+        description="A sampled system.",
+        states=tuple(State(n, "1", n, sp.sympify(e), start) for n, e in states.items()),
+        discrete=tuple(DiscreteState(n, "1", n, sp.sympify(e), start) for n, e in held.items()),
+        outputs=(Output("y", "1", "output", symbol(next(iter(states or held)))),),
+        sample_time=Parameter("T", PERIOD, "s", "period", "test", minimum=1e-6),
+    )
+
+
+def model_of(component: Component, tolerance: float = 1e-11) -> Model:
+    return Model(generate(with_held_states(component)), tolerance=tolerance)
+
+
+def linear(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> Component:
+    """x' = a x + b h between samples, h = c x + d h at them."""
+    n, m = b.shape
+    x = sp.Matrix([symbol(f"x{k}") for k in range(n)])
+    h = sp.Matrix([symbol(f"h{k}") for k in range(m)])
+    rates, updates = sp.Matrix(a) * x + sp.Matrix(b) * h, sp.Matrix(c) * x + sp.Matrix(d) * h
+    return sampled({f"x{k}": rates[k] for k in range(n)}, {f"h{k}": updates[k] for k in range(m)})
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(NUMBERS, min_size=16, max_size=16))
+def test_map_of_a_sampled_linear_loop_is_its_exact_monodromy(numbers: list[float]) -> None:
+    a, b, c, d = np.array(numbers).reshape(4, 2, 2)
+    model = model_of(linear(a, b, c, d))
+    n = 4
+    generator = np.zeros((n, n))
+    generator[:2] = np.hstack([a, b])
+    update = np.eye(n)
+    update[2:] = np.hstack([c, d])
+    exact = np.linalg.matrix_power(expm(generator * PERIOD) @ update, 5)
+    columns = []
+    for axis in np.eye(n):
+        model.x[:] = 0.1
+        run = follow_tangents(model, [0.0, 5 * PERIOD], 1, axis[None, :])
+        columns.append(run.frame[0] * np.exp(run.growth[-1, 0]))
+    size = max(1.0, np.abs(exact).max())
+    np.testing.assert_allclose(np.column_stack(columns), exact, atol=1e-12 * size, rtol=0)
+    np.testing.assert_allclose(model.x, exact @ np.full(n, 0.1), atol=1e-9 * size, rtol=0)
+
+
+def test_what_an_update_forgets_has_minus_infinity_behind_all_that_is_finite() -> None:
+    """A command that arrives a sample late: what acted before is gone, in any first frame."""
+    a, b = np.array([[0.0, 1.0], [-2.0, -3.0]]), np.array([[0.0, 0.0], [0.0, 1.0]])
+    c, d = np.array([[-0.1, 0.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [1.0, 0.0]])
+    generator, update = np.zeros((4, 4)), np.eye(4)
+    generator[:2] = np.hstack([a, b])
+    update[2:] = np.hstack([c, d])
+    factors = np.linalg.eigvals(expm(generator * PERIOD) @ update)
+    exact = np.log(np.sort(np.abs(factors))[::-1][:3]) / PERIOD
+    for order in ([0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]):
+        model = model_of(linear(a, b, c, d))
+        settle = follow_tangents(model, [0.0, 40.0], frame=np.eye(4)[order])
+        run = follow_tangents(model, [40.0, 41.0], frame=settle.frame)
+        assert run.exponents[-1] == -np.inf
+        np.testing.assert_allclose(run.exponents[:3], exact, rtol=1e-9)
+
+
+def test_chaos_of_the_logistic_map_grows_by_ln_2_in_each_sample() -> None:
+    d = symbol("d")
+    model = model_of(sampled({}, {"d": 4 * d * (1 - d)}, 0.3))
+    run = follow_tangents(model, [0.0, 4000 * PERIOD])
+    assert run.exponents[0] * PERIOD == pytest.approx(np.log(2.0), rel=2e-3)
+
+
+def test_exponents_of_the_henon_map_are_the_published_ones() -> None:
+    """0.4192 nats (J. C. Sprott, Chaos and Time-Series Analysis, 2003); the sum is ln 0.3."""
+    a, b = symbol("a"), symbol("b")
+    model = model_of(sampled({}, {"a": 1 - 1.4 * a**2 + b, "b": 0.3 * a}))
+    run = follow_tangents(model, [0.0, 20_000 * PERIOD])
+    growth = run.exponents * PERIOD
+    assert growth[0] == pytest.approx(0.4192, abs=3e-3)
+    assert growth.sum() == pytest.approx(np.log(0.3), rel=1e-9)
+
+
+def test_tangents_of_a_nonlinear_loop_are_differences_of_its_map_by_another_solver() -> None:
+    x, v, h, w = (symbol(n) for n in ("x", "v", "h", "w"))
+    component = sampled(
+        {"x": v, "v": -sp.sin(x) - v**3 + h},
+        {"h": -3 * x - 2 * v - w, "w": w + PERIOD * sp.tanh(x)},
+    )
+
+    def mapped(state: np.ndarray) -> np.ndarray:
+        now = state.copy()
+        for _ in range(3):
+            held = -3 * now[0] - 2 * now[1] - now[3], now[3] + PERIOD * np.tanh(now[0])
+            run = solve_ivp(
+                lambda _t, q, u: [q[1], -np.sin(q[0]) - q[1] ** 3 + u],
+                (0.0, PERIOD),
+                now[:2],
+                "DOP853",
+                args=(held[0],),
+                rtol=1e-13,
+                atol=1e-14,
+            )
+            now = np.array([*run.y[:, -1], *held])
+        return now
+
+    start = np.array([0.7, -0.4, 0.2, 0.3])
+    small = 1e-5
+    exact = np.column_stack(
+        [(mapped(start + small * e) - mapped(start - small * e)) / (2 * small) for e in np.eye(4)]
+    )
+    model = model_of(component)
+    for axis, column in zip(np.eye(4), exact.T, strict=True):
+        model.x[:] = start
+        run = follow_tangents(model, [0.0, 3 * PERIOD], 1, axis[None, :])
+        np.testing.assert_allclose(run.frame[0] * np.exp(run.growth[-1, 0]), column, atol=1e-9)
+    np.testing.assert_allclose(run.states[-1], mapped(start), atol=1e-11)
+
+
+def test_a_walk_may_be_broken_anywhere() -> None:
+    """A sample at the end of one call is taken by the next, once."""
+    a, b = np.array([[0.0, 1.0], [-2.0, -3.0]]), np.array([[0.0], [1.0]])
+    c, d = np.array([[-9.0, -1.0]]), np.array([[0.5]])
+    whole = model_of(linear(a, b, c, d))
+    broken = model_of(linear(a, b, c, d))
+    one = follow_tangents(whole, [0.0, 1.0])
+    growth, frame = np.zeros(3), np.eye(3)
+    cuts = [0.0, 0.013, 0.02, 0.26, 0.2600001, 0.7, 1.0]
+    for start, end in pairwise(cuts):
+        part = follow_tangents(broken, [start, end], frame=frame)
+        growth, frame = growth + part.growth[-1], part.frame
+    np.testing.assert_allclose(growth, one.growth[-1], rtol=1e-9)
+    np.testing.assert_allclose(broken.x, whole.x, rtol=1e-9)
+
+
+def test_returns_are_seen_at_sample_instants() -> None:
+    d = symbol("d")
+    model = model_of(sampled({}, {"d": 3.2 * d * (1 - d)}, 0.3))
+    follow_returns(model, 0.0, 2000 * PERIOD, 0, np.inf, 0)
+    seen = follow_returns(model, 2000 * PERIOD, 3000 * PERIOD, 0, 0.6, 5)
+    np.testing.assert_allclose(np.diff(seen.time), 2 * PERIOD, rtol=1e-9)
+    high = (4.2 + np.sqrt(4.2 * 0.2)) / 6.4  # of the orbit of period two
+    np.testing.assert_allclose(seen.states[:, 0], high, rtol=1e-9)
+
+
+def test_discrete_states_have_to_be_among_the_states() -> None:
+    d = symbol("d")
+    model = Model(generate(sampled({}, {"d": 0.5 * d})))
+    for follow in (
+        lambda: follow_tangents(model, [0.0, 1.0]),
+        lambda: follow_returns(model, 0.0, 1.0, 0, 0.0, 1),
+    ):
+        with pytest.raises(ValueError, match="discrete state d"):
+            follow()

@@ -1,0 +1,115 @@
+"""Verdicts and exponents of sampled loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import Component, DiscreteState, Output, Parameter, State, symbol
+from ballscrew.solver.held_states import with_held_states
+from ballscrew.solver.kernel import Kernel, Model
+from ballscrew.stability.attractor import Kind
+from ballscrew.stability.loop_lyapunov import loop_lyapunov
+from ballscrew.stability.lyapunov import LyapunovRun, lyapunov
+
+PERIOD = 0.05
+
+
+def kernel(states: dict[str, sp.Expr], held: dict[str, sp.Expr]) -> Kernel:
+    component = Component(
+        name="system",
+        description="A sampled system.",
+        parameters=(Parameter("r", 1.0, "1", "parameter", "test"),),
+        states=tuple(State(n, "1", n, sp.sympify(e), 0.3) for n, e in states.items()),
+        discrete=tuple(DiscreteState(n, "1", n, sp.sympify(e), 0.3) for n, e in held.items()),
+        outputs=(Output("y", "1", "output", symbol(next(iter(states or held)))),),
+        sample_time=Parameter("T", PERIOD, "s", "period", "test", minimum=1e-6),
+    )
+    return generate(with_held_states(component))
+
+
+def judged(kernel: Kernel, stop: float, **values: float) -> LyapunovRun:
+    return lyapunov(lambda tolerance: Model(kernel, values, tolerance), stop, 1e-10)
+
+
+@pytest.fixture(scope="module")
+def logistic() -> Kernel:
+    d = symbol("d")
+    return kernel({}, {"d": symbol("r") * d * (1 - d)})
+
+
+def test_a_stable_fixed_point_of_a_map_has_the_logarithm_of_its_slope(logistic: Kernel) -> None:
+    run = judged(logistic, 5.0, r=2.8)
+    assert run.motion.kind is Kind.FIXED_POINT
+    assert run.motion.equilibrium is not None
+    assert run.motion.equilibrium.state[0] == pytest.approx(1 - 1 / 2.8, rel=1e-8)
+    assert run.motion.limit == pytest.approx([np.log(0.8) / PERIOD], rel=1e-6)
+
+
+@pytest.mark.parametrize(("r", "samples"), [(3.2, 2), (3.5, 4), (3.83, 3)])
+def test_cycles_of_the_logistic_map_close_after_their_samples(
+    logistic: Kernel, r: float, samples: int
+) -> None:
+    run = judged(logistic, 20.0, r=r)
+    assert run.motion.kind is Kind.CYCLE
+    assert run.motion.period == pytest.approx(samples * PERIOD, rel=1e-9)
+    orbit = [0.3]
+    for _ in range(5000):
+        orbit.append(r * orbit[-1] * (1 - orbit[-1]))
+    slopes = np.abs(r * (1 - 2 * np.array(orbit[-12:])))
+    assert run.motion.limit == pytest.approx([np.log(slopes).mean() / PERIOD], rel=1e-5)
+
+
+def test_chaos_of_the_logistic_map_is_called_so(logistic: Kernel) -> None:
+    run = judged(logistic, 20.0, r=3.9)
+    assert run.motion.kind is Kind.CHAOS
+
+
+def test_an_invariant_circle_is_a_cycle_that_no_sampling_period_divides() -> None:
+    """The delayed logistic map just beyond its Neimark-Sacker bifurcation at r = 2."""
+    a, b = symbol("a"), symbol("b")
+    run = judged(kernel({}, {"a": symbol("r") * a * (1 - b), "b": a}), 50.0, r=2.05)
+    assert run.motion.kind is Kind.CYCLE
+    assert "no sampling period divides" in run.motion.evidence
+    assert run.motion.period == pytest.approx(6.0 * PERIOD, rel=0.1)  # the sixth root of one
+    assert run.motion.limit is not None
+    assert abs(run.motion.limit[0]) * PERIOD < 1e-3
+
+
+def test_a_mass_under_a_sampled_law_loses_stability_where_its_map_does() -> None:
+    """x'' = u with u = -r (x + 2 x') held: a factor is -1 where r is 1 / T = 20."""
+    x, v, h = symbol("x"), symbol("v"), symbol("h")
+    loop = kernel({"x": v, "v": h}, {"h": -symbol("r") * (x + 2 * v)})
+    for gain in (1.0, 10.0):
+        generator = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+        update = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-gain, -2.0 * gain, 0.0]])
+        step = np.eye(3) + generator * PERIOD + generator @ generator * PERIOD**2 / 2
+        factors = np.abs(np.linalg.eigvals(step @ update))
+        run = judged(loop, 10.0, r=gain)
+        exact = np.log(np.sort(factors)[::-1][:2]) / PERIOD
+        assert run.motion.kind is Kind.FIXED_POINT
+        assert run.motion.limit is not None
+        assert run.motion.limit[:2] == pytest.approx(exact, rel=1e-6)
+        assert run.motion.limit[2] == -np.inf
+    assert judged(loop, 10.0, r=19.9).motion.kind is Kind.FIXED_POINT
+    assert judged(loop, 10.0, r=20.1).motion.kind is Kind.DIVERGES
+
+
+def test_the_sampled_pid_comes_to_rest_as_the_continuous_one_the_more_the_faster_it_samples() -> (
+    None
+):
+    exact = loop_lyapunov("pid", 2.0, tolerance=1e-9)
+    errors = []
+    for period in (4e-3, 2e-3):
+        run = loop_lyapunov(
+            "pid_sampled", 2.0, controller_values={"sample_time": period}, tolerance=1e-9
+        )
+        assert run.motion.kind is exact.motion.kind is Kind.LINE
+        assert run.motion.limit is not None
+        assert exact.motion.limit is not None
+        assert run.motion.limit[0] == 0.0
+        assert run.exponents[-1] == -np.inf
+        errors.append(abs(run.motion.limit[1:3].mean() - exact.motion.limit[1:3].mean()))
+    assert errors[1] == pytest.approx(errors[0] / 2, rel=0.3)
