@@ -6,4 +6,5 @@ CONTROLLERS = {
     "nctf": "ballscrew.controllers.nctf:nctf",
     "pid": "ballscrew.controllers.pid:pid",
     "pid_sampled": "ballscrew.controllers.pid_sampled:pid_sampled",
+    "pid_encoder": "ballscrew.controllers.pid_encoder:pid_encoder",
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import sympy as sp
 
 from ..solver.component import Component, Input, Output, Parameter, symbol
@@ -36,3 +38,18 @@ def encoder() -> Component:
         inputs=(Input("x", "m", "position of the block", nominal=1e-3),),
         outputs=(Output("x_counted", "m", "position by the encoder", position, nominal=1e-3),),
     )
+
+
+def behind_encoder(controller: Component, signal: str = "x") -> Component:
+    """The controller with one of its measurements as an encoder gives it.
+
+    Parameters
+    ----------
+    controller : Component
+        Has an input `signal` [m].
+    """
+    instrument = encoder()
+    counted = controller.equations_with({symbol(signal): instrument.outputs[0].value})
+    own = {p.name for p in controller.parameters}
+    added = tuple(p for p in instrument.parameters if p.name not in own)
+    return replace(controller, **counted, parameters=(*controller.parameters, *added))

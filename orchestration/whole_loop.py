@@ -50,26 +50,40 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
     return stored_kernel(f"loop_{plant}_{controller}", make, __name__, *parts)
 
 
-def held_loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
-    """As `loop_kernel`, with discrete states among the states, see `with_held_states`."""
+def held_loop_kernel(
+    plant: str | Component, controller: str | Component, averaged: bool = False
+) -> Kernel:
+    """As `loop_kernel`, with discrete states among the states, see `with_held_states`.
+
+    Parameters
+    ----------
+    averaged : bool
+        Whether quantizers are replaced by their mean, see `dithered_average`.
+    """
     kernel = loop_kernel(plant, controller)
-    if not kernel.discrete:
+    averaged = averaged and kernel.quantized
+    if not (kernel.discrete or averaged):
         return kernel
     from ..fmus.catalogue import component, module_of
 
     def make() -> Component:
         from ..solver.connect import connect
         from ..solver.held_states import with_held_states
+        from ..solver.staircase import dithered_average
 
         sides = (component(c) if isinstance(c, str) else c for c in (plant, controller))
-        return with_held_states(_with_ramps(connect(*sides)))
+        loop = _with_ramps(connect(*sides))
+        if averaged:
+            loop = dithered_average(loop)
+        return with_held_states(loop) if loop.discrete else loop
 
     if not (isinstance(plant, str) and isinstance(controller, str)):
         from ..solver.codegen import generate
 
         return generate(make())
     parts = module_of(plant), module_of(controller)
-    return stored_kernel(f"held_loop_{plant}_{controller}", make, __name__, *parts)
+    name = f"{'averaged' if averaged else 'held'}_loop_{plant}_{controller}"
+    return stored_kernel(name, make, __name__, *parts)
 
 
 def _with_ramps(loop: Component) -> Component:

@@ -432,7 +432,7 @@ class Component:
             raise ContractError(
                 f"{self.name}: the discrete state {self.discrete[0].name!r} needs a sample_time"
             )
-        for where, expression in self._expressions():
+        for where, expression in self.expressions():
             wrong = unsupported(sp.sympify(expression))
             if wrong:
                 raise ContractError(
@@ -488,7 +488,8 @@ class Component:
                     f"[{p.minimum}, {p.maximum}]"
                 )
 
-    def _expressions(self) -> Iterable[tuple[str, sp.Expr]]:
+    def expressions(self) -> Iterable[tuple[str, sp.Expr]]:
+        """Every equation, and where it stands in words."""
         for state, derivative in zip(self.all_states, self.derivatives, strict=True):
             yield f"the derivative of {state.name}", derivative
         for output in self.all_outputs:

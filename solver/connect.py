@@ -16,8 +16,9 @@ def connect(plant: Component, controller: Component) -> Component:
     """The closed loop of a plant and a controller.
 
     Signals meet by name: the controller's measurements take the plant's outputs, the plant's
-    inputs take the controller's outputs. Parameters and states are prefixed with ``plant_`` and
-    ``controller_``; outputs keep their names, the plant's first.
+    inputs take the controller's outputs. A measurement that the controller does not use may be
+    missing. Parameters and states are prefixed with ``plant_`` and ``controller_``; outputs keep
+    their names, the plant's first.
 
     Raises
     ------
@@ -26,7 +27,8 @@ def connect(plant: Component, controller: Component) -> Component:
     """
     p, c = plant.prefixed(PLANT), controller.prefixed(CONTROLLER)
     measured = {}
-    for signal in (i for i in c.inputs if i.role != "reference"):
+    used = frozenset().union(*(symbols_in(sp.sympify(e)) for _, e in c.expressions()))
+    for signal in (i for i in c.inputs if i.role != "reference" and symbol(i.name) in used):
         value = p.output(signal.name).value
         if {symbol(i.name) for i in p.inputs} & symbols_in(value):
             raise ContractError(
@@ -64,7 +66,9 @@ def _modes(plant: Component, controller: Component) -> tuple[Mode, ...]:
     for ours in plant.modes or (alone,):
         seen = {o.name: sp.sympify(ours.outputs.get(o.name, o.value)) for o in plant.all_outputs}
         measured = {
-            symbol(i.name): seen[i.name] for i in controller.inputs if i.role != "reference"
+            symbol(i.name): seen[i.name]
+            for i in controller.inputs
+            if i.role != "reference" and i.name in seen
         }
         for theirs in controller.modes or (alone,):
             answers = {

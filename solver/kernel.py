@@ -130,6 +130,11 @@ class Kernel:
         if compile_equations(self.module, self.source, len(self.states)):
             vars(self).pop("_compiled", None)
 
+    @property
+    def quantized(self) -> bool:
+        """Whether an equation holds a staircase, `floor` or `ceiling`."""
+        return "math.floor(" in self.source or "math.ceil(" in self.source
+
     @cached_property
     def nominal(self) -> Vector:
         """Nominal magnitudes of the states."""

@@ -29,6 +29,7 @@ CLOSED = 1e-3  # share of the size of a motion that may be left until it closes
 NOISE = 3e3  # times the tolerance, states one period apart are the same
 GROWING = 0.05  # nats in a period: no cycle, whatever seems to close
 MANY = 400  # returns from which a torus is told from a long cycle
+STEADY = 1.5  # times as far as before a bounded motion may swing when it is watched for longer
 CERTAIN = 4.0  # standard errors
 SHARPER = 0.01  # of the tolerance, for the exponents of a cycle
 
@@ -43,6 +44,7 @@ class Kind(StrEnum):
     CHAOS = "chaos"
     DIVERGES = "diverges"
     CREEPING = "creeping along equilibria"
+    BOUNDED = "bounded motion of a quantized loop"
     UNDECIDED = "undecided"
 
 
@@ -155,12 +157,24 @@ def _sample_after(model: Model, time: float) -> float:
 
 
 def _without_exponents(model: Model, passes: Returns) -> Attractor:
-    return Attractor(
-        Kind.UNDECIDED,
-        f"{len(passes.time)} returns until t = {passes.end:.4g} s that do not close",
-        "the exponents",
-        amplitude=_ranges(model, passes),
+    text = f"{len(passes.time)} returns until t = {passes.end:.4g} s that do not close"
+    amplitude = _ranges(model, passes)
+    if not model.kernel.quantized:
+        return Attractor(Kind.UNDECIDED, text, "the exponents", amplitude=amplitude)
+    # No exponents say more of a staircase: what is known is its motion's size.
+    longer = LONGER * (passes.end - float(passes.time[0]))
+    onward = follow_returns(model, passes.end, passes.end + longer, 0, np.inf, 0)
+    if onward.failure:
+        return _run_away(onward) if onward.diverged else _broken(onward)
+    after = _ranges(model, onward)
+    wide = max(after, key=lambda n: after[n] / _nominal(model, n))
+    share = after[wide] / amplitude[wide] if amplitude[wide] else np.inf
+    text += (
+        f"; over {LONGER:g} times as long again {wide} swings by {after[wide]:.4g} to either side, "
+        f"{share:.3g} times as far as before"
     )
+    kind = Kind.BOUNDED if share <= STEADY else Kind.UNDECIDED
+    return Attractor(kind, text, "" if kind is Kind.BOUNDED else "a longer run", amplitude=after)
 
 
 def _resting(model: Model, time: float) -> Attractor | None:

@@ -22,15 +22,18 @@ def loop_maker(
     setpoint: float,
     plant_values: Mapping[str, float] | None = None,
     controller_values: Mapping[str, float] | None = None,
+    averaged: bool = False,
 ) -> Maker:
     """A `Maker` of the closed loop of two parts, around a constant set-point [m].
+
+    Of `averaged` ones quantizers are replaced by their mean over all places of their steps.
 
     Raises
     ------
     KeyError
         For a parameter that does not exist.
     """
-    kernel = held_loop_kernel(plant, controller)
+    kernel = held_loop_kernel(plant, controller, averaged)
     values = {PLANT + k: v for k, v in (plant_values or {}).items()}
     values |= {CONTROLLER + k: v for k, v in (controller_values or {}).items()}
 
@@ -77,11 +80,15 @@ def loop_lyapunov(
     """
     kernel = held_loop_kernel(plant, controller)
     kernel.compile()  # two tolerances, and the motion beyond, are worth half a second
-    make = loop_maker(plant, controller, setpoint, plant_values, controller_values)
+    given = plant, controller, setpoint, plant_values, controller_values
+    make = loop_maker(*given)
+    average = loop_maker(*given, averaged=True) if kernel.quantized else None
     order = loop_order(kernel)
     names = [c if isinstance(c, str) else c.name for c in (controller, plant)]
     label = " on ".join(names)
-    return lyapunov(make, stop, tolerance, order=order, label=label, progress=progress)
+    return lyapunov(
+        make, stop, tolerance, order=order, label=label, progress=progress, average=average
+    )
 
 
 def loop_lyapunov_over_fmus(

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from ..solver.files import write_atomically, write_json
 from ..solver.kernel import Model
-from ..solver.spectrum import Spectrum, follow_tangents
+from ..solver.spectrum import Spectrum, follow_returns, follow_tangents
 from .attractor import Attractor, Kind, classify_attractor
+from .finite_perturbations import PerturbationGrowth, perturbation_growth
 
 Vector = npt.NDArray[np.float64]
 Maker = Callable[[float], Model]
@@ -30,6 +31,10 @@ JUDGED = 100.0  # times the tolerance suffice to tell what a motion becomes
 COARSEST = 1e-6
 SAMPLES = 400
 SAME = 1e-2  # relative difference up to which periods and amplitudes are the same
+ONE_SOLVER = "one solver"
+AVERAGED = (
+    "one solver; exponents of the quantizers' dithered average, verdict of the exact staircase"
+)
 _BITS = 1.0 / math.log(2.0)
 FIRST = ("x", "v")  # states of the axis that come first in the frame, as in the thesis
 LAST = ("i",)
@@ -57,6 +62,8 @@ class LyapunovRun:
     label : str
     method : str
         How the tangents were followed.
+    perturbations : sequence of PerturbationGrowth
+        Of a quantized loop: what its exact motion does to finite perturbations.
     """
 
     names: list[str]
@@ -65,7 +72,8 @@ class LyapunovRun:
     motion: Attractor
     tolerance: float
     label: str = ""
-    method: str = "one solver"
+    method: str = ONE_SOLVER
+    perturbations: Sequence[PerturbationGrowth] = ()
 
     @property
     def exponents(self) -> Vector:
@@ -131,6 +139,16 @@ class LyapunovRun:
             "diverges_at_s": motion.since,
             "tolerance": self.tolerance,
             "method": self.method,
+            "finite_perturbations": [
+                {
+                    "size_nominal": p.size,
+                    "middle": p.middle,
+                    "end": p.end,
+                    "span_s": p.span,
+                    "growth_bits_per_s": p.rate * _BITS,
+                }
+                for p in self.perturbations
+            ],
             "events": run.events,
         }
 
@@ -166,6 +184,7 @@ def lyapunov(
     order: Sequence[int] | None = None,
     label: str = "",
     progress: Callable[[str], None] | None = None,
+    average: Maker | None = None,
 ) -> LyapunovRun:
     """Exponents of a model's motion from its start, and what the motion becomes.
 
@@ -183,6 +202,9 @@ def lyapunov(
         Order of the states in the first frame; their own if left out.
     progress : function of a text, optional
         Told what is being done.
+    average : Maker, optional
+        Of a quantized model: its dithered average. The exponents are the average's. What the motion
+        becomes, and what it does to finite perturbations, is that of the exact staircase.
 
     Raises
     ------
@@ -195,8 +217,9 @@ def lyapunov(
         raise ValueError(f"the tolerance is {tolerance:g}, expected 1e-13 to 1e-3")
     runs: list[Spectrum] = []
     motions: list[Attractor] = []
+    onward: Model | None = None  # where the motion has become what it becomes
     for share in (1.0, TIGHTER):
-        model = make(tolerance * share)
+        model = (average or make)(tolerance * share)
         n = len(model.x)
         if progress:
             progress(f"exponents over {stop:g} s at tolerance {tolerance * share:g}")
@@ -214,18 +237,27 @@ def lyapunov(
             motion = Attractor(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
         else:
             onward = make(min(tolerance * JUDGED * share, COARSEST))
-            onward.x[:], onward.u[:] = model.x, model.u
+            if average:
+                follow_returns(onward, 0.0, stop, 0, np.inf, 0)
+            else:
+                onward.x[:], onward.u[:] = model.x, model.u
             if progress:
                 progress(f"what the motion becomes after {stop:g} s")
-            motion = classify_attractor(onward, stop, stop)
+            motion = classify_attractor(onward, stop, stop, exponents=average is None)
         motions.append(motion)
+    motion = _agreed(*motions)
+    perturbations: list[PerturbationGrowth] = []
+    if average and onward is not None and motion.kind is not Kind.DIVERGES:
+        perturbations = perturbation_growth(onward, 0.0, stop)
     return LyapunovRun(
         [s.name for s in model.kernel.states],
         runs[0],
         runs[1],
-        _agreed(*motions),
+        motion,
         tolerance,
         label,
+        AVERAGED if average else ONE_SOLVER,
+        perturbations,
     )
 
 

@@ -13,7 +13,7 @@ from .attractor import Kind
 if TYPE_CHECKING:
     from .study import MapStudy
 
-# Okabe and Ito's colours, the same verdict always the same one
+# Okabe and Ito's colours and grey, the same verdict always the same one
 COLOUR = {
     Kind.FIXED_POINT: "#009E73",
     Kind.LINE: "#56B4E9",
@@ -22,6 +22,7 @@ COLOUR = {
     Kind.TORUS: "#F0E442",
     Kind.CHAOS: "#CC79A7",
     Kind.DIVERGES: "#D55E00",
+    Kind.BOUNDED: "#999999",
     Kind.UNDECIDED: "#000000",
 }
 _BOUNDARY_POINTS = 48

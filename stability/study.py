@@ -107,6 +107,11 @@ class MapStudy:
             f"{self.x.count} x {self.y.count} cells need",
             "map fewer points, or one part after another",
         )
+        if self.exponents and kernel_of(self).quantized:
+            raise BadMap(
+                f"{self.controller} or {self.plant} quantizes a signal, and a staircase has no "
+                "tangents; map it without --exponents, and see lyapunov for single loops"
+            )
         if (self.x.side, self.x.parameter) == (self.y.side, self.y.parameter):
             raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
         ranges = {p.name: (p.minimum, p.maximum) for p in kernel_of(self).parameters}

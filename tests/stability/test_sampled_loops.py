@@ -11,6 +11,7 @@ from ballscrew.solver.component import Component, DiscreteState, Output, Paramet
 from ballscrew.solver.held_states import with_held_states
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
+from ballscrew.stability.finite_perturbations import perturbation_growth
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
 from ballscrew.stability.lyapunov import LyapunovRun, lyapunov
 
@@ -113,3 +114,35 @@ def test_the_sampled_pid_comes_to_rest_as_the_continuous_one_the_more_the_faster
         assert run.exponents[-1] == -np.inf
         errors.append(abs(run.motion.limit[1:3].mean() - exact.motion.limit[1:3].mean()))
     assert errors[1] == pytest.approx(errors[0] / 2, rel=0.3)
+
+
+def test_quantized_loops_have_the_exponents_of_the_average_and_the_verdict_of_the_staircase() -> (
+    None
+):
+    exact = loop_lyapunov("pid_sampled", 2.0, plant="plant_classical", tolerance=1e-9)
+    values = {"counts": 1.0, "p": 20.0}  # a count is 5 cm
+    run = loop_lyapunov("pid_encoder", 2.0, 0.08, "plant_classical", None, values, 1e-9)
+    assert "dithered average" in run.method
+    assert run.exponents == pytest.approx(exact.exponents, rel=1e-6)
+    assert run.motion.kind is Kind.BOUNDED  # it hunts from count to count
+    assert run.motion.amplitude["plant_x"] > 1e-5
+    assert [p.size for p in run.perturbations] == [1e-6, 1e-4, 1e-2]
+    assert exact.motion.kind is Kind.LINE
+    assert not exact.perturbations
+
+
+def test_finite_perturbations_of_a_chaotic_map_grow_by_its_exponent_until_they_fill_it(
+    logistic: Kernel,
+) -> None:
+    model = Model(logistic, {"r": 4.0}, 1e-9)
+    small, _, large = perturbation_growth(model, 0.0, 16 * PERIOD)
+    assert small.rate * PERIOD == pytest.approx(np.log(2.0), rel=0.5)
+    assert abs(large.rate) * PERIOD < 0.3
+
+
+def test_finite_perturbations_of_a_stable_linear_loop_shrink_by_its_slowest_exponent() -> None:
+    x, h = symbol("x"), symbol("h")
+    model = Model(kernel({"x": h - x}, {"h": -symbol("r") * x}), {"r": 0.5}, 1e-11)
+    factor = np.exp(-PERIOD) - 0.5 * (1 - np.exp(-PERIOD))
+    for growth in perturbation_growth(model, 0.0, 40 * PERIOD):
+        assert growth.rate == pytest.approx(np.log(factor) / PERIOD, rel=1e-4)

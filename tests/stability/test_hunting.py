@@ -1,0 +1,142 @@
+"""Hunting of a mass with dry friction under PID, against an event-driven simulation of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.integrate import solve_ivp
+
+from ballscrew.plant.classical import classical, with_sticking
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import (
+    Component,
+    DiscreteState,
+    ForceBalance,
+    ForceTerm,
+    Output,
+    Parameter,
+    State,
+    symbol,
+)
+from ballscrew.solver.held_states import with_held_states
+from ballscrew.solver.kernel import Model
+from ballscrew.stability.attractor import Attractor, Kind, classify_attractor
+
+KP, KI, KD = 20.0, 40.0, 6.0
+FC, VS, SIGMA2, PERIOD = 1.0, 0.05, 0.4, 0.01
+START = 1.0  # m
+
+
+def loop(sampled: bool) -> Component:
+    """A mass of 1 kg at x, its set-point at 0, with its controller inside."""
+    x, v, w = symbol("x"), symbol("v"), symbol("w")
+    law = -KP * x - KD * v - KI * w
+    drive = symbol("u") if sampled else law
+    body = Component(
+        name="body",
+        description="A mass with dry friction under PID.",
+        states=(
+            State("x", "m", "position", v, START, 0.01),
+            State("v", "m/s", "velocity", None, 0.0, 0.01),
+            *(() if sampled else (State("w", "m*s", "integral", x, 0.0, 0.01),)),
+        ),
+        balances=(
+            ForceBalance("v", sp.Integer(1), (ForceTerm("drive", drive, "drive"), classical(v))),
+        ),
+        discrete=(
+            DiscreteState("u", "N", "force", law, nominal=1.0),
+            DiscreteState("w", "m*s", "integral", w + PERIOD * x, nominal=0.01),
+        )
+        if sampled
+        else (),
+        outputs=(Output("y", "m", "position", x),),
+        sample_time=Parameter("T", PERIOD, "s", "period", "test", minimum=1e-6)
+        if sampled
+        else None,
+    )
+    body = with_sticking(body)
+    return with_held_states(body) if sampled else body
+
+
+def becomes(component: Component, static: float, stop: float) -> Attractor:
+    model = Model(generate(component), {"Fc": FC, "Fs": static, "Vs": VS, "sigma2": SIGMA2}, 1e-9)
+    return classify_attractor(model, 0.0, stop, exponents=False)
+
+
+def friction(v: float, direction: float, static: float) -> float:
+    return direction * (FC + (static - FC) * np.exp(-((v / VS) ** 2))) + SIGMA2 * v
+
+
+def simulated(static: float, sampled: bool, stop: float) -> list[tuple[float, float, float]]:
+    """Sticking and sliding in turn: time, position and integral where each sticking begins."""
+    t, x, v, w, u = 0.0, START, 0.0, 0.0, 0.0
+    direction = 0.0
+    seen = []
+    while t < stop:
+        end = stop
+        if sampled:  # from sample to sample
+            k = round(t / PERIOD)
+            if abs(t - k * PERIOD) < 1e-12:
+                u, w = -KP * x - KD * v - KI * w, w + PERIOD * x
+                t = k * PERIOD
+            end = (int(t / PERIOD + 1e-9) + 1) * PERIOD
+        if direction == 0.0:
+            held = u if sampled else -KP * x - KI * w
+            if abs(held) > static:
+                direction = np.sign(held)
+                v = 1e-12 * direction
+            elif sampled:
+                t = end
+                continue
+            else:  # the integral grows until it breaks away
+                wait = (static * -np.sign(x) + KP * x + KI * w) / (-KI * x)
+                if t + wait >= stop:
+                    break
+                t, w = t + wait, w + wait * x
+                direction = -np.sign(x)
+                v = 1e-12 * direction
+
+        def rates(_t: float, q: np.ndarray, direction=direction, u=u) -> list[float]:
+            drive = u if sampled else -KP * q[0] - KD * q[1] - KI * q[2]
+            return [q[1], drive - friction(q[1], direction, static), 0.0 if sampled else q[0]]
+
+        def stops(_t: float, q: np.ndarray, direction=direction) -> float:
+            return q[1] * direction
+
+        stops.terminal, stops.direction = True, -1.0
+        run = solve_ivp(
+            rates, (t, end), [x, v, w], "DOP853", events=stops, max_step=0.1, rtol=1e-11, atol=1e-13
+        )
+        t = float(run.t[-1])
+        x, v, w = run.y[:, -1]
+        if run.status == 1:
+            held = u if sampled else -KP * x - KI * w
+            v, direction = 0.0, 0.0
+            if abs(held) <= static:
+                seen.append((t, x, w))
+    return seen
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_period_and_amplitude_of_hunting_are_those_of_an_event_driven_solver(sampled: bool) -> None:
+    found = becomes(loop(sampled), 2.0, 40.0)
+    assert found.kind is Kind.CYCLE, found.evidence
+    rests = np.array(simulated(2.0, sampled, 120.0))
+    turns = rests[-8:]
+    period = float(np.mean(turns[2:, 0] - turns[:-2, 0]))
+    amplitude = float(np.mean(np.abs(turns[:, 1])))
+    assert found.period is not None
+    turns_of_one = round(found.period / period)  # at sample instants it may close after several
+    assert 1 <= turns_of_one <= (4 if sampled else 1)
+    assert found.period / turns_of_one == pytest.approx(period, rel=1e-4 if sampled else 1e-6)
+    assert found.amplitude["x"] == pytest.approx(amplitude, rel=1e-2 if sampled else 1e-6)
+
+
+def test_without_a_fall_from_static_to_sliding_friction_the_error_shrinks_without_hunting() -> None:
+    """A. Bisoffi et al., IEEE Transactions on Automatic Control 63, 2654 (2018)."""
+    found = becomes(loop(False), FC, 40.0)
+    assert found.kind is not Kind.CYCLE
+    errors = np.abs(np.array(simulated(FC, False, 400.0))[:, 1])
+    assert (np.diff(errors[2:]) <= 1e-12).all()
+    assert errors[-1] < 0.2 * errors[2]
