@@ -6,5 +6,7 @@ CONTROLLERS = {
     "nctf": "ballscrew.controllers.nctf:nctf",
     "pid": "ballscrew.controllers.pid:pid",
     "pid_sampled": "ballscrew.controllers.pid_sampled:pid_sampled",
+    "iol_sampled": "ballscrew.controllers.sampled:iol_sampled",
+    "nctf_sampled": "ballscrew.controllers.sampled:nctf_sampled",
     "pid_encoder": "ballscrew.controllers.pid_encoder:pid_encoder",
 }

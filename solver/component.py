@@ -488,6 +488,10 @@ class Component:
                     f"[{p.minimum}, {p.maximum}]"
                 )
 
+    def used_symbols(self) -> frozenset[sp.Symbol]:
+        """The symbols that stand in any equation."""
+        return frozenset().union(*(symbols_in(sp.sympify(e)) for _, e in self.expressions()))
+
     def expressions(self) -> Iterable[tuple[str, sp.Expr]]:
         """Every equation, and where it stands in words."""
         for state, derivative in zip(self.all_states, self.derivatives, strict=True):

@@ -27,7 +27,7 @@ def connect(plant: Component, controller: Component) -> Component:
     """
     p, c = plant.prefixed(PLANT), controller.prefixed(CONTROLLER)
     measured = {}
-    used = frozenset().union(*(symbols_in(sp.sympify(e)) for _, e in c.expressions()))
+    used = c.used_symbols()
     for signal in (i for i in c.inputs if i.role != "reference" and symbol(i.name) in used):
         value = p.output(signal.name).value
         if {symbol(i.name) for i in p.inputs} & symbols_in(value):

@@ -22,6 +22,7 @@ SETTLED = 1e-7  # nominal magnitudes from an equilibrium that are as good as non
 NEAR = 100.0  # nominal magnitudes within which an equilibrium may be what a motion falls to
 PATIENCE = 20_000  # steps of the solver for coming closer to it
 ROUNDS = 8
+MOST_SAMPLES = 100_000  # of a sampled loop, which cannot stride over what is at rest
 LONGER = 4.0  # each round is so many times as long as the one before
 LONGEST_CYCLE = 8  # returns of one period
 FEW, CROSSINGS = 12, 64
@@ -112,14 +113,15 @@ def classify_attractor(
         if seen.failure:
             return _run_away(seen) if seen.diverged else _broken(seen)
         time = aligned
+    until = time + MOST_SAMPLES * model.sample_time if model.sample_time else np.inf
     for _ in range(rounds):
-        resting = _resting(model, time)
+        resting = _resting(model, time, until, span)
         if resting is not None:
             return resting
         coordinate, level, seen = _plane(model, time, 0.25 * span)
         if seen.failure:
             return _run_away(seen) if seen.diverged else _broken(seen)
-        end = seen.end + 4.0 * span
+        end = min(seen.end + 4.0 * span, until)
         start = seen.end
         for most in (FEW, CROSSINGS):  # a cycle that closes early is not followed on
             passes = follow_returns(model, start, end, coordinate, level, most)
@@ -136,7 +138,9 @@ def classify_attractor(
             if not exponents:
                 return _without_exponents(model, passes)
             return _unclosed(model, passes)
-        span *= LONGER
+        span = min(LONGER * span, (until - time) / 4.25)
+        if time >= until - 10.0 * model.sample_time:
+            break
     amplitude = _ranges(model, passes)
     text = f"no rest and {len(passes.time)} returns that do not close until t = {time:.4g} s"
     creeping = all(a < 0.5 * _nominal(model, n) for n, a in amplitude.items())
@@ -177,11 +181,12 @@ def _without_exponents(model: Model, passes: Returns) -> Attractor:
     return Attractor(kind, text, "" if kind is Kind.BOUNDED else "a longer run", amplitude=after)
 
 
-def _resting(model: Model, time: float) -> Attractor | None:
+def _resting(model: Model, time: float, until: float, span: float) -> Attractor | None:
     """Rest, where the motion comes near an equilibrium and falls towards it as it must.
 
     The distance has to shrink to a fifth, over three time constants of the slowest eigenvalue, or
-    to what round-off leaves, and the equilibrium has to stay where it is meanwhile.
+    to what round-off leaves, and the equilibrium has to stay where it is meanwhile. What is neutral
+    must not drift either: over `span`, by no more than that distance.
     """
     nominal = model.kernel.nominal
     before = equilibrium_near(model, time)
@@ -194,14 +199,16 @@ def _resting(model: Model, time: float) -> Attractor | None:
     if model.sample_time:  # what is gone within a sample takes as many of them as there are states
         wait = max(wait, len(nominal) * model.sample_time)
         wait = _sample_after(model, time + wait) - time
-    if distance > NEAR:
+    if distance > NEAR or time + wait > until:
         return None
     state, held = model.x.copy(), model.u.copy()
     found = equilibrium_near(model, time + wait) if _moved(model, time, wait) else None
     if found is not None and found.slowest <= 0.0:
         left = float(np.max(np.abs(model.x - found.state) / nominal))
         moved = float(np.max(np.abs(found.state - before.state) / nominal))
-        if (left <= 0.2 * distance or left <= SETTLED) and moved <= 2.0 * max(distance, SETTLED):
+        stays = found.drift * span <= max(left, SETTLED)
+        near = left <= 0.2 * distance or left <= SETTLED
+        if near and stays and moved <= 2.0 * max(distance, SETTLED):
             return _rest(model, found, time + wait, wait, distance, left)
     model.x[:], model.u[:] = state, held
     return None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import expm
 
 from ..solver.kernel import Model
 from ..solver.spectrum import follow_tangents
@@ -14,6 +16,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 NEUTRAL = 1e-11  # share of the Jacobian's largest entry below which an eigenvalue is zero
+FALLEN = 40.0  # time constants
 FAST = 1e-6  # share of the map's largest eigenvalue below which one has lost digits
 FOLLOWED = 20  # samples
 _NEWTON = 30
@@ -33,11 +36,15 @@ class Equilibrium:
         for what is gone within a sample.
     neutral : int
         How many of them are zero: the dimension of the set of equilibria that this one is part of.
+    drift : float
+        How fast the model's state moves along what is neutral [nominal magnitudes/s]: an integral
+        that fills while a block sticks is no rest, though no eigenvalue tells.
     """
 
     state: Vector
     eigenvalues: npt.NDArray[np.complex128]
     neutral: int
+    drift: float
 
     @property
     def slowest(self) -> float:
@@ -61,6 +68,7 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
     # Over nominal magnitudes, so that a state's size does not depend on its unit.
     nominal = model.kernel.nominal
     linearize = _sample_map if model.sample_time else _rates
+    first, _ = linearize(model, time, model.x)
     point = model.x.copy()
     for _ in range(_NEWTON):
         change, a = linearize(model, time, point)
@@ -82,7 +90,20 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
         values = _rates_between_samples(model, time, point, np.asarray(values + 1.0, np.complex128))
     values = np.where(neutral, 0.0, values)
     values = values[np.argsort(-values.real)]
-    return Equilibrium(point, values, int(neutral.sum()))
+    found = Equilibrium(point, values, int(neutral.sum()), 0.0)
+    return replace(found, drift=_drift(a, first, found.slowest, model.sample_time))
+
+
+def _drift(a: Matrix, change: Vector, slowest: float, period: float) -> float:
+    """What is left of a change, per second, when all that falls has fallen."""
+    if slowest >= 0.0:
+        return 0.0
+    if period:
+        times = max(len(a), math.ceil(FALLEN / (-slowest * period)))
+        left = np.linalg.matrix_power(a + np.eye(len(a)), times) @ change / period
+    else:
+        left = expm(a * (FALLEN / -slowest)) @ change
+    return float(np.abs(left).max(initial=0.0))
 
 
 def _rates_between_samples(

@@ -22,6 +22,7 @@ from ballscrew.solver.component import (
 from ballscrew.solver.held_states import with_held_states
 from ballscrew.solver.kernel import Model
 from ballscrew.stability.attractor import Attractor, Kind, classify_attractor
+from ballscrew.stability.loop_lyapunov import loop_maker
 
 KP, KI, KD = 20.0, 40.0, 6.0
 FC, VS, SIGMA2, PERIOD = 1.0, 0.05, 0.4, 0.01
@@ -140,3 +141,13 @@ def test_without_a_fall_from_static_to_sliding_friction_the_error_shrinks_withou
     errors = np.abs(np.array(simulated(FC, False, 400.0))[:, 1])
     assert (np.diff(errors[2:]) <= 1e-12).all()
     assert errors[-1] < 0.2 * errors[2]
+
+
+@pytest.mark.parametrize(("static", "integral"), [(40.0, 3000.0), (10.0, 3000.0)])
+def test_a_block_that_sticks_while_its_integral_fills_is_not_at_rest(
+    static: float, integral: float
+) -> None:
+    given = {"Fc": 1.0, "Fs": static, "Vs": 1e-3}, {"Ki": integral}
+    model = loop_maker("plant_classical", "pid", 0.08, *given)(1e-7)
+    found = classify_attractor(model, 0.0, 60.0, exponents=False, rounds=3)
+    assert found.kind is Kind.CYCLE, found.evidence
