@@ -167,7 +167,7 @@ def run(
     plant: Part = "plant",
     reference: float | Reference = 0.08,
     stop: float = 20.0,
-    step: float = 1e-3,
+    step: float | None = None,
     plant_values: Values | None = None,
     controller_values: Values | None = None,
     coupling: Coupling | None = None,
@@ -181,8 +181,10 @@ def run(
         A name, the path of an FMU, or a component.
     reference : float or Reference
         Set-point [m], or set-point over time.
-    stop, step : float
-        Length of the run, and communication step [s].
+    stop : float
+        Length of the run [s].
+    step : float, optional
+        Communication step [s]; left out, it is halved until the run is trusted.
     plant_values, controller_values : mapping of str to float, optional
         Parameters that are not nominal, in SI units.
     coupling : Coupling, optional
@@ -231,7 +233,7 @@ def swap(
     plant: Part = "plant",
     reference: float | Reference = 0.08,
     stop: float = 20.0,
-    step: float = 1e-3,
+    step: float | None = None,
     plant_values: Values | None = None,
 ) -> Comparison:
     """Run several controllers on the same plant, and compare them.
@@ -609,7 +611,7 @@ def _study(
     plant: Part,
     reference: float | Reference,
     stop: float,
-    step: float,
+    step: float | None,
     plant_values: Values | None,
     controller_values: Values | None,
     coupling: Coupling | None,

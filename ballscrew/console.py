@@ -80,6 +80,9 @@ def print_figures(figures: dict[str, Any], folder: Path) -> None:
         print(f"{label:<22}{shown}")
     print(f"{'coupling':<22}{figures['coupling']} ({figures['coupling_reason']})")
     print(f"{'communication steps':<22}{figures['macro_steps']}")
+    if figures["steps_tried"]:
+        step = figures["steps_tried"][-1][0]
+        print(f"{'step':<22}{step:g} s ({figures['step_reason']})")
     print(f"{'verdict':<22}{figures['verdict']}: {figures['verdict_reason']}")
     if figures["stopped"]:
         print(f"{'stopped':<22}{figures['stopped']}")

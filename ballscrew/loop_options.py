@@ -42,7 +42,11 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
         "--reference", type=Path, metavar="CSV", help="file with the columns time [s] and x_d [m]"
     )
     add("--stop", metavar="SECONDS", help="end of the run [s] (default 20, or the .ssp's)")
-    add("--step", default="1e-3", metavar="SECONDS", help="communication step [s] (default 1e-3)")
+    add(
+        "--step",
+        metavar="SECONDS",
+        help="communication step [s] (default: 1e-3, halved until the run is trusted)",
+    )
     add("--coupling", metavar="NAME", help=f"{', '.join(COUPLINGS)} (default: by rule, and said)")
     add("--corrections", metavar="0|1", help="corrections of each step by rollback")
     add("--adaptive", action="store_true", help="let the residual choose steps up to --step")
@@ -138,11 +142,11 @@ def read_stop(options: argparse.Namespace) -> float | None:
 
 def read_coupling_options(options: argparse.Namespace, stop: float | None) -> dict[str, Any]:
     """What runs by name and by file have in common, checked."""
-    step = read_number("--step", options.step)
-    if step <= 0 or (stop is not None and step > stop):
+    step = None if options.step is None else read_number("--step", options.step)
+    if step is not None and (step <= 0 or (stop is not None and step > stop)):
         raise BadRequest(f"--step is {options.step} s, expected more than 0 and at most --stop")
     if stop is not None:
-        check_steps(stop, step)
+        check_steps(stop, step or 1e-3)  # the first that is tried
     options.coupling = SECOND_NAMES.get(options.coupling, options.coupling)
     if options.coupling is not None and options.coupling not in COUPLINGS:
         raise BadRequest(

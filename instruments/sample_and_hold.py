@@ -11,7 +11,9 @@ from ..solver.component import Component, ContractError, DiscreteState, Paramete
 PERIOD = Parameter("sample_time", 1e-3, "s", "sampling period", "a common servo rate", minimum=1e-6)
 
 
-def sampled_and_held(controller: Component, name: str) -> Component:
+def sampled_and_held(
+    controller: Component, name: str, sample_time: Parameter = PERIOD
+) -> Component:
     """The controller between samplers of its measurements and holds of its commands.
 
     At a sample instant the measurements are read, and the commands that follow from them, and from
@@ -24,6 +26,7 @@ def sampled_and_held(controller: Component, name: str) -> Component:
         Continuous, without modes.
     name : str
         Of the sampled one.
+    sample_time : Parameter
 
     Raises
     ------
@@ -67,5 +70,5 @@ def sampled_and_held(controller: Component, name: str) -> Component:
             ),
         ),
         outputs=tuple(replace(o, value=symbol(f"{o.name}_held")) for o in controller.outputs),
-        sample_time=PERIOD,
+        sample_time=sample_time,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from .parameter_file import ParameterFile
 from .parts import label_of, used_parameters
 from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
+from .step_choice import FIRST, choose_step
 from .whole_loop import run_monolithic
 from .wiring import CONTROLLER, SET_POINT, Wiring, names_on, wire
 
@@ -44,8 +45,10 @@ class Study:
     controller, plant : str
         A name of the catalogue or the path of an FMU.
     reference : Reference
-    stop, step : float
+    stop : float
         [s]
+    step : float, optional
+        [s] Default: it chooses itself, see `choose_step`.
     coupling : Coupling, optional
     corrections : int, optional
     adaptive : bool
@@ -65,7 +68,7 @@ class Study:
     plant: str = "plant"
     reference: Reference = field(default_factory=lambda: Reference.constant(0.08))
     stop: float = 20.0
-    step: float = 1e-3
+    step: float | None = None
     coupling: Coupling | None = None
     corrections: int | None = None
     adaptive: bool = False
@@ -97,11 +100,40 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
     StepFailed
         If a part refuses its initial values.
     """
+    notes: tuple[str, ...] = ()
+
+    def run_at(step: float) -> LoopRun:
+        nonlocal notes
+        run, notes = _run_once(replace(study, step=step), progress)
+        return run
+
+    first = min(FIRST, study.stop)
+    if study.step is not None or study.adaptive or study.coupling is Coupling.MONOLITHIC:
+        run = run_at(study.step or first)
+        return ClosedLoopResult(study, run, notes)
+    if own := _own_step(study):
+        return ClosedLoopResult(study, run_at(own), notes)
+    run, choice = choose_step(run_at, first)
+    return ClosedLoopResult(study, run, notes, choice)
+
+
+def _own_step(study: Study) -> float:
+    """The one step that a third-party controller takes [s]; 0 where it takes any."""
+    if study.controller in CONTROLLERS:
+        return 0.0
+    with contextlib.closing(
+        open_fmu(Path(study.controller), "controller", study.isolate, study.time_limit)
+    ) as controller:
+        about = controller.description
+        return 0.0 if about.steps_vary else about.step_size or 0.0
+
+
+def _run_once(study: Study, progress: Progress | None) -> tuple[LoopRun, tuple[str, ...]]:
+    """A run with the study's step, and notes on it."""
+    assert study.step is not None
     if study.coupling is Coupling.MONOLITHIC:
-        run = _monolithic(study, progress)
-        return ClosedLoopResult(
-            study, run, amplifier_notes(run, [LIMIT], study.plant_values or {}, "--limit-voltage ")
-        )
+        run = _monolithic(study, study.step, progress)
+        return run, amplifier_notes(run, [LIMIT], study.plant_values or {}, "--limit-voltage ")
     with contextlib.ExitStack() as opened:
         plant = open_fmu(_file(study.plant, PLANTS), "plant", study.isolate, study.time_limit)
         opened.callback(plant.close)
@@ -113,7 +145,7 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
         wiring = wire(plant, controller, study.mapping)
         notes = _connection_notes(study, controller, wiring)
         if study.controller not in CONTROLLERS:
-            notes += _meet_samples(study, plant, controller, wiring)
+            notes += _meet_samples(study, study.step, plant, controller, wiring)
         run = run_loop(
             plant,
             controller,
@@ -131,7 +163,7 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
         )
         limits = study.plant_values or {}
         notes += amplifier_notes(run, plant.parameters, limits, "--limit-voltage ")
-    return ClosedLoopResult(study, run, notes)
+    return run, notes
 
 
 def _connection_notes(study: Study, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:
@@ -152,12 +184,14 @@ def _connection_notes(study: Study, controller: _Fmu, wiring: Wiring) -> tuple[s
     return tuple(notes)
 
 
-def _meet_samples(study: Study, plant: _Fmu, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:
+def _meet_samples(
+    study: Study, step: float, plant: _Fmu, controller: _Fmu, wiring: Wiring
+) -> tuple[str, ...]:
     """Tell a third-party controller its own sampling period, where it has one; notes of it."""
     sizes = np.array([plant.nominal(name) for name, _ in wiring.signals])
     values = study.controller_values or {}
     try:
-        period = sampling_period(controller, wiring, sizes, values, study.stop, study.step)
+        period = sampling_period(controller, wiring, sizes, values, study.stop, step)
     except UnknownPeriod as error:
         raise CouplingError(str(error)) from error
     notes: tuple[str, ...] = ()
@@ -168,7 +202,7 @@ def _meet_samples(study: Study, plant: _Fmu, controller: _Fmu, wiring: Wiring) -
             "coupled so",
         )
     size = controller.description.step_size
-    if not controller.description.steps_vary and size != study.step:
+    if not controller.description.steps_vary and size != step:
         told = f"of {size:g} s" if size else "all of one length"
         notes += (
             f"{study.label} says that its steps have to be {told}; this run and its checks take "
@@ -206,7 +240,7 @@ def amplifier_notes(
     )
 
 
-def _monolithic(study: Study, progress: Progress | None) -> LoopRun:
+def _monolithic(study: Study, step: float, progress: Progress | None) -> LoopRun:
     for name, known in ((study.plant, PLANTS), (study.controller, CONTROLLERS)):
         if name not in known:
             raise CouplingError(
@@ -222,7 +256,7 @@ def _monolithic(study: Study, progress: Progress | None) -> LoopRun:
         study.controller,
         study.reference,
         study.stop,
-        study.step,
+        step,
         plant_values=study.plant_values,
         controller_values=study.controller_values,
         progress=progress,

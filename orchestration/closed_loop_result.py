@@ -13,6 +13,7 @@ from ..solver.files import write_atomically, write_json
 from .loop_run import LoopRun
 from .metrics import metrics
 from .parameter_file import ParameterFile
+from .step_choice import StepChoice
 
 ROWS = 10_000  # of a table that are text in memory at a time
 FIRST_COLUMNS = ("x", "v", "z", "i", "u")
@@ -36,11 +37,14 @@ class ClosedLoopResult:
     run : LoopRun
     notes : tuple of str
         What the user should know beside the verdict.
+    step_choice : StepChoice, optional
+        Where the communication step chose itself.
     """
 
     study: Labelled
     run: LoopRun
     notes: tuple[str, ...] = ()
+    step_choice: StepChoice | None = None
 
     @property
     def trusted(self) -> bool:
@@ -59,6 +63,8 @@ class ClosedLoopResult:
             "contraction": verdict.contraction,
             "macro_steps": run.macro_steps,
             "step_range": list(run.step_range),
+            "step_reason": self.step_choice.reason if self.step_choice else "as asked",
+            "steps_tried": [list(t) for t in self.step_choice.tried] if self.step_choice else [],
             "coupling": run.coupling.value,
             "coupling_reason": run.coupling_reason,
             "corrected": run.corrected,

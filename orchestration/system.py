@@ -23,9 +23,11 @@ from .coupling import Coupling
 from .fmu_instance import FmuInstance, Instance
 from .group import Feed, Group
 from .isolated import TIME_LIMIT, IsolatedInstance, open_fmu
+from .loop_run import LoopRun
 from .master import Progress, run_loop
 from .parts import readable
 from .reference_signal import Reference
+from .step_choice import FIRST, choose_step
 from .wiring import Wiring
 
 STOP = 20.0
@@ -46,8 +48,8 @@ class SystemStudy:
         For the system's set-point. Default: its start value, held.
     stop : float, optional
         [s] Default: the file's own, else 20 s.
-    step : float
-        Communication step [s].
+    step : float, optional
+        Communication step [s]. Default: it chooses itself, see `choose_step`.
     coupling, corrections, adaptive
         As in `run_loop`. With ``jacobi`` and ``gauss-seidel`` wired feedback-law ports are signals
         like any others, as other masters have them.
@@ -60,7 +62,7 @@ class SystemStudy:
     system: Path | str
     reference: Reference | None = None
     stop: float | None = None
-    step: float = 1e-3
+    step: float | None = None
     coupling: Coupling | None = None
     corrections: int | None = None
     adaptive: bool = False
@@ -96,7 +98,7 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
         if system.start != 0.0:
             raise BadSystem(f"{system.path}: starts at t = {system.start:g} s, expected 0")
         stop = study.stop or system.stop or STOP
-        if study.step > stop:
+        if study.step is not None and study.step > stop:
             raise BadParameter(
                 f"the step is {study.step:g} s, expected at most the {stop:g} s to run"
             )
@@ -109,29 +111,37 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
         values = _values(system, study, fmus)
         loop = _loop(system, fmus, study)
         reference = study.reference or Reference.constant(loop.set_point(system, values, fmus))
-        run = run_loop(
-            loop.plant,
-            loop.controller,
-            reference,
-            stop,
-            study.step,
-            coupling=study.coupling,
-            corrections=study.corrections,
-            adaptive=study.adaptive,
-            plant_values=_of_side(loop.plant, [loop.plant_name], values),
-            controller_values=_of_side(
-                loop.controller, [n for n in fmus if n != loop.plant_name], values
-            ),
-            mapping=loop.names,
-            wiring=loop.wiring,
-            progress=progress,
-        )
+
+        def run_at(step: float) -> LoopRun:
+            return run_loop(
+                loop.plant,
+                loop.controller,
+                reference,
+                stop,
+                step,
+                coupling=study.coupling,
+                corrections=study.corrections,
+                adaptive=study.adaptive,
+                plant_values=_of_side(loop.plant, [loop.plant_name], values),
+                controller_values=_of_side(
+                    loop.controller, [n for n in fmus if n != loop.plant_name], values
+                ),
+                mapping=loop.names,
+                wiring=loop.wiring,
+                progress=progress,
+            )
+
+        first, choice = min(FIRST, stop), None
+        if study.step is not None or study.adaptive:
+            run = run_at(study.step or first)
+        else:
+            run, choice = choose_step(run_at, first)
         limit = f"--set {loop.plant_name}.{LIMIT}="
         amplifier = amplifier_notes(
             run, fmus[loop.plant_name].parameters, values[loop.plant_name], limit
         )
     notes = [f"{name} names nothing in the system and was ignored" for name in system.ignored]
-    return ClosedLoopResult(study, run, (*notes, *amplifier))
+    return ClosedLoopResult(study, run, (*notes, *amplifier), choice)
 
 
 def _values(system: SystemStructure, study: SystemStudy, fmus: Fmus) -> dict[str, dict[str, float]]:

@@ -1,0 +1,110 @@
+"""Communication steps that choose themselves."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from ballscrew.cli import main
+from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.loop_run import LoopRun
+from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.step_choice import choose_step
+from ballscrew.orchestration.verdict import Verdict
+from ballscrew.orchestration.whole_loop import run_monolithic
+
+WRONG_ESTIMATES = {"sigma0_hat": 66967.8, "sigma1_hat": 352.0}
+
+
+def made_up(step: float, values: np.ndarray, trusted: bool, stopped: str = "") -> LoopRun:
+    time = np.linspace(0.0, 1.0, len(values))
+    return LoopRun(
+        time=time,
+        outputs={"x": values},
+        commands={},
+        reference=np.zeros(len(values)),
+        coupling=Coupling.JACOBI,
+        coupling_reason="",
+        corrected=False,
+        residual_max={},
+        effect_rate_max={},
+        macro_steps=len(values) - 1,
+        step_range=(step, step),
+        verdict=Verdict(trusted, "its own", "use a smaller --step"),
+        stopped=stopped,
+    )
+
+
+def with_error(error):
+    """Runs of x = t whose error is a function of the step, and no verdict of their own."""
+
+    def run_at(step: float) -> LoopRun:
+        time = np.linspace(0.0, 1.0, 11)
+        return made_up(step, time + error(step) * time, False)
+
+    return run_at
+
+
+def test_a_run_that_is_trusted_at_once_is_taken() -> None:
+    run, choice = choose_step(lambda h: made_up(h, np.arange(3.0), True))
+    assert run.verdict.trusted
+    assert choice.step == 1e-3
+    assert choice.tried == ((1e-3, "trusted"),)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_halvings_that_converge_are_trusted_and_bound_the_error(order: int) -> None:
+    def error(step: float) -> float:
+        return 0.2 * (step / 1e-3) ** order
+
+    run, choice = choose_step(with_error(error))
+    assert run.verdict.trusted
+    assert "halving the step" in run.verdict.reason
+    assert error(choice.step) <= run.verdict.error_estimate["x"] * (1 + 1e-9)
+    assert run.verdict.error_estimate["x"] <= 0.01 * 1.2
+
+
+def test_differences_that_are_small_but_do_not_shrink_are_not_trusted() -> None:
+    jumps = iter([0.0, 0.3, -0.3] + [0.008, -0.008] * 10)
+    run, choice = choose_step(with_error(lambda _h: next(jumps)))
+    assert [word for _, word in choice.tried[:5]] == ["not converged"] * 5
+    assert run.verdict.advice
+
+
+def test_runs_that_end_at_the_same_time_are_not_refined_on() -> None:
+    run, choice = choose_step(
+        lambda h: made_up(h, np.arange(3.0), False, "the loop diverges: x leaves every bound")
+    )
+    assert not run.verdict.trusted
+    assert len(choice.tried) == 2
+    assert "same time" in choice.reason
+
+
+def test_a_loop_that_was_left_to_the_user_is_refined_until_it_is_right() -> None:
+    study = Study("iol", stop=3.0, controller_values=WRONG_ESTIMATES)
+    result = run_study(study)
+    assert result.trusted
+    assert result.step_choice is not None
+    assert result.step_choice.tried[0] == (1e-3, "not converged")
+    exact = run_monolithic(
+        "plant", "iol", Reference.constant(0.08), 3.0, 1e-3, controller_values=WRONG_ESTIMATES
+    )
+    for name, values in exact.outputs.items():
+        there = np.interp(exact.time, result.run.time, result.run.outputs[name])
+        assert np.abs(there - values).max() <= 0.01 * np.ptp(values), name
+
+
+def test_the_command_says_which_step_was_taken_and_why(tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    given = ["--set", "controller.sigma0_hat=66967.8", "--set", "controller.sigma1_hat=352"]
+    arguments = ["run", "--controller", "iol", *given, "--stop", "1.5", "--out", str(out)]
+    assert main(arguments) == 0
+    assert "the first whose run is trusted" in capsys.readouterr().out
+    figures = json.loads((out / "metrics.json").read_text())
+    assert figures["steps_tried"][0] == [1e-3, "not converged"]
+    assert figures["steps_tried"][-1][1] == "trusted"
+    assert main([*arguments, "--step", "1e-3"]) == 1
+    assert json.loads((out / "metrics.json").read_text())["step_reason"] == "as asked"
