@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from ..solver.files import write_atomically
 from .causes import CAUSES
@@ -15,7 +14,7 @@ from .diagnosis import Diagnosis, names_of
 from .diagnosis_pictures import pictures_of, pictures_of_loop
 from .experiment_motions import COMMAND_FILE
 from .found_cause import UNITS
-from .page_pictures import drawn
+from .page_pictures import plotly_figure
 from .report_words import (
     DOES_NOT_HOLD,
     as_share,
@@ -63,9 +62,12 @@ def save_report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection, folder: Pa
 
 def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
     """The page as text."""
+    from plotly.offline import get_plotlyjs
+
     from .. import __version__
 
     effect, kind = closed_loop.effect, diagnosis.prior.kind
+    pictures, loop_pictures = pictures_of(diagnosis), pictures_of_loop(effect) if effect else []
     return (
         _environment()
         .get_template(_TEMPLATE)
@@ -82,8 +84,13 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
                 ("noise alone (floor)", diagnosis.floor),
             ),
             mistaken_for={c.name: CAUSES[c.name].mistaken_for for c in diagnosis.causes},
-            pictures=pictures_of(diagnosis),
-            loop_pictures=pictures_of_loop(effect) if effect else (),
+            pictures=pictures,
+            loop_pictures=loop_pictures,
+            figures=[
+                {"name": p.name, "title": p.title, **plotly_figure(p)}
+                for p in (*pictures, *loop_pictures)
+            ],
+            plotly=get_plotlyjs(),
             noise=_NOISE,
             kind=_KINDS.get(kind, kind),
             controller=CONTROLLER,
@@ -106,7 +113,6 @@ def _environment() -> Environment:
     made.filters |= {
         "as_share": as_share,
         "change": lambda change: f"{100 * change:+.2g} %" if abs(change) > _NOT_SHOWN else "0",
-        "drawn": lambda picture: Markup(drawn(picture)),
         "interval": lambda ends: interval(*ends),
         "metres": length,
         "micro": micro,
