@@ -26,6 +26,7 @@ _BINS = 60
 _LEAST_IN_BIN = 20
 _SHOWN = 0.995  # of the samples of a curve within a picture's height, at first
 _MEANS_SHOWN = 0.95
+_TIME = "time [s]"
 
 
 def smoothed(values: Vector, record: npt.NDArray[np.int64], step: float) -> Vector:
@@ -71,109 +72,127 @@ def end_to_end(curves: Curves) -> Vector:
 
 def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
     """What the page shows of the records."""
-    c = diagnosis.curves
-    time = end_to_end(c)
-    step = float(np.median(np.diff(c.time)))
-    floor = diagnosis.floor
+    time = end_to_end(diagnosis.curves)
     corrected = "with all that was found" if diagnosis.unnamed else CORRECTED
+    return [
+        _force(diagnosis.curves, time, corrected),
+        _residual_over_time(diagnosis, time, corrected),
+        _residual_over_position(diagnosis.curves, corrected),
+        _residual_over_velocity(diagnosis.curves, corrected),
+        _position_residual(diagnosis, time, corrected),
+        _force_of_causes(diagnosis.curves, time),
+    ]
+
+
+def _force(c: Curves, time: Vector, corrected: str) -> Picture:
+    label = f"{corrected} model" if corrected == CORRECTED else corrected
+    return Picture(
+        "force",
+        "Force: measured and predicted",
+        "Friction and all else that opposes the motion, as the record asks for it and as each "
+        "model has it.",
+        _TIME,
+        "force [N]",
+        (
+            Line("measured", "measured", time, c.force),
+            Line("prior model", "before", time, c.predicted),
+            Line(label, "after", time, c.force - c.after),
+        ),
+    )
+
+
+def _residual_over_time(diagnosis: Diagnosis, time: Vector, corrected: str) -> Picture:
+    c = diagnosis.curves
+    step = float(np.median(np.diff(c.time)))
     before, after = (smoothed(v, c.record, step) for v in (c.before, c.after))
+    return Picture(
+        "residual_time",
+        "Force residual over time",
+        f"Means over {SMOOTH:g} s; pale: every sample. "
+        f"Noise alone is {diagnosis.floor.force:.3g} N rms.",
+        _TIME,
+        "residual [N]",
+        (
+            Line(f"every sample, {corrected}", "after faint", time, c.after),
+            Line("prior model", "before", time, before),
+            Line(corrected, "after", time, after),
+        ),
+        _height(np.concatenate([before, after]), _SHOWN),
+    )
+
+
+def _residual_over_position(c: Curves, corrected: str) -> Picture:
     ways = {"forwards": c.telling & (c.v > 0), "backwards": c.telling & (c.v < 0)}
-    along = [
+    lines = tuple(
         Line(f"{label}, {way}", style, 1e3 * x, y)
-        for label, colour, values in (
-            ("prior model", "before", c.before),
-            (corrected, "after", c.after),
-        )
+        for label, colour, values in _residuals(c, corrected)
         for way, style in (("forwards", colour), ("backwards", f"{colour} dashed"))
         for x, y in (binned(c.x, values, ways[way]),)
-    ]
-    speed = [
-        Line(label, f"{style} dots", 1e3 * x, y)
-        for label, style, values in (
-            ("prior model", "before", c.before),
-            (corrected, "after", c.after),
-        )
-        for x, y in (binned(c.v, values, c.telling, alike=True),)
-    ]
-    x_time = "time [s]"
+    )
+    return Picture(
+        "residual_position",
+        "Force residual over position, by direction",
+        "Means over parts of the travel. Friction changes sign with the direction, a load does "
+        "not.",
+        "position [mm]",
+        "mean residual [N]",
+        lines,
+        _height(np.concatenate([line.y for line in lines]), _MEANS_SHOWN),
+    )
+
+
+def _residual_over_velocity(c: Curves, corrected: str) -> Picture:
+    return Picture(
+        "residual_velocity",
+        "Force residual over velocity",
+        "Means over neighbouring speeds, as many samples each.",
+        "velocity [mm/s]",
+        "mean residual [N]",
+        tuple(
+            Line(label, f"{colour} dots", 1e3 * x, y)
+            for label, colour, values in _residuals(c, corrected)
+            for x, y in (binned(c.v, values, c.telling, alike=True),)
+        ),
+    )
+
+
+def _residuals(c: Curves, corrected: str) -> tuple[tuple[str, str, Vector], ...]:
+    """Label, colour and force residual under each model."""
+    return ("prior model", "before", c.before), (corrected, "after", c.after)
+
+
+def _position_residual(diagnosis: Diagnosis, time: Vector, corrected: str) -> Picture:
+    c = diagnosis.curves
     largest = float(np.abs(c.position_before).max())
     factor, unit = (1e3, "mm") if largest >= 1e-3 else (1e6, "µm")
-    named = []
+    return Picture(
+        "position_residual",
+        "Position residual over time",
+        "By how much a position predicted from the start of each second is wrong.",
+        _TIME,
+        f"residual [{unit}]",
+        (
+            Line("prior model", "before", time, factor * c.position_before),
+            Line(corrected, "after", time, factor * c.position_after),
+            level("noise alone, rms", time, factor * diagnosis.floor.position),
+        ),
+    )
+
+
+def _force_of_causes(c: Curves, time: Vector) -> Picture:
+    lines = []
     if np.any(c.cause) or not np.any(c.shape):
-        named.append(Line("named causes", "cause", time, c.cause))
+        lines.append(Line("named causes", "cause", time, c.cause))
     if np.any(c.shape):
-        named.append(Line("without a name", "shape", time, c.shape))
-    return [
-        Picture(
-            "force",
-            "Force: measured and predicted",
-            "Friction and all else that opposes the motion, as the record asks for it and as each "
-            "model has it.",
-            x_time,
-            "force [N]",
-            (
-                Line("measured", "measured", time, c.force),
-                Line("prior model", "before", time, c.predicted),
-                Line(
-                    f"{corrected} model" if corrected == CORRECTED else corrected,
-                    "after",
-                    time,
-                    c.force - c.after,
-                ),
-            ),
-        ),
-        Picture(
-            "residual_time",
-            "Force residual over time",
-            f"Means over {SMOOTH:g} s; pale: every sample. Noise alone is {floor.force:.3g} N rms.",
-            x_time,
-            "residual [N]",
-            (
-                Line(f"every sample, {corrected}", "after faint", time, c.after),
-                Line("prior model", "before", time, before),
-                Line(corrected, "after", time, after),
-            ),
-            _height(np.concatenate([before, after]), _SHOWN),
-        ),
-        Picture(
-            "residual_position",
-            "Force residual over position, by direction",
-            "Means over parts of the travel. Friction changes sign with the direction, a load does "
-            "not.",
-            "position [mm]",
-            "mean residual [N]",
-            tuple(along),
-            _height(np.concatenate([line.y for line in along]), _MEANS_SHOWN),
-        ),
-        Picture(
-            "residual_velocity",
-            "Force residual over velocity",
-            "Means over neighbouring speeds, as many samples each.",
-            "velocity [mm/s]",
-            "mean residual [N]",
-            tuple(speed),
-        ),
-        Picture(
-            "position_residual",
-            "Position residual over time",
-            "By how much a position predicted from the start of each second is wrong.",
-            x_time,
-            f"residual [{unit}]",
-            (
-                Line("prior model", "before", time, factor * c.position_before),
-                Line(corrected, "after", time, factor * c.position_after),
-                level("noise alone, rms", time, factor * floor.position),
-            ),
-        ),
-        Picture(
-            "causes",
-            "Force of the causes",
-            "What the named causes add to the model, and what is left without a name.",
-            x_time,
-            "force [N]",
-            tuple(named),
-        ),
-    ]
+        lines.append(Line("without a name", "shape", time, c.shape))
+    return Picture(
+        "causes",
+        "Force of the causes",
+        "What the named causes add to the model, and what is left without a name.",
+        _TIME,
+        "force [N]",
+        tuple(lines),
+    )
 
 
 def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
@@ -184,7 +203,7 @@ def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
             "loop",
             "Closed loop: position error",
             "Distance to the set-point, for the prior plant and with the causes.",
-            "time [s]",
+            _TIME,
             "error [mm]",
             (
                 Line("prior plant", "before", time, milli * (effect.prior.x - SETPOINT)),
@@ -197,7 +216,7 @@ def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
             "loop_difference",
             "Closed loop: what the causes change",
             "Position of the extended plant less that of the prior one.",
-            "time [s]",
+            _TIME,
             "difference [µm]",
             (Line("difference", "cause", time, 1e6 * (effect.extended.x - effect.prior.x)),),
         ),

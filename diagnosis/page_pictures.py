@@ -1,23 +1,24 @@
-"""Pictures of the report's page as SVG within HTML, which a browser can zoom."""
+"""Pictures of the report's page as plotly's figures.
+
+plotly, as its zoom and buttons work with mouse, finger and keys; a file is 5 MB with its script.
+"""
 
 from __future__ import annotations
 
+import base64
 import itertools
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 Vector = npt.NDArray[np.float64]
+Figure = dict[str, Any]
 
 MOST = 4000  # points of a curve
-UNITS = 1000.0  # width and height of a drawing
-_WIDTH, _HEIGHT = 900, 330
-_LEFT, _TOP, _RIGHT, _BOTTOM = 78, 10, 14, 52
-_TICKS = {"x": 9, "y": 6}
+_LOOKS = {"measured": (5.0, 0.5), "faint": (1.0, 0.4), "dots": (5.0, 0.8)}
+_PLAIN = (1.6, 1.0)  # width [px] and opacity
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Line:
     Attributes
     ----------
     style : str
-        Classes of the page's style sheet: a colour, perhaps ``faint`` or ``dashed``.
+        A colour of the page's style sheet, perhaps with ``faint``, ``dashed`` or ``dots``.
     x, y : ndarray, shape (n,)
         NaN where the curve is interrupted.
     """
@@ -75,98 +76,50 @@ def level(label: str, time: Vector, height: float) -> Line:
     return Line(label, "level dashed", x, height * np.array([1.0, 1.0, np.nan, -1.0, -1.0]))
 
 
-def drawn(picture: Picture) -> str:
-    """A picture as SVG within HTML, with its title and its legend."""
-    dots = any("dots" in line.style for line in picture.lines)
-    x0, x1 = _range([line.x for line in picture.lines], 0.02 if dots else 0.0)
-    y0, y1 = _range([*(line.y for line in picture.lines), np.zeros(1)], 0.05)
-    low, high = y0, y1
+def plotly_figure(picture: Picture) -> Figure:
+    """A picture as plotly's JSON; the page has the colours, as they follow light and dark."""
+    y_axis: Figure = {"title": {"text": picture.y_label}, "automargin": True}
     if picture.height is not None:
-        low, high = max(y0, -picture.height), min(y1, picture.height)
-    view = [0.0, UNITS * (y1 - high) / (y1 - y0), UNITS, UNITS * (high - low) / (y1 - y0)]
-    paths = "\n".join(
-        f'<path class="{line.style}" d="{_path(line, x0, x1, y0, y1)}"/>' for line in picture.lines
-    )
-    legend = "".join(
-        f'<span><svg class="key" viewBox="0 0 26 8"><path class="{line.style}" d="{_key(line)}"/>'
-        f"</svg>{escape(line.label)}</span>"
-        for line in picture.lines
-    )
-    title = escape(picture.title)
-    inside = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
-    box = " ".join(f"{v:.6g}" for v in view)
-    return f"""<figure id="{picture.name}">
-<h3>{title}</h3>
-<figcaption>{escape(picture.says)}</figcaption>
-<div class="legend">{legend}</div>
-<svg class="picture" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{title}">
-<g class="ticks">{_ticks(x0, x1, low, high, inside)}</g>
-<svg class="plot" x="{_LEFT}" y="{_TOP}" width="{inside[0]}" height="{inside[1]}" viewBox="{box}"
- preserveAspectRatio="none" data-range="{x0!r} {x1!r} {y0!r} {y1!r}">
-<rect class="paper" width="{UNITS:g}" height="{UNITS:g}"/>
-{paths}
-</svg>
-<text class="label" x="{_LEFT + inside[0] / 2:g}" y="{_HEIGHT - 8}">{escape(picture.x_label)}</text>
-<text class="label" transform="translate(16 {_TOP + inside[1] / 2:g}) rotate(-90)"
->{escape(picture.y_label)}</text>
-</svg>
-</figure>"""
+        y_axis["range"] = _range(picture)
+    return {
+        "data": [_trace(line) for line in picture.lines],
+        "layout": {
+            "xaxis": {"title": {"text": picture.x_label}, "automargin": True},
+            "yaxis": y_axis,
+            "showlegend": True,
+            "legend": {"orientation": "h", "yref": "container", "y": 0.0, "yanchor": "bottom"},
+            "margin": {"l": 0, "r": 8, "t": 36, "b": 0},
+        },
+    }
 
 
-def _key(line: Line) -> str:
-    return "M13 4h0" if "dots" in line.style else "M1 4H25"
+def _range(picture: Picture) -> list[float]:
+    """The range of y shown at first."""
+    assert picture.height is not None
+    together = np.concatenate([np.zeros(1), *(line.y for line in picture.lines)])
+    low, high = float(np.nanmin(together)), float(np.nanmax(together))
+    more = 0.05 * (high - low)
+    return [max(low - more, -picture.height), min(high + more, picture.height)]
 
 
-def _range(values: Sequence[Vector], margin: float) -> tuple[float, float]:
-    together = np.concatenate(values)
-    together = together[np.isfinite(together)]
-    if not len(together):
-        return 0.0, 1.0
-    low, high = float(together.min()), float(together.max())
-    if high - low < 1e-9 * max(abs(low), abs(high)) or high == low:
-        low, high = low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0)
-    more = margin * (high - low)
-    return low - more, high + more
-
-
-def _path(line: Line, x0: float, x1: float, y0: float, y1: float) -> str:
+def _trace(line: Line) -> Figure:
+    style = line.style.split()
+    size, opacity = next((_LOOKS[k] for k in style if k in _LOOKS), _PLAIN)
     x, y = thinned(line.x, line.y)
-    across, down = UNITS * (x - x0) / (x1 - x0), UNITS * (y1 - y) / (y1 - y0)
-    points = zip(across.tolist(), down.tolist(), strict=True)
-    if "dots" in line.style:
-        return "".join(f"M{a:.2f} {b:.2f}h0" for a, b in points if math.isfinite(a + b))
-    steps, pen = [], "M"
-    for a, b in points:
-        if math.isfinite(a + b):
-            steps.append(f"{pen}{a:.2f} {b:.2f}")
-            pen = "L"
-        else:
-            pen = "M"
-    return "".join(steps)
+    trace = {
+        "type": "scatter",
+        "name": line.label,
+        "meta": style[0],
+        "opacity": opacity,
+        "x": _numbers(x),
+        "y": _numbers(y),
+    }
+    if "dots" in style:
+        return trace | {"mode": "markers", "marker": {"size": size}}
+    dash = "dash" if "dashed" in style else "solid"
+    return trace | {"mode": "lines", "line": {"width": size, "dash": dash}}
 
 
-def _ticks(x0: float, x1: float, y0: float, y1: float, inside: tuple[int, int]) -> str:
-    """Grid and numbers as the page's script draws them after a zoom, for a page without scripts."""
-    parts = []
-    for value, text in _round_numbers(x0, x1, _TICKS["x"]):
-        at = _LEFT + inside[0] * (value - x0) / (x1 - x0)
-        parts.append(
-            f'<path d="M{at:.1f} {_TOP}V{_TOP + inside[1]}"/>'
-            f'<text class="x" x="{at:.1f}" y="{_TOP + inside[1] + 17}">{text}</text>'
-        )
-    for value, text in _round_numbers(y0, y1, _TICKS["y"]):
-        at = _TOP + inside[1] * (y1 - value) / (y1 - y0)
-        parts.append(
-            f'<path d="M{_LEFT} {at:.1f}H{_LEFT + inside[0]}"/>'
-            f'<text class="y" x="{_LEFT - 7}" y="{at + 4:.1f}">{text}</text>'
-        )
-    return "".join(parts)
-
-
-def _round_numbers(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    raw = (high - low) / most
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(f * power for f in (1, 2, 5, 10) if f * power >= raw * (1 - 1e-9))
-    digits = max(0, -math.floor(math.log10(step) + 1e-9))
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [(k * step, f"{k * step:.{digits}f}") for k in range(first, last + 1)]
+def _numbers(values: Vector) -> dict[str, str]:
+    """As plotly reads them, in a third of the characters of decimals; gaps stay NaN."""
+    return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode()}

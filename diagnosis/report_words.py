@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from html import escape
 
 from .diagnosis import EXPLAINED, NONE, PARTLY, Diagnosis, Level, holds, names_of
 
@@ -68,10 +67,6 @@ def length(metres: float) -> str:
 def interval(low: float, high: float) -> str:
     """An interval, for tables."""
     return f"{low:.4g} to {high:.4g}"
-
-
-def as_text(value: str) -> str:
-    return escape(value)
 
 
 def micro(text: str) -> str:

@@ -2,61 +2,60 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from html import escape
+from typing import TYPE_CHECKING
 
 from ..solver.kernel import Kernel
-from .interface import Interface
+from .interface import Interface, Variable
 
-_STYLE = """
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+# Here and not in a file of its own: stored FMUs are known by a hash of the modules' text.
+_PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{{ kernel.name }}</title><style>
 body { font-family: sans-serif; max-width: 60rem; margin: 2rem auto; color: #222 }
 table { border-collapse: collapse; margin: 1rem 0 }
 td, th { border: 1px solid #bbb; padding: .25rem .6rem; text-align: left; vertical-align: top }
 mtd { text-align: left }
 p.equation { margin: .6rem 0 .6rem 2rem; text-indent: -2rem; font-size: 1.1rem }
+</style></head><body>
+<h1>{{ kernel.name }}</h1>
+<p>{{ kernel.description }}.</p>
+<h2>Equations</h2>
+{# Each term of a sum is an element of its own, between which a line may end. #}
+{% for row in kernel.equations %}
+<p class="equation"><math>{{ row[0] | safe }}</math> <math><mo>=</mo>{{ row[1] | safe }}</math>
+{%- for term in row[2:] %} <math>{{ term | safe }}</math>{% endfor %}</p>
+{% endfor %}
+{% for causality in ("input", "output", "parameter") %}
+<h2>{{ causality | capitalize }}s</h2>
+<table><tr><th>name</th><th>unit</th><th>default</th><th>range</th><th>meaning</th></tr>
+{% for v in variables if v.causality == causality %}
+<tr><td>{{ v.name }}</td><td>{{ v.unit }}</td><td>{{ "" if v.start is none else v.start }}</td>
+<td>{{ v | limits }}</td><td>{{ v.description }}</td></tr>
+{% endfor %}
+</table>
+{% endfor %}
+</body></html>
 """
 
 
 def html_page(kernel: Kernel, interface: Interface) -> str:
-    """The page as text; equations are MathML, which browsers show without a script.
-
-    Each term of a sum is an element of its own, between which a line may end.
-    """
-    equations = "\n".join(
-        f'<p class="equation"><math>{left}</math> <math><mo>=</mo>{first}</math>'
-        + "".join(f" <math>{term}</math>" for term in more)
-        + "</p>"
-        for left, first, *more in kernel.equations
-    )
-    rows = {
-        causality: "\n".join(
-            _row(v.name, v.unit, v.start, v.minimum, v.maximum, v.description)
-            for v in interface.variables
-            if v.causality == causality
-        )
-        for causality in ("input", "output", "parameter")
-    }
-    head = "<tr><th>name</th><th>unit</th><th>default</th><th>range</th><th>meaning</th></tr>"
-    tables = "\n".join(
-        f"<h2>{title}</h2>\n<table>{head}\n{rows[causality]}\n</table>"
-        for title, causality in (
-            ("Inputs", "input"),
-            ("Outputs", "output"),
-            ("Parameters", "parameter"),
-        )
-    )
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>{escape(kernel.name)}</title><style>{_STYLE}</style></head><body>\n"
-        f"<h1>{escape(kernel.name)}</h1>\n<p>{escape(kernel.description)}.</p>\n"
-        f"<h2>Equations</h2>\n{equations}\n{tables}\n</body></html>\n"
-    )
+    """The page as text; equations are MathML, which browsers show without a script."""
+    return _template().render(kernel=kernel, variables=interface.variables)
 
 
-def _row(
-    name: str, unit: str, start: float | None, low: float, high: float, description: str
-) -> str:
-    limits = "" if math.isinf(low) and math.isinf(high) else f"{low:g} to {high:g}"
-    default = "" if start is None else repr(start)
-    cells = (name, unit, default, limits, description)
-    return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
+@functools.cache
+def _template() -> Template:
+    from jinja2 import Environment, StrictUndefined  # 50 ms that only exports take
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    environment.filters["limits"] = _limits
+    return environment.from_string(_PAGE)
+
+
+def _limits(v: Variable) -> str:
+    unbounded = math.isinf(v.minimum) and math.isinf(v.maximum)
+    return "" if unbounded else f"{v.minimum:g} to {v.maximum:g}"

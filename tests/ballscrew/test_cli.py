@@ -317,7 +317,9 @@ def test_the_wheel_holds_every_module(tmp_path):
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         held = {n for n in archive.namelist() if n.startswith("ballscrew/")}
-    expected = {"ballscrew/py.typed", "ballscrew/diagnosis/faultless_evidence.csv"}
+    expected = {"ballscrew/py.typed"}
+    for name in ("faultless_evidence.csv", "report.html.jinja"):
+        expected.add(f"ballscrew/diagnosis/{name}")
     parts = {p.parent.name for p in root.glob("*/__init__.py")} - {"ballscrew", "tests", "proofs"}
     for part in parts:
         expected |= {f"ballscrew/{p.relative_to(root)}" for p in (root / part).rglob("*.py")}

@@ -123,7 +123,7 @@ def test_structure_that_no_cause_has_gives_exit_code_one(tmp_path):
     x = np.loadtxt(record, delimiter=",", skiprows=1, usecols=2)
     assert asked[-1, 0] == pytest.approx(told["duration_s"])
     assert x.min() <= asked[:, 1].min() < asked[:, 1].max() <= x.max()
-    assert 'class="shape"' in (out / "report.html").read_text()
+    assert '"meta": "shape"' in (out / "report.html").read_text()
 
 
 def bad(*arguments):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import time
 from dataclasses import replace
 
 import numpy as np
+import plotly.graph_objects as go
 import pytest
 from browser import PROGRAM, opened
 
@@ -23,7 +25,7 @@ from ballscrew.diagnosis.experiment_motions import Motion
 from ballscrew.diagnosis.faultless import RecordKind
 from ballscrew.diagnosis.load_cell import ValidationSignal
 from ballscrew.diagnosis.next_experiment import TRIALS_FOR
-from ballscrew.diagnosis.page_pictures import MOST, drawn, thinned
+from ballscrew.diagnosis.page_pictures import MOST, plotly_figure, thinned
 from ballscrew.diagnosis.report_words import rig_command
 
 pytestmark = pytest.mark.xdist_group("diagnosis")
@@ -47,28 +49,35 @@ PICTURES = [
 @pytest.fixture(scope="module")
 def page(diagnosed):
     with opened(diagnosed.folder / "report.html") as made:
+        wait_until(lambda: drawn(made))
         yield made
 
 
+def drawn(page):
+    """How many pictures the page's script has drawn, once they all are there."""
+    return page.evaluate("document.documentElement.dataset.pictures")
+
+
 def box(page, name):
-    """Middle and size of a picture's drawing, brought into the window."""
+    """Middle and size of a plot's area within its axes, brought into the window."""
     page.evaluate(f"document.getElementById('{name}').scrollIntoView({{block: 'center'}})")
     return page.evaluate(
-        f"(() => {{const r = document.querySelector('#{name} .plot').getBoundingClientRect();"
+        f"(() => {{const r = document.querySelector('#{name} .nsewdrag').getBoundingClientRect();"
         "return [r.x + r.width / 2, r.y + r.height / 2, r.width, r.height];})()"
     )
 
 
-def view(page, name):
-    text = page.evaluate(f"document.querySelector('#{name} .plot').getAttribute('viewBox')")
-    return [float(number) for number in text.split()]
+def ranges(page, name):
+    """Ends of the axes shown, of x and y."""
+    plot = f"document.querySelector('#{name} .plot')"
+    return page.evaluate(f"['xaxis', 'yaxis'].map(axis => {plot}.layout[axis].range)")
 
 
 def numbers(page, name):
     found = page.evaluate(
-        f"[...document.querySelectorAll('#{name} .ticks text.x')].map(t => t.textContent)"
+        f"[...document.querySelectorAll('#{name} .xtick text')].map(t => t.textContent)"
     )
-    return [float(text) for text in found]
+    return sorted(float(text.replace("\u2212", "-")) for text in found)
 
 
 def wait_until(true):
@@ -79,9 +88,23 @@ def wait_until(true):
         time.sleep(0.02)
 
 
+def drag(page, start, end):
+    held = {"button": "left", "clickCount": 1}
+    page.mouse("mousePressed", *start, **held)
+    page.mouse("mouseMoved", *end, button="left", buttons=1)
+    page.mouse("mouseReleased", *end, **held)
+
+
+def click(page, x, y, times):
+    page.mouse("mouseMoved", x, y)
+    for count in range(1, times + 1):
+        page.mouse("mousePressed", x, y, button="left", clickCount=count)
+        page.mouse("mouseReleased", x, y, button="left", clickCount=count)
+
+
 @browser
 def test_the_script_runs_and_every_picture_is_there(page):
-    assert page.evaluate("document.documentElement.dataset.pictures") == str(len(PICTURES))
+    assert drawn(page) == str(len(PICTURES))
     ids = page.evaluate("[...document.querySelectorAll('figure')].map(f => f.id)")
     assert ids == PICTURES
     for name in PICTURES:
@@ -89,54 +112,104 @@ def test_the_script_runs_and_every_picture_is_there(page):
         assert width > 500
         assert height > 150
         lengths = page.evaluate(
-            f"[...document.querySelectorAll('#{name} .plot path')].map(p => p.getTotalLength())"
+            f"[...document.querySelectorAll('#{name} .scatterlayer .trace')].map(trace =>"
+            "[...trace.querySelectorAll('path')].reduce((sum, p) => sum + p.getTotalLength(), 0))"
         )
         assert lengths
-        if name != "residual_velocity":  # dots
-            assert min(lengths) > 100
+        assert min(lengths) > 100
         assert len(numbers(page, name)) >= 3
 
 
 @browser
 @pytest.mark.parametrize("name", ["force", "residual_time", "loop"])
-def test_wheel_drag_and_double_click_zoom_move_and_reset(page, name):
-    home = view(page, name)
-    ticks = numbers(page, name)
-    x, y, *_ = box(page, name)
-    page.mouse("mouseWheel", x, y, deltaX=0, deltaY=-400)
-    wait_until(lambda: view(page, name) != home)
-    zoomed = view(page, name)
-    assert zoomed[2] < 0.9 * home[2]
-    assert zoomed[3] < 0.9 * home[3]
+def test_a_drag_zooms_and_a_double_click_goes_back(page, name):
+    home, ticks = ranges(page, name), numbers(page, name)
+    x, y, width, height = box(page, name)
+    drag(page, (x - 0.2 * width, y - 0.3 * height), (x + 0.2 * width, y + 0.3 * height))
+    wait_until(lambda: ranges(page, name) != home)
+    for (low, high), (first, last), share in zip(ranges(page, name), home, (0.4, 0.6), strict=True):
+        assert high - low == pytest.approx(share * (last - first), rel=0.02)
+        assert first < low < high < last
     closer = numbers(page, name)
-    assert closer != ticks
     assert max(closer) - min(closer) < max(ticks) - min(ticks)
-    held = {"button": "left", "clickCount": 1}
-    page.mouse("mousePressed", x, y, **held)
-    page.mouse("mouseMoved", x - 80, y, button="left", buttons=1)
-    page.mouse("mouseReleased", x - 80, y, **held)
-    wait_until(lambda: view(page, name)[0] > zoomed[0])
-    assert view(page, name)[2:] == pytest.approx(zoomed[2:])
-    for count in (1, 2):
-        page.mouse("mousePressed", x, y, button="left", clickCount=count)
-        page.mouse("mouseReleased", x, y, button="left", clickCount=count)
-    wait_until(lambda: view(page, name) == home)
-    assert numbers(page, name) == ticks
+    click(page, x, y, times=2)
+    wait_until(lambda: ranges(page, name) == home)
+    wait_until(lambda: numbers(page, name) == ticks)
 
 
 @browser
-def test_a_wheel_that_cannot_zoom_out_further_scrolls_the_page(page):
+def test_the_buttons_zoom_and_go_back(page):
+    home = ranges(page, "force")
+    box(page, "force")
+    for title, narrower in (("Zoom in", True), ("Reset axes", False)):
+        x, y = page.evaluate(
+            f"(() => {{const r = document.querySelector('#force [data-title=\"{title}\"]')"
+            ".getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2];})()"
+        )
+        click(page, x, y, times=1)
+        wait_until(lambda narrower=narrower: (ranges(page, "force") != home) == narrower)
+    assert ranges(page, "force") == home
+
+
+@browser
+def test_no_button_sends_what_was_measured_to_others(page):
+    buttons = page.evaluate(
+        "[...document.querySelectorAll('#force .modebar-btn')].map(b => b.dataset.title || '')"
+    )
+    assert "Zoom in" in buttons
+    assert [b for b in buttons if "hare" in b or "loud" in b or "lotly" in b] == []
+    assert page.evaluate("document.querySelectorAll('a[href^=http]').length") == 0
+
+
+@browser
+def test_the_wheel_over_a_plot_scrolls_the_page(page):
     x, y, *_ = box(page, "force")
+    home = ranges(page, "force")
     before = page.evaluate("scrollY")
     page.mouse("mouseWheel", x, y, deltaX=0, deltaY=200)
     wait_until(lambda: page.evaluate("scrollY") > before)
-    assert view(page, "force") == [0, 0, 1000, 1000]
+    assert ranges(page, "force") == home
+
+
+@browser
+def test_a_picture_is_told_to_those_who_do_not_see_it(page):
+    for name in PICTURES:
+        told = page.evaluate(
+            f"[...document.querySelectorAll('#{name} .main-svg')]"
+            ".map(s => [s.getAttribute('role'), s.getAttribute('aria-label') || ''])"
+        )
+        title = page.evaluate(f"document.querySelector('#{name} h3').textContent")
+        assert [label for role, label in told if role == "img"] == [title]
+        assert {role for role, _ in told} <= {"img", "presentation"}
+
+
+@browser
+def test_a_printed_page_has_the_plots_in_the_width_of_paper_and_in_black_on_white(page):
+    box(page, "force")
+    before = ranges(page, "force")
+    page.call("Emulation.setEmulatedMedia", media="print")
+    width = "+document.querySelector('#force .main-svg').getAttribute('width')"
+    wait_until(lambda: page.evaluate(width) < 700)
+    assert contrast(rgb(page, "#force .xtick text", "fill"), [1.0, 1.0, 1.0]) >= 4.5
+    assert ranges(page, "force") == before
+    page.call("Emulation.setEmulatedMedia", media="")
+    wait_until(lambda: page.evaluate(width) > 700)
 
 
 @browser
 def test_nothing_is_asked_of_a_network_and_nothing_is_complained_of(page, diagnosed):
     assert page.requests == [(diagnosed.folder / "report.html").resolve().as_uri()]
     assert page.errors == []
+
+
+@browser
+def test_the_browser_refuses_what_a_script_of_the_page_would_ask_of_a_network(diagnosed):
+    with opened(diagnosed.folder / "report.html") as other:
+        other.evaluate(
+            "addEventListener('securitypolicyviolation', e => {refused = e.effectiveDirective});"
+            "var refused = ''; fetch('http://127.0.0.1:9/').catch(() => 0); 0"
+        )
+        wait_until(lambda: other.evaluate("refused") == "connect-src")
 
 
 @browser
@@ -149,18 +222,41 @@ def test_what_is_written_can_be_read_in_light_and_in_dark(page, scheme):
     paper = rgb(page, "body", "backgroundColor")
     for selector in ("h1", "figcaption", "td", "dd", "footer"):
         assert contrast(rgb(page, selector, "color"), paper) >= 4.5, selector
-    assert contrast(rgb(page, ".ticks text", "fill"), paper) >= 4.5
-    for colour in ("before", "after", "cause", "measured"):
-        assert contrast(rgb(page, f".plot path.{colour}", "stroke"), paper) >= 3.0, colour
+    wait_until(lambda: contrast(rgb(page, ".xtick text", "fill"), paper) >= 4.5)
+    for name, curves in (("force", ("measured", "before", "after")), ("causes", ("cause",))):
+        for k, colour in enumerate(curves, 1):
+            line = f"#{name} .trace:nth-child({k}) path.js-line"
+            assert contrast(rgb(page, line, "stroke"), paper) >= 3.0, colour
     page.call("Emulation.setEmulatedMedia", features=[])
     assert (sum(paper) > 1.5) == (scheme == "light")
 
 
 @browser
-@pytest.mark.parametrize("width", [400, 1100])
+@pytest.mark.parametrize("width", [360, 1100])
 def test_the_page_is_no_wider_than_its_window(diagnosed, width):
     with opened(diagnosed.folder / "report.html", width=width) as narrow:
         assert narrow.evaluate("document.documentElement.scrollWidth") <= width
+
+
+@browser
+def test_a_finger_on_a_plot_is_left_to_scroll_the_page(diagnosed):
+    with opened(diagnosed.folder / "report.html", width=360, touch=True) as phone:
+        wait_until(lambda: drawn(phone))
+        x, y, *_ = box(phone, "force")
+        home = ranges(phone, "force")
+        phone.evaluate(
+            "window.kept = []; for (const kind of ['touchstart', 'touchmove'])"
+            "addEventListener(kind, event => kept.push([kind, event.defaultPrevented]))"
+        )
+        for kind, up in (("Start", 0), ("Move", 40), ("Move", 80)):
+            points = [{"x": x, "y": y - up}]
+            phone.call("Input.dispatchTouchEvent", type=f"touch{kind}", touchPoints=points)
+        phone.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        kept = phone.evaluate("kept")
+        assert ["touchstart", False] in kept  # left to the browser, which scrolls
+        assert not any(prevented for _, prevented in kept)
+        assert ranges(phone, "force") == home
+        assert phone.errors == []
 
 
 def rgb(page, selector, name):
@@ -352,8 +448,8 @@ def test_each_verdict_is_a_sentence(verdict, changes, words):
 def test_structure_without_a_name_has_its_shape_shown():
     page = report(found(verdict="partly", unnamed=("at reversals",), shape=np.ones(3000)), NO_LOOP)
     assert "without a name" in page
-    assert 'class="shape"' in page
-    assert 'class="shape"' not in report(found(), NO_LOOP)
+    assert '"meta": "shape"' in page
+    assert '"meta": "shape"' not in report(found(), NO_LOOP)
 
 
 def test_what_a_stranger_s_file_says_does_not_become_part_of_the_page():
@@ -399,8 +495,9 @@ def test_records_follow_each_other_and_are_not_joined():
     assert np.isnan(time[1499])
     assert time[1500] == pytest.approx(1.5)
     assert np.all(np.diff(time[np.isfinite(time)]) > 0)
-    *_, path = re.findall(r'class="before" d="([^"]*)"', drawn(pictures_of(found())[0]))
-    assert path.count("M") == 2
+    _, prior, _ = plotly_figure(pictures_of(found())[0])["data"]
+    x = np.frombuffer(base64.b64decode(prior["x"]["bdata"]), prior["x"]["dtype"])
+    assert np.flatnonzero(np.isnan(x)).tolist() == [1499]
 
 
 def test_smoothing_does_not_mix_records():
@@ -419,8 +516,25 @@ def test_pictures_of_signals_without_any_size_are_drawn():
     zero = np.zeros(3000)
     curves = replace(found().curves, force=zero, before=zero, after=zero, x=zero, v=zero)
     for picture in pictures_of(found(curves=curves)):
-        assert "nan" not in drawn(picture)
-        assert "inf" not in drawn(picture)
+        valid(plotly_figure(picture))
+
+
+@pytest.mark.parametrize("shape", [np.zeros(3000), np.ones(3000)])
+def test_plotly_knows_every_property_of_the_figures(shape):
+    pictures = pictures_of(found(shape=shape))
+    for picture in pictures:
+        figure = valid(plotly_figure(picture))
+        assert [trace.name for trace in figure.data] == [line.label for line in picture.lines]
+        for axis, label in (("xaxis", picture.x_label), ("yaxis", picture.y_label)):
+            assert figure.layout[axis].title.text == label
+            assert re.search(r"\[.+\]$", label), "a unit"
+        low, high = figure.layout.yaxis.range or (-1, 1)
+        assert low < high
+
+
+def valid(figure):
+    """The figure as plotly's own object, which refuses what it does not know."""
+    return go.Figure(json.loads(json.dumps(figure, allow_nan=False)))
 
 
 # -- the closed loop -------------------------------------------------------------------------

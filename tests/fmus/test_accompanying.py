@@ -2,6 +2,7 @@
 
 import struct
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import browser
@@ -124,6 +125,13 @@ def test_formulas_are_well_formed_and_hold_no_names_of_functions_of_sympy(name):
             tree = etree.fromstring(f"<math>{cell}</math>")
             words = {"".join(e.itertext()) for e in tree.iter("mi")}
             assert not words & {"piecewise", "ite", "Piecewise", "ITE", "ExprCondPair"}
+
+
+def test_what_a_user_s_component_says_does_not_become_part_of_the_page():
+    kernel = replace(fmu_kernel("plant"), description="<script>alert(1)</script> & more")
+    page = html_page(kernel, interface_of(kernel, "plant"))
+    assert "<p>&lt;script&gt;alert(1)&lt;/script&gt; &amp; more.</p>" in page
+    assert "<script" not in page
 
 
 @pytest.mark.skipif(browser.PROGRAM is None, reason="no chromium here: apt-get install chromium")

@@ -41,7 +41,7 @@ class Page:
         self.errors: list[str] = []
         self.requests: list[str] = []
 
-    def open(self, path: Path, width: int, height: int) -> None:
+    def open(self, path: Path, width: int, height: int, touch: bool) -> None:
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
         self._session = attached["sessionId"]
@@ -54,6 +54,7 @@ class Page:
             deviceScaleFactor=1,
             mobile=False,
         )
+        self.call("Emulation.setTouchEmulationEnabled", enabled=touch)
         self._seen.clear()
         self.call("Page.navigate", url=path.resolve().as_uri())
         while "Page.loadEventFired" not in self._seen:
@@ -105,8 +106,11 @@ class Page:
 
 
 @contextmanager
-def opened(path: Path, width: int = 1100, height: int = 800) -> Iterator[Page]:
-    """A page in a browser of its own, which has no network but what its page asks of it."""
+def opened(path: Path, width: int = 1100, height: int = 800, touch: bool = False) -> Iterator[Page]:
+    """A page in a browser of its own, which has no network but what its page asks of it.
+
+    With `touch` it is a device without a mouse.
+    """
     assert PROGRAM is not None
     hears, to_browser = os.pipe()
     from_browser, says = os.pipe()
@@ -138,7 +142,7 @@ def opened(path: Path, width: int = 1100, height: int = 800) -> Iterator[Page]:
             os.close(says)
             try:
                 page = Page(to_browser, from_browser)
-                page.open(path, width, height)
+                page.open(path, width, height, touch)
                 yield page
             finally:
                 process.terminate()
