@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "diagnosis.json"
@@ -83,13 +84,10 @@ class Requirement:
         }
 
 
-def wilson(hits: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
-    """Wilson's interval of a share."""
-    share = hits / trials
-    middle = share + z**2 / (2 * trials)
-    spread = z * math.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2))
-    scale = 1 + z**2 / trials
-    return max((middle - spread) / scale, 0.0), min((middle + spread) / scale, 1.0)
+def wilson(hits: int, trials: int) -> tuple[float, float]:
+    """Wilson's interval of a share, 95 %."""
+    interval = binomtest(hits, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def _right(row: Row) -> bool:
