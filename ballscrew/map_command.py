@@ -37,8 +37,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "map",
         help="stability maps over two parameters of plant or controller",
         description="Write map.parquet (a row a cell: the two parameters, verdict, final_error, "
-        "lambda1_bits_per_s, oscillation_amplitude), map.json and a picture. Chunks are written as "
-        "they are done; a killed run goes on with --resume.",
+        "lambda1_bits_per_s, oscillation_amplitude; map.csv without pyarrow), map.json and a "
+        "picture. Chunks are written as they are done; a killed run goes on with --resume.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -140,6 +140,8 @@ def _only_once(axis: Axis, options: argparse.Namespace) -> None:
 
 
 def _show(figures: dict[str, Any], folder: Path) -> None:
+    from .solver.tables import table_path
+
     cells = figures["cells"]
     for verdict, number in sorted(figures["verdicts"].items(), key=lambda row: -row[1]):
         print(f"{number:>9} of {cells}  {verdict}")
@@ -148,7 +150,7 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
         f"{figures['disagreed']} with another verdict; of {figures['checked_at_random']} away from "
         f"borders, {figures['disagreed_at_random']}"
     )
-    files = "map.parquet, map.json, parameters.toml, map.png"
+    files = f"{table_path(folder, 'map').name}, map.json, parameters.toml, map.png"
     if figures["borders"]:
         files = f"borders.csv ({figures['borders']} places), " + files
     print(f"{files} in {folder}")
