@@ -10,8 +10,8 @@ import provenance
 import pytest
 import trusted_loops
 import variational
-from hidden_trials import plan_trials, run_trial
-from random_rigs import identify_closed_loop_rig
+from hidden.trials import plan_trials, run_trial
+from synthetic.rigs import identify_closed_loop_rig
 
 from diagnosis import wilson
 

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnosed import run
+from hidden.strong import strong_record, write_strong
 from jsonschema import Draft202012Validator
-from strong_effects import strong_record, write_strong
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = {p.stem: json.loads(p.read_text("utf-8")) for p in ROOT.glob("docs/reference/schemas/*")}
+pytestmark = pytest.mark.xdist_group("file_formats")  # whose commands run once
 DATA = ROOT / "tests" / "data"
 
 
