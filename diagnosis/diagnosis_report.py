@@ -291,7 +291,6 @@ def _adjusted(diagnosis: Diagnosis) -> str:
 def _noise(diagnosis: Diagnosis) -> str:
     names = {
         "unmodelled_force_N": ("force that no model has, rms", "N"),
-        "its_memory_s": ("its memory", "s"),
         "position_m": ("position", "m"),
         "current_A": ("current", "A"),
     }
