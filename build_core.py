@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import platform
+import runpy
 import shutil
 import subprocess
 import sys
@@ -24,7 +25,8 @@ LIBRARIES = {
     "identification/c/identification.c": "libidentification",
 }
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s")
+# those of native FMUs; the package itself cannot be imported before it is built
+FLAGS = runpy.run_path(str(TOP / "solver" / "compilers.py"))["FLAGS"]
 ZIG = "ziglang>=0.13"
 
 Settings = dict[str, Any] | None

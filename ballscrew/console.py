@@ -7,10 +7,13 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .options import BAD_REQUEST
 from .supervision import tell, tell_kept
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 LONGEST_LINE = 600  # characters of a complaint; what a third-party file says may be endless
 
@@ -37,14 +40,61 @@ def print_notes(notes: Iterable[str]) -> None:
         print(f"note: {note}", file=sys.stderr)
 
 
+class Bar:
+    """One line on standard error, removed at its end; silent where that is no terminal.
+
+    Parameters
+    ----------
+    form : str
+        As tqdm's ``bar_format``.
+    total, initial : float
+        What is to be done, if that is known, and what is done already.
+    """
+
+    def __init__(self, form: str, total: float | None = None, initial: float = 0) -> None:
+        self.total = total
+        self._bar: tqdm[Any] | None = None
+        if not sys.stderr.isatty():
+            return
+        import threading
+
+        from tqdm import tqdm
+
+        # no thread that watches the bar, no lock between processes: commands start processes
+        tqdm.monitor_interval = 0
+        tqdm.set_lock(threading.RLock())
+        self._bar = tqdm(
+            bar_format=form,
+            total=total,
+            initial=initial,
+            leave=False,
+            mininterval=0,
+            miniters=0,
+            dynamic_ncols=True,
+        )
+
+    def show(self, done: float, text: str = "") -> None:
+        if self._bar is not None:
+            self._bar.set_description_str(text, refresh=False)
+            self._bar.update(done - self._bar.n)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+
 class Progress:
-    """One line on standard error, rewritten; silent where nobody watches."""
+    """The time [s] that a run has reached; of one run after the other if they have names."""
 
     def __init__(self, stop: float | None) -> None:
         self.stop = stop  # None where only the file knows it
-        self.started = time.monotonic()
         self.shown = 0.0
-        self.active = sys.stderr.isatty()
+        self.name = ""
+        self.bar = self._new_bar()
+
+    def _new_bar(self) -> Bar:
+        known = "{desc}{bar} t = {n:.2f} of {total:g} s, {remaining} left"
+        return Bar(known if self.stop else "{desc}t = {n:.2f} s", self.stop)
 
     def __call__(self, now: float, name: str = "") -> None:
         clock = time.monotonic()
@@ -52,17 +102,15 @@ class Progress:
             return
         self.shown = clock
         end = f" of {self.stop:g}" if self.stop else ""
-        done = now / self.stop if self.stop else 0.0
-        left = (clock - self.started) * (1 - done) / done if done > 0 and not name else None
-        rest = f", about {left:.0f} s left" if left is not None else ""
         head = f"{name}: " if name else ""
         tell(f"{head}t = {now:.2f}{end} s")
-        if self.active:
-            print(f"\r\033[K{head}t = {now:.2f}{end} s{rest}", end="", file=sys.stderr)
+        if name != self.name:
+            self.finish()
+            self.name, self.bar = name, self._new_bar()
+        self.bar.show(now, head)
 
     def finish(self) -> None:
-        if self.active and self.shown:
-            print("\r\033[K", end="", file=sys.stderr)
+        self.bar.close()
 
 
 def print_figures(figures: dict[str, Any], folder: Path) -> None:
@@ -122,18 +170,14 @@ def tell_export(names: Sequence[str], name: str) -> None:
 
 
 class Stages:
-    """One line on standard error, rewritten; silent where nobody watches."""
+    """What is being done, and for how long the command has run."""
 
     def __init__(self) -> None:
-        self.started = time.monotonic()
-        self.active = sys.stderr.isatty()
+        self.bar = Bar("{elapsed_s:.0f} s: {desc} ...")
 
     def __call__(self, doing: str) -> None:
         tell(doing)
-        if self.active:
-            seconds = time.monotonic() - self.started
-            print(f"\r\033[K{seconds:.0f} s: {doing} ...", end="", file=sys.stderr, flush=True)
+        self.bar.show(0, doing)
 
     def finish(self) -> None:
-        if self.active:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+        self.bar.close()

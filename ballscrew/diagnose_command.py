@@ -7,6 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,13 +46,14 @@ examples:
 """
 
 
-_FMU, _PARAMETERS, _CURVES = "extended_plant.fmu", "parameters.toml", "curves.parquet"
+_FMU, _PARAMETERS, _CURVES = "extended_plant.fmu", "parameters.toml", "curves"
 
 
 _NEXT = "next_experiment.csv"
 
 
-_FILES = ("diagnosis.json", "report.html", _FMU, _PARAMETERS, _CURVES, _NEXT)
+_TABLES = (f"{_CURVES}.parquet", f"{_CURVES}.csv")
+_FILES = ("diagnosis.json", "report.html", _FMU, _PARAMETERS, _NEXT, *_TABLES)
 
 
 _SHARES = {"": "share"}
@@ -64,16 +66,22 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "diagnose",
         help="find what a model gets wrong of measured data, and why",
         description="Simulate the model you believe on what was recorded, name what it lacks, and "
-        "measure the gain on data held out. Writes diagnosis.json, report.html, curves.parquet, a "
-        "picture, the corrected values as parameters.toml, where causes are found "
-        "extended_plant.fmu, and where these records cannot tell, next_experiment.csv for the "
-        "machine. Exit code 1: structure is left that no cause explains, or what "
-        "was found does not hold on data held out.",
+        "measure the gain on data held out. Writes diagnosis.json, report.html, curves.parquet "
+        "(curves.csv without pyarrow), a picture, the corrected values as parameters.toml, where "
+        "causes are found extended_plant.fmu, and where these records cannot tell, "
+        "next_experiment.csv for the machine. Exit code 1: structure is left that no cause "
+        "explains, or what was found does not hold on data held out.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("data", nargs="*", type=Path, metavar="DATA", help="CSV, MAT or Parquet files")
+    add(
+        "data",
+        nargs="*",
+        type=Path,
+        metavar="DATA",
+        help="CSV, MAT or, with pyarrow, Parquet files",
+    )
     add_params(add, "the model as you believe it to be")
     add("--law", metavar="NAME", help="friction law, in place of the file's")
     add_record_options(add)
@@ -258,8 +266,9 @@ def _save_diagnosis(
     from .diagnosis.diagnosis_pictures import save_pictures
     from .diagnosis.diagnosis_report import save_report
     from .diagnosis.extended_plant import write_extended_plant
+    from .solver.tables import write_table
 
-    _save_curves(result, folder)
+    write_table(folder, _CURVES, [asdict(result.curves)])
     save_pictures(result, folder)
     save_report(result, section, folder)
     if extension.plant is not None:
@@ -269,24 +278,11 @@ def _save_diagnosis(
     result.save(folder)
 
 
-def _save_curves(result: Diagnosis, folder: Path) -> None:
-    import io
-    from dataclasses import asdict
-
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    from .solver.files import write_atomically
-
-    stream = io.BytesIO()
-    pq.write_table(pa.table(asdict(result.curves)), stream)
-    write_atomically(folder / _CURVES, stream.getvalue())
-
-
 def _diagnosis_table(
     result: Diagnosis, extension: _Extension, section: ClosedLoopSection, folder: Path
 ) -> str:
     from .diagnosis.report_words import rig_command, verdict_sentence
+    from .solver.tables import table_path
 
     lines = [f"{result.verdict}: {verdict_sentence(result)}", result.where, ""]
     lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")
@@ -329,7 +325,8 @@ def _diagnosis_table(
         lines.append(f"  {result.next_experiment.motion.says}: {_NEXT}")
         lines.append(f"  {rig_command(result.next_experiment.trial)}")
     plant = f", {_FMU}" if extension.plant is not None else ""
+    curves = table_path(folder, _CURVES).name
     lines.append(
-        f"report.html, diagnosis.json, {_PARAMETERS}, {_CURVES}, diagnosis.png{plant} in {folder}"
+        f"report.html, diagnosis.json, {_PARAMETERS}, {curves}, diagnosis.png{plant} in {folder}"
     )
     return "\n".join(lines)

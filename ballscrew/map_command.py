@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import print_notes
+from .console import Bar, print_notes
 from .loop_options import read_settings
 from .named_loop import add_loop_options, read_loop
 from .options import TRUSTED, BadRequest, read_whole_number
@@ -39,8 +37,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "map",
         help="stability maps over two parameters of plant or controller",
         description="Write map.parquet (a row a cell: the two parameters, verdict, final_error, "
-        "lambda1_bits_per_s, oscillation_amplitude), map.json and a picture. Chunks are written as "
-        "they are done; a killed run goes on with --resume.",
+        "lambda1_bits_per_s, oscillation_amplitude; map.csv without pyarrow), map.json and a "
+        "picture. Chunks are written as they are done; a killed run goes on with --resume.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -142,6 +140,8 @@ def _only_once(axis: Axis, options: argparse.Namespace) -> None:
 
 
 def _show(figures: dict[str, Any], folder: Path) -> None:
+    from .solver.tables import table_path
+
     cells = figures["cells"]
     for verdict, number in sorted(figures["verdicts"].items(), key=lambda row: -row[1]):
         print(f"{number:>9} of {cells}  {verdict}")
@@ -150,36 +150,26 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
         f"{figures['disagreed']} with another verdict; of {figures['checked_at_random']} away from "
         f"borders, {figures['disagreed_at_random']}"
     )
-    files = "map.parquet, map.json, parameters.toml, map.png"
+    files = f"{table_path(folder, 'map').name}, map.json, parameters.toml, map.png"
     if figures["borders"]:
         files = f"borders.csv ({figures['borders']} places), " + files
     print(f"{files} in {folder}")
 
 
 class _MapProgress:
-    """One line on standard error, rewritten; silent where nobody watches."""
+    """Cells that are done of all; each pass, as over the borders, counts its own."""
 
     def __init__(self) -> None:
-        self.started = time.monotonic()
-        self.shown = 0.0
-        self.first = 0
-        self.total = 0
-        self.active = sys.stderr.isatty()
+        self.bar: Bar | None = None
 
     def __call__(self, done: int, total: int) -> None:
-        clock = time.monotonic()
-        if total != self.total:  # another pass begins
-            self.total, self.first, self.started = total, done, clock
         tell(f"{done} of {total} cells")
         tell_kept("chunks that are done are kept, go on with --resume")
-        if not self.active or (clock - self.shown < 0.5 and done < total):
-            return
-        self.shown = clock
-        fresh = done - self.first
-        left = (clock - self.started) * (total - done) / fresh if fresh else None
-        rest = f", about {left:.0f} s left" if left is not None else ""
-        print(f"\r\033[K{done} of {total} cells{rest}", end="", file=sys.stderr)
+        if self.bar is None or total != self.bar.total:
+            self.finish()
+            self.bar = Bar("{bar} {n} of {total} cells, {remaining} left", total, initial=done)
+        self.bar.show(done)
 
     def finish(self) -> None:
-        if self.active and self.shown:
-            print("\r\033[K", end="", file=sys.stderr)
+        if self.bar is not None:
+            self.bar.close()

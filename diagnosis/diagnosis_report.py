@@ -34,10 +34,8 @@ _TEMPLATE = "report.html.jinja"
 _NOT_SHOWN = 1e-9  # relative change of a value that is the prior one
 _KINDS = {"ball_screw": "ball screw with a motor", "drive": "drive whose command is a force"}
 _NOISE = {
-    "unmodelled_force_N": ("force that no model has, rms", "N"),
-    "its_memory_s": ("its memory", "s"),
-    "position_m": ("position", "m"),
-    "current_A": ("current", "A"),
+    "force_N": ("balance of force, rms", "N"),
+    "voltage_V": ("balance of voltage, rms", "V"),
 }
 
 

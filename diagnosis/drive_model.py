@@ -34,9 +34,6 @@ DIRECT = ("m", "gain", "offset")
 BEND = ("dF_low", "V_mismatch")  # of friction at low speed, N and m/s; see stribeck_mismatch
 _SLOWEST = 1e-5  # at which a curve is taken instead of at rest [m/s]
 _FINEST = 2.5e-4  # step of the law between two samples [s]
-_REMEMBERED = 16
-# The law along the last motions: the same values along the same arrays are asked for several times.
-_FRICTION: dict[tuple[object, ...], tuple[Vector, Vector, Vector]] = {}
 
 
 @dataclass(frozen=True)
@@ -152,22 +149,14 @@ class DriveModel:
     def friction(self, x: Vector, v: Vector, step: float) -> Vector:
         """The law along a motion, without what is linear in velocity, shape (n,) [N].
 
-        On average over the interval after each sample, as are all forces here. `x` and `v` are not
-        to be changed afterwards: what was found along the last motions is known by their arrays.
+        On average over the interval after each sample, as are all forces here.
         """
-        key = (id(x), id(v), step, self.kind, self.law, *self._numbers)
-        known = _FRICTION.get(key)
-        if known and known[0] is x and known[1] is v:
-            return known[2].copy()
         parts = max(1, math.ceil(step / _FINEST))
         motion = np.ascontiguousarray(x), np.ascontiguousarray(v)
         out = mean_friction_along(self._law_values(), *motion, step, parts)
         out -= self.linear_friction * midway(v)
         if not self.has_motor:
             out += self.values["offset"]
-        _FRICTION[key] = x, v, out.copy()
-        while len(_FRICTION) > _REMEMBERED:
-            del _FRICTION[next(iter(_FRICTION))]
         return out
 
     def force_behind_gap(self, x: Vector, v: Vector, step: float, gap: float) -> Vector:
@@ -177,11 +166,6 @@ class DriveModel:
     def force_behind_spring(self, x: Vector, v: Vector, step: float, stiffness: float) -> Vector:
         """Force of a spring [N/m] that drags the block, shape (n,) [N]."""
         return force_behind_spring(self._law_values(), x, v, step, stiffness, self.block)
-
-    @property
-    def _numbers(self) -> tuple[float | None, ...]:
-        """All values that friction depends on."""
-        return tuple(self.values.get(n) for n in (*self.law_parameters, *BEND, "Kv", "offset"))
 
     def _law_values(self) -> LawValues:
         half = len(LAWS[self.law].parameters)

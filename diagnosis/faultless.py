@@ -30,7 +30,7 @@ class RecordKind(NamedTuple):
     current : float
         1 where the motor's current is recorded, else 0.
     classical : float
-        1 where the friction is believed to be without a memory, else 0.
+        1 where the friction is believed to depend on velocity alone, else 0.
     """
 
     noise: float

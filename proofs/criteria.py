@@ -7,16 +7,14 @@ that were found, with the margin to the threshold.
 from __future__ import annotations
 
 import json
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+from provenance import provenance
+from synthetic.laws import MADE, judged
+
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "criteria.json"
-sys.path.insert(0, str(ROOT / "tests" / "support"))
-
-from provenance import provenance  # noqa: E402
-from synthetic_laws import MADE, judged  # noqa: E402
 
 
 def found(what: str) -> dict[str, dict[str, object]]:

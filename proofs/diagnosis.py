@@ -22,15 +22,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-
-ROOT = Path(__file__).resolve().parents[1]
-TARGET = ROOT / "docs" / "proof" / "diagnosis.json"
-ROWS = ROOT / "out" / "diagnosis.jsonl"
-sys.path.insert(0, str(ROOT / "tests" / "support"))
-
-from hidden_cases import CATALOGUE, OUTSIDE, draw_case  # noqa: E402
-from hidden_trials import (  # noqa: E402
+from hidden.cases import CATALOGUE, OUTSIDE, draw_case
+from hidden.trials import (
     CAUSE,
     NONE,
     NOTHING,
@@ -43,13 +36,18 @@ from hidden_trials import (  # noqa: E402
     plan_trials,
     run_trial,
 )
-from provenance import git, provenance  # noqa: E402
-from resumed_trials import read_rows, run_all  # noqa: E402
+from numpy.typing import NDArray
+from provenance import git, provenance
+from resumed_trials import read_rows, run_all
+from scipy.stats import binomtest
 
-from ballscrew.orchestration.pictures import STYLE, new_figure, write_figure  # noqa: E402
-from ballscrew.solver.files import write_json  # noqa: E402
+from ballscrew.orchestration.pictures import STYLE, new_figure, write_figure
+from ballscrew.solver.files import write_json
 
-GENERATOR = [f"tests/support/hidden_{n}.py" for n in ("effects", "signal", "excitations", "cases")]
+ROOT = Path(__file__).resolve().parents[1]
+TARGET = ROOT / "docs" / "proof" / "diagnosis.json"
+ROWS = ROOT / "out" / "diagnosis.jsonl"
+GENERATOR = [f"proofs/hidden/{n}.py" for n in ("effects", "signal", "excitations", "cases")]
 OFTEN = 20  # trials after which the file is written anew
 EXCUSED_AT_MOST = 0.10
 
@@ -83,13 +81,10 @@ class Requirement:
         }
 
 
-def wilson(hits: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
-    """Wilson's interval of a share."""
-    share = hits / trials
-    middle = share + z**2 / (2 * trials)
-    spread = z * math.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2))
-    scale = 1 + z**2 / trials
-    return max((middle - spread) / scale, 0.0), min((middle + spread) / scale, 1.0)
+def wilson(hits: int, trials: int) -> tuple[float, float]:
+    """Wilson's interval of a share, 95 %."""
+    interval = binomtest(hits, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def _right(row: Row) -> bool:
@@ -133,13 +128,13 @@ def requirements() -> Iterator[Requirement]:
 def code_digest() -> str:
     """One number for this project's code that an answer depends on: all that is loaded for it."""
     ask = (
-        "import sys, hidden_trials, ballscrew.diagnosis.diagnose\n"
-        "ours = ('ballscrew.', 'hidden_')\n"
+        "import sys, hidden.trials, ballscrew.diagnosis.diagnose\n"
+        "ours = ('ballscrew.', 'hidden.')\n"
         "print(*(m.__file__ for n, m in sys.modules.items() if n.startswith(ours) and m.__file__))"
     )
-    support = ROOT / "tests" / "support"
+    proofs = ROOT / "proofs"
     told = subprocess.run(
-        [sys.executable, "-c", ask], capture_output=True, text=True, check=True, cwd=support
+        [sys.executable, "-c", ask], capture_output=True, text=True, check=True, cwd=proofs
     )
     digest = hashlib.sha256()
     for path in sorted(map(Path, told.stdout.split()), key=lambda p: p.parts[-2:]):

@@ -19,20 +19,19 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-TARGET = ROOT / "docs" / "proof" / "identification.json"
-sys.path.insert(0, str(ROOT / "tests" / "support"))
-
-from provenance import provenance  # noqa: E402
-from random_rigs import (  # noqa: E402
+from provenance import provenance
+from synthetic.rigs import (
     PRESCRIBED,
     Outcome,
     identify_closed_loop_rig,
     identify_random_rig,
 )
 
-from ballscrew.identification.fitted_law import LAWS  # noqa: E402
-from ballscrew.solver.files import write_json  # noqa: E402
+from ballscrew.identification.fitted_law import LAWS
+from ballscrew.solver.files import write_json
+
+ROOT = Path(__file__).resolve().parents[1]
+TARGET = ROOT / "docs" / "proof" / "identification.json"
 
 STATED = 0.95
 OFTEN = 10  # rigs after which the file is written anew

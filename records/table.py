@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ..solver.tables import PYARROW
 from .bad_record import BadRecord
 from .csv_table import read_csv
 from .units import NO_UNIT, UNITS, Conversion, quantity_of
@@ -86,9 +87,11 @@ def _read_text(path: Path) -> Table:
 
 
 def _read_parquet(path: Path) -> Table:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise BadRecord(f"{path} {PYARROW}") from None
     if not path.is_file():
         raise FileNotFoundError
     try:

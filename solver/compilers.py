@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-_FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s")
+FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s")
 _LONGEST = 900.0  # seconds; the first time for a platform, ziglang compiles its C library
 
 
@@ -100,7 +100,7 @@ def compiled(name: str, sources: Mapping[str, str], main: str, stem: str) -> byt
         for file, text in sources.items():
             (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
         target = Path(folder) / f"{stem}{made_for.suffix}"
-        command = [*compiler, *_FLAGS, "-o", target.name, main, *made_for.flags]
+        command = [*compiler, *FLAGS, "-o", target.name, main, *made_for.flags]
         try:
             done = subprocess.run(
                 command,

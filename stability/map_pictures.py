@@ -6,9 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..orchestration.pictures import STYLE, new_figure, write_figure
+from ..solver.tables import read_table, table_path
 from .attractor import Kind
+from .store import TABLE
 
 if TYPE_CHECKING:
     from .study import MapStudy
@@ -29,30 +32,33 @@ _BOUNDARY_POINTS = 48
 
 
 def save_map_picture(study: MapStudy, folder: Path) -> None:
-    """Draw ``map.parquet`` in `folder` beside it."""
+    """Draw the map's table in `folder` beside it."""
     write_figure(map_figure(study, folder), folder, "map")
 
 
 def map_figure(study: MapStudy, folder: Path) -> Any:
-    """A figure of ``map.parquet`` in `folder`: verdicts, distances, swings, exponents."""
+    """A figure of the map's table in `folder`: verdicts, distances, swings, exponents."""
     import matplotlib as mpl
-    import pyarrow.parquet as pq
     from matplotlib.colors import ListedColormap, LogNorm
     from matplotlib.patches import Patch
 
-    table = pq.read_table(folder / "map.parquet")
+    table = read_table(table_path(folder, TABLE))
     shape = (study.y.count, study.x.count)
+
+    def column(name: str) -> npt.NDArray[np.float64]:
+        return np.array(table[name], dtype=float).reshape(shape)
+
     kinds = list(COLOUR)
-    verdict = np.array([kinds.index(Kind(v)) for v in table.column("verdict").to_pylist()])
+    verdict = np.array([kinds.index(Kind(v)) for v in table["verdict"]])
     verdict = verdict.reshape(shape)
     xs, ys = study.x.values(), study.y.values()
-    size = np.abs(table.column("final_error").to_numpy().reshape(shape)) * 1e6
-    swing = table.column("oscillation_amplitude").to_numpy().reshape(shape) * 1e6
+    size = np.abs(column("final_error")) * 1e6
+    swing = column("oscillation_amplitude") * 1e6
     panels: list[tuple[str, Any]] = [
         ("distance to the set-point at the end [µm]", size),
         ("swing of the position at the end [µm]", swing),
     ]
-    rate = table.column("lambda1_bits_per_s").to_numpy().reshape(shape)
+    rate = column("lambda1_bits_per_s")
     if np.isfinite(rate).any():
         panels.append((r"largest exponent $\lambda_1$ [bits/s]", rate))
     with mpl.rc_context({**STYLE, "axes.grid": False}):

@@ -7,6 +7,7 @@ are computed again at a tenth of the tolerance; what changes its verdict there i
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,6 +18,7 @@ import numpy as np
 
 from ..orchestration.run_folder import write_run
 from ..solver.files import write_atomically, write_json
+from ..solver.tables import table_path
 from .attractor import Kind
 from .borders import border_cells, refined_borders
 from .cell import run_chunk
@@ -28,12 +30,11 @@ from .store import (
     MapSummary,
     chunks_of,
     claim_folder,
-    finished_table,
     is_whole,
     load,
     merge_chunks,
-    to_parquet,
     verdict_codes,
+    verdicts_in,
 )
 from .study import MapStudy, kernel_of
 
@@ -57,7 +58,7 @@ def make_map(
 ) -> MapSummary:
     """Compute a map, or finish one, and write it.
 
-    Writes ``map.parquet`` and ``map.json``, with `refine` also
+    Writes ``map.parquet`` (``map.csv`` without pyarrow) and ``map.json``, with `refine` also
     ``borders.csv``, into `folder`, all at once. `beside` may add files to the folder it is given.
 
     Raises
@@ -75,14 +76,15 @@ def make_map(
         finished = _complete(study, parts, workers, progress)
     borders = None
     if refine and (new or not (folder / BORDERS).is_file()):
-        table = load(parts, TABLE) if new else finished_table(folder)
-        verdicts = np.array(verdict_codes(table.column("verdict").to_pylist()), dtype=np.int8)
+        table = table_path(parts if new else folder, TABLE)
+        verdicts = np.array(verdict_codes(verdicts_in(table)), dtype=np.int8)
         borders, found = refined_borders(study, verdicts, workers, progress)
         finished = replace(finished, borders=found)
 
     def write(stage: Path) -> None:
         if new:
-            (parts / TABLE).replace(stage / TABLE)
+            table = table_path(parts, TABLE)
+            table.replace(stage / table.name)
             if beside:
                 beside(stage)
         if borders is not None:
@@ -106,11 +108,7 @@ def _complete(
     plain = chunks_of(study.cells, "c", [range(study.cells)])
     _compute(study, parts, plain, study.tolerance, workers, progress)
     verdicts = np.array(
-        [
-            k
-            for name in plain
-            for k in verdict_codes(load(parts, name).column("verdict").to_pylist())
-        ],
+        [k for name in plain for k in verdict_codes(load(parts / name)["verdict"])],
         dtype=np.int8,
     )
     border = border_cells(verdicts.reshape(study.y.count, study.x.count))
@@ -121,9 +119,9 @@ def _complete(
     _compute(study, parts, again, study.tolerance * TIGHTER, workers, progress)
     checked: dict[int, int] = {}
     for name in again:
-        table = load(parts, name)
-        codes = verdict_codes(table.column("verdict").to_pylist())
-        checked |= dict(zip(table.column("cell").to_pylist(), codes, strict=True))
+        columns = load(parts / name)
+        codes = verdict_codes(columns["verdict"])
+        checked |= dict(zip(columns["cell"], codes, strict=True))
     changed = {cell for cell, code in checked.items() if code != verdicts[cell]}
     by_chance = set(some.tolist())
     merge_chunks(parts, list(plain), checked, changed)
@@ -154,7 +152,7 @@ def _compute(
     done = total - sum(map(len, missing.values()))
     tasks = ((name, (study, cells, tolerance)) for name, cells in missing.items())
     for name, columns in workers.map(run_chunk, tasks):
-        write_atomically(parts / name, to_parquet(columns))
+        write_atomically(parts / name, json.dumps(columns).encode())
         done += len(columns["cell"])
         if progress:
             progress(done, total)

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..solver.files import write_json
+from ..solver.tables import BadTable, NoPyarrow, read_table, write_table
 from .attractor import Kind
 from .study import BadMap, MapStudy
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 Columns = dict[str, list[Any]]
 CHUNK = 96  # cells
 PARTS = "map.parts"  # folder of what is done while the map is not
-TABLE, BORDERS = "map.parquet", "borders.csv"
+TABLE, BORDERS = "map", "borders.csv"
 
 
 @dataclass(frozen=True)
@@ -118,52 +115,31 @@ def chunks_of(cells: int, head: str, groups: Sequence[Sequence[int]]) -> dict[st
     named = {}
     for k, group in enumerate(groups):
         for start in range(0, len(group), CHUNK):
-            named[f"{head}{k}-{start:0{width}d}.parquet"] = group[start : start + CHUNK]
+            named[f"{head}{k}-{start:0{width}d}.json"] = group[start : start + CHUNK]
     return named
 
 
 def is_whole(part: Path, cells: Sequence[int]) -> bool:
     """Whether a chunk is there and holds its cells; a disk may have lost the end of it."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     try:
-        return bool(pq.read_table(part)["cell"].to_pylist() == list(cells))
-    except (OSError, pa.ArrowInvalid):
+        return bool(load(part)["cell"] == list(cells))
+    except (OSError, ValueError):
         return False
 
 
-def _schema(columns: Columns) -> pa.Schema:
-    import pyarrow as pa
-
-    types = {"cell": pa.int64(), "verdict": pa.string(), "checked": pa.bool_()}
-    return pa.schema([(name, types.get(name, pa.float64())) for name in columns])
-
-
-def to_parquet(columns: Columns) -> bytes:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    sink = pa.BufferOutputStream()
-    pq.write_table(pa.table(columns, schema=_schema(columns)), sink)
-    return bytes(sink.getvalue())
+def load(part: Path) -> Columns:
+    """The columns of a chunk."""
+    found: Columns = json.loads(part.read_text(encoding="utf-8"))
+    return found
 
 
-def load(parts: Path, name: str) -> pa.Table:
-    import pyarrow.parquet as pq
-
-    return pq.read_table(parts / name)
-
-
-def finished_table(folder: Path) -> pa.Table:
-    import pyarrow as pa
-
+def verdicts_in(table: Path) -> list[str]:
     try:
-        return load(folder, "map.parquet")
-    except (OSError, pa.ArrowInvalid) as error:
-        raise BadMap(
-            f"{folder / 'map.parquet'} is damaged; remove the folder and compute the map again"
-        ) from error
+        return read_table(table)["verdict"]
+    except NoPyarrow as error:
+        raise BadMap(str(error)) from error
+    except (OSError, BadTable) as error:
+        raise BadMap(f"{table} is damaged; remove the folder and compute the map again") from error
 
 
 def merge_chunks(
@@ -173,22 +149,16 @@ def merge_chunks(
     changed: set[int],
 ) -> None:
     """One table of all chunks, in the order of the cells, a chunk in memory at a time."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    half = parts / (TABLE + ".part")
-    writer = None
-    for name in names:
-        columns = load(parts, name).to_pydict()
-        cells = columns.pop("cell")
-        columns["verdict"] = [
-            Kind.UNDECIDED.value if cell in changed else verdict
-            for cell, verdict in zip(cells, columns["verdict"], strict=True)
-        ]
-        columns["checked"] = [cell in checked for cell in cells]
-        schema = _schema(columns)
-        writer = writer or pq.ParquetWriter(half, schema)
-        writer.write_table(pa.table(columns, schema=schema))
-    if writer:
-        writer.close()
-    half.replace(parts / TABLE)
+    def pieces() -> Iterator[Columns]:
+        for name in names:
+            columns = load(parts / name)
+            cells = columns.pop("cell")
+            columns["verdict"] = [
+                Kind.UNDECIDED.value if cell in changed else verdict
+                for cell, verdict in zip(cells, columns["verdict"], strict=True)
+            ]
+            columns["checked"] = [cell in checked for cell in cells]
+            yield columns
+
+    write_table(parts, TABLE, pieces())

@@ -22,7 +22,8 @@ from ballscrew.fmus.export import export
 from ballscrew.orchestration.closed_loop import Study, run_study
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+HOW_TO = sorted((ROOT / "docs" / "howto").glob("*.md"))
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *HOW_TO)
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
 
 
@@ -67,7 +68,7 @@ def test_the_python_on_the_first_page_runs_and_prints(tmp_path):
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory) -> Path:
-    """A folder with the files that the tools' page speaks of."""
+    """A folder with the files that the tools' pages speak of."""
     folder = tmp_path_factory.mktemp("tools")
     native = ["export", "--native", "--out", str(folder / "native"), "--only", "plant", "iol"]
     assert cli.main(native) == 0
@@ -75,9 +76,10 @@ def exported(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("which", range(len(blocks(ROOT / "docs" / "tools.md", "python"))))
-def test_the_python_on_the_tools_page_runs(exported, which):
-    code = blocks(ROOT / "docs" / "tools.md", "python")[which]
+@pytest.mark.parametrize(
+    "code", [pytest.param(b, id=p.stem) for p in HOW_TO for b in blocks(p, "python")]
+)
+def test_the_python_on_a_tool_s_page_runs(exported, code):
     if "ecospy" in code and missing_for_ecos():
         pytest.skip(missing_for_ecos())
     run_block(code, exported)

@@ -8,9 +8,12 @@ import numpy as np
 import own_records
 import provenance
 import pytest
+import trusted_loops
 import variational
-from hidden_trials import plan_trials, run_trial
-from random_rigs import identify_closed_loop_rig
+from hidden.trials import plan_trials, run_trial
+from synthetic.rigs import identify_closed_loop_rig
+
+from diagnosis import wilson
 
 
 @pytest.mark.parametrize("name", provenance.SHOWS)
@@ -43,6 +46,19 @@ def test_the_digest_of_the_code_changes_with_a_file_that_the_proof_depends_on(
     assert provenance.code_digest("made_up") == before
     (tmp_path / "part" / "a.py").write_text("2")
     assert provenance.code_digest("made_up") != before
+
+
+@pytest.mark.parametrize("name", ["diagnosis", "diagnosis_worlds"])
+def test_the_bounds_of_a_stored_share_are_those_of_wilson(name):
+    for judged in provenance.stored(name)["requirements"]:
+        found = wilson(judged["hits"], judged["trials"])
+        np.testing.assert_allclose(found, judged["wilson_95"], rtol=0, atol=1e-8)
+
+
+def test_the_stored_bound_of_wrong_results_called_trusted_is_that_of_wilson():
+    said = provenance.stored("trusted_loops")["summary"]
+    bound = trusted_loops.upper_bound(len(said["wrong_called_trusted"]), said["wrong"])
+    assert bound == pytest.approx(said["wrong_called_trusted_rate_upper_95"], rel=1e-12)
 
 
 @pytest.mark.parametrize("key", ["none:9000", "nonlinear_viscous:9000"])

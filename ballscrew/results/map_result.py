@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ..orchestration.pictures import write_figure
-from ..stability.store import MapSummary
+from ..solver.tables import read_table, table_path
+from ..stability.store import TABLE, MapSummary
 from .result import Result, table_of
 
 
@@ -20,7 +21,8 @@ class StabilityMap(Result):
     ----------
     summary : MapSummary
     folder : Path
-        Holds ``map.parquet``, ``map.json`` and, with `refine`, ``borders.csv``.
+        Holds ``map.parquet`` (``map.csv`` without pyarrow), ``map.json`` and, with `refine`,
+        ``borders.csv``.
     """
 
     summary: MapSummary
@@ -53,14 +55,16 @@ class StabilityMap(Result):
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        for name in ("map.parquet", "map.json", "borders.csv"):
+        for name in (self._table.name, "map.json", "borders.csv"):
             if (self.folder / name).is_file() and folder.resolve() != self.folder.resolve():
                 shutil.copyfile(self.folder / name, folder / name)
         if pictures:
             write_figure(self.plot(), folder, "map")
 
     def to_pandas(self) -> Any:
-        """A row for each cell, as in ``map.parquet``."""
-        import pyarrow.parquet as pq
+        """A row for each cell, as in the map's table."""
+        return table_of(read_table(self._table))
 
-        return table_of(pq.read_table(self.folder / "map.parquet").to_pydict())
+    @property
+    def _table(self) -> Path:
+        return table_path(self.folder, TABLE)

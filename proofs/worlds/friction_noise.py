@@ -22,10 +22,10 @@ FLAT = Texture(0.0, 1.0, np.zeros((2, 1)))
 
 
 def slow_noise(
-    rng: np.random.Generator, count: int, period: float, memory: float
+    rng: np.random.Generator, count: int, period: float, correlation_time: float
 ) -> NDArray[np.float64]:
-    """First-order noise of unit variance and a memory [s], one value a period, shape (count,)."""
-    keep = np.exp(-period / memory)
+    """First-order noise of unit variance, one value a period, shape (count,); times in [s]."""
+    keep = np.exp(-period / correlation_time)
     white = rng.standard_normal(count) * np.sqrt(1 - keep**2)
     white[0] = rng.standard_normal()
     return lfilter([1.0], [1.0, -keep], white)
@@ -69,14 +69,14 @@ def draw_noise(
     if kind not in KINDS:
         raise ValueError(f"friction noise {kind!r}, expected one of {', '.join(KINDS)}")
     noise, texture, growth = np.zeros((count, 3)), FLAT, float(axis[NOISE_GROWTH])
-    memory = float(np.exp(rng.uniform(np.log(0.003), np.log(0.3))))
+    correlation_time = float(np.exp(rng.uniform(np.log(0.003), np.log(0.3))))
     way = float(np.exp(rng.uniform(np.log(30e-6), np.log(2e-3))))
     if kind == "white":
         noise[:, RELATIVE] = size * rng.standard_normal(count)
     elif kind == "slow":
-        noise[:, RELATIVE] = size * slow_noise(rng, count, period, memory)
+        noise[:, RELATIVE] = size * slow_noise(rng, count, period, correlation_time)
     elif kind == "growing_with_speed":
-        noise[:, RELATIVE] = size * slow_noise(rng, count, period, min(memory, 0.03))
+        noise[:, RELATIVE] = size * slow_noise(rng, count, period, min(correlation_time, 0.03))
         growth = float(rng.uniform(5.0, 40.0))
     elif kind.startswith("texture"):
         texture = texture_of(rng, axis[TRAVEL], way, size)

@@ -160,7 +160,7 @@ def test_a_map_whose_chunk_lost_its_end_computes_it_again(folder, capsys, monkey
         patch.setattr(stability_map, "merge_chunks", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):  # killed just before the end
             main(MAP)
-    (first, *_) = sorted((folder / "OUT" / "map.parts").glob("c0-*.parquet"))
+    (first, *_) = sorted((folder / "OUT" / "map.parts").glob("c0-*.json"))
     first.write_bytes(first.read_bytes()[:-50])
     assert main([*MAP, "--resume"]) == 0
     table = folder / "OUT" / "map.parquet"

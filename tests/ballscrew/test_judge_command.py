@@ -2,10 +2,10 @@
 
 import json
 
-import hidden_effects
 import numpy as np
 import pytest
 from diagnosed import run
+from hidden import effects as hidden_effects
 
 from ballscrew.orchestration.parameter_file import Diagnosed, ParameterFile, Value
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from diagnosed import Diagnosed, run
-from strong_effects import write_strong
+from hidden.strong import write_strong
 
 
 @pytest.fixture(scope="session")

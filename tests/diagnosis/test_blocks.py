@@ -7,21 +7,23 @@ from scipy.signal import lfilter
 from ballscrew.diagnosis.blocks import Blocks
 
 
-def noise(random, seconds, memory, rate=100):
-    """Of unit variance, with a memory [s]."""
-    kept = np.exp(-1.0 / (rate * memory))
+def noise(random, seconds, correlation_time, rate=100):
+    """Of unit variance."""
+    kept = np.exp(-1.0 / (rate * correlation_time))
     n = seconds * rate
     drive = random.standard_normal(n + 20 * rate)
     return lfilter([np.sqrt(1 - kept**2)], [1, -kept], drive)[20 * rate :]
 
 
-@pytest.mark.parametrize(("seconds", "memory"), [(10, 0.01), (20, 0.1), (60, 0.3), (20, 0.3)])
-def test_intervals_hold_the_truth(seconds, memory):
+@pytest.mark.parametrize(
+    ("seconds", "correlation_time"), [(10, 0.01), (20, 0.1), (60, 0.3), (20, 0.3)]
+)
+def test_intervals_hold_the_truth(seconds, correlation_time):
     random = np.random.default_rng(3)
     blocks = Blocks(range(0, seconds * 100 + 1, 100))
     held = []
     for _ in range(300):
-        low, high = blocks.rms(noise(random, seconds, memory)).interval
+        low, high = blocks.rms(noise(random, seconds, correlation_time)).interval
         held.append(low < 1.0 < high)
     assert np.mean(held) > 0.9
 

@@ -3,10 +3,10 @@
 import dataclasses
 import math
 
-import hidden_effects
 import numpy as np
 import pytest
 from diagnosed import nominal
+from hidden import effects as hidden_effects
 
 from ballscrew.diagnosis.commanded import commanded, driven_by_current
 from ballscrew.diagnosis.corrected import corrected

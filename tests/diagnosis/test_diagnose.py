@@ -6,13 +6,13 @@ import json
 import math
 from functools import cache
 
-import hidden_effects
 import numpy as np
 import pytest
 from diagnosed import nominal
-from hidden_cases import draw_case, write_case
-from hidden_effects import NOMINAL
-from strong_effects import strong_record
+from hidden import effects as hidden_effects
+from hidden.cases import draw_case, write_case
+from hidden.effects import NOMINAL
+from hidden.strong import strong_record
 from worlds import draw_case as draw_world
 from worlds import write_case as write_world
 

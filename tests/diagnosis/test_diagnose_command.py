@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from diagnosed import run
-from strong_effects import write_strong
+from hidden.strong import write_strong
 
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.orchestration.run_folder import write_run

@@ -336,7 +336,7 @@ def found(**changes) -> Diagnosis:
         "command": "voltage",
         "command_shift": 0.0,
         "adjustments": {"Fc": 0.02},
-        "noise": {"position_m": 1e-7},
+        "noise": {"force_N": 0.1, "voltage_V": 0.02},
         "alone": {},
         "evidence": 12.0,
         "kind": RecordKind(0.01, 4.0, 1e-3, 1.0, 0.0),
@@ -406,6 +406,12 @@ def test_the_next_experiments_command_file_stands_beside_the_diagnosis(tmp_path)
     assert lines == ["time,x_d", "0,0", "1,0.001", "2,0"]
     found(next_experiment=None).save(tmp_path / "other")
     assert [p.name for p in (tmp_path / "other").iterdir()] == ["diagnosis.json"]
+
+
+def test_noise_is_told_in_words_with_its_units():
+    said = text_of(report(found(), NO_LOOP))
+    assert "balance of force, rms 0.1 N" in said
+    assert "balance of voltage, rms 0.02 V" in said
 
 
 def test_before_and_after_stand_against_the_floor():

@@ -6,11 +6,11 @@ import math
 import tomllib
 from dataclasses import replace
 
-import hidden_cases
 import numpy as np
 import pytest
-from hidden_cases import OUTSIDE, SIZES, Plan, draw_case, write_case
-from hidden_effects import (
+from hidden import cases as hidden_cases
+from hidden.cases import OUTSIDE, SIZES, Plan, draw_case, write_case
+from hidden.effects import (
     COUNT,
     CURRENT_NOISE,
     DURATION,
@@ -22,9 +22,9 @@ from hidden_effects import (
     numbers,
     simulate,
 )
-from hidden_excitations import draw_excitation
-from hidden_signal import BASE, ZERO_WITHOUT, Scale, Scene, noise_paths, spectrum, times
-from hidden_trials import CAUSE, NONE, OUT, PAIR, plan_trials, score
+from hidden.excitations import draw_excitation
+from hidden.signal import BASE, ZERO_WITHOUT, Scale, Scene, noise_paths, spectrum, times
+from hidden.trials import CAUSE, NONE, OUT, PAIR, plan_trials, score
 from scipy.integrate import solve_ivp
 
 QUIET = np.zeros(SAMPLES + 1)

@@ -3,9 +3,9 @@
 import dataclasses
 import math
 
-import hidden_effects
 import numpy as np
 import pytest
+from hidden import effects as hidden_effects
 
 from ballscrew.diagnosis.judge import judge_records
 from ballscrew.orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value

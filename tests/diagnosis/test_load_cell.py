@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from functools import cache
 
-import hidden_effects
 import numpy as np
 import pytest
 from diagnosed import nominal
-from hidden_effects import NOMINAL
+from hidden import effects as hidden_effects
+from hidden.effects import NOMINAL
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel

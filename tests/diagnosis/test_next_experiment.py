@@ -4,10 +4,10 @@ import json
 import math
 import re
 
-import hidden_effects
 import numpy as np
 import pytest
 from diagnosed import nominal
+from hidden import effects as hidden_effects
 
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.diagnosis import NotNamed

@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
-from random_rigs import PRESCRIBED, identify_random_rig
 from scipy.integrate import solve_ivp
-from synthetic_records import (
+from synthetic.records import (
     constant_velocity,
     record_of,
     sine_velocity,
     slow_load,
     true_friction,
 )
+from synthetic.rigs import PRESCRIBED, identify_random_rig
 
 from ballscrew.identification.fit import fit_along
 from ballscrew.identification.fitted_law import LAWS, coordinates_of

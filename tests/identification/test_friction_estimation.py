@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic_records import COUNT, LUGRE, record_of, sine_velocity, true_friction
+from synthetic.records import COUNT, LUGRE, record_of, sine_velocity, true_friction
 
 from ballscrew.identification.friction_estimation import (
     estimate_friction,

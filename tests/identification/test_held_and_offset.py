@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_records import LUGRE, constant_velocity, record_of, sine_velocity
+from synthetic.records import LUGRE, constant_velocity, record_of, sine_velocity
 
 from ballscrew.identification.fit import fit_along
 from ballscrew.identification.identify import CannotHold, check_held, identify

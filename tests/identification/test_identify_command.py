@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from synthetic_records import record_of, sine_velocity
+from synthetic.records import record_of, sine_velocity
 
 from ballscrew.identify_command import NAMES, add_parser
 from ballscrew.options import BadRequest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_rigs import identify_closed_loop_rig
+from synthetic.rigs import identify_closed_loop_rig
 
 from ballscrew.identification.friction_estimation import estimate_friction
 from ballscrew.identification.identify import identify

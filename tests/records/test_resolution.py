@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic_records import COUNT, RESOLUTION
+from synthetic.records import COUNT, RESOLUTION
 
 from ballscrew.records.resolution import resolution_of
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import provenance
 import pytest
-import synthetic_laws as synthetic
+from synthetic import laws as synthetic
 
 from ballscrew.plant import LAWS
 from ballscrew.plant.law import UnknownLaw, claims

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hidden_effects import NOMINAL
+from hidden.effects import NOMINAL
 
 from ballscrew.diagnosis.drive_model import DriveModel
 

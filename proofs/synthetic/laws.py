@@ -27,7 +27,7 @@ CONTACT_LENGTH = sp.Float("5e-6")  # m
 # What is compiled is kept under the law's name: another content, another name.
 _CONTENT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
 RIGID, SPRUNG = f"synthetic_rigid_{_CONTENT}", f"synthetic_sprung_{_CONTENT}"
-NAMES = {RIGID: "synthetic_laws:rigid", SPRUNG: "synthetic_laws:sprung"}
+NAMES = {RIGID: "synthetic.laws:rigid", SPRUNG: "synthetic.laws:sprung"}
 
 
 def _parameter(name: str, default: float, unit: str, meaning: str) -> Parameter:

@@ -293,7 +293,7 @@ def simulate(
 
 
 def friction_noise(random: np.random.Generator, count: int = SAMPLES + 1) -> Array:
-    """Noise with an exponential memory, 2 % of the Coulomb force."""
+    """Noise whose correlation falls exponentially, 2 % of the Coulomb force."""
     from scipy.signal import lfilter
 
     kept = math.exp(-SAMPLE / NOISE_TIME)

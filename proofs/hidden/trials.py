@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from hidden_cases import CATALOGUE, OUTSIDE, HiddenCase, draw_case, write_case
+
+from hidden.cases import CATALOGUE, OUTSIDE, HiddenCase, draw_case, write_case
 
 NOTHING, SHAPE = "none", "unexplained"  # what is found where no cause is named
 FAILED = "failed"

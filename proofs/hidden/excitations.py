@@ -1,6 +1,6 @@
 """What drives the axis while an effect hides: voltages, or set-points under a controller.
 
-The controllers' printed gains are the project's; how they run at 1 kHz is in `hidden_effects`.
+The controllers' printed gains are the project's; how they run at 1 kHz is in `effects`.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from hidden_effects import IOL, NCTF, NOMINAL, OPEN, PID, SAMPLE, SAMPLES, Array
 
 from ballscrew.controllers.nctf import nctf
 from ballscrew.controllers.pid import simc
+from hidden.effects import IOL, NCTF, NOMINAL, OPEN, PID, SAMPLE, SAMPLES, Array
 
 EXCITATIONS = ("steps", "multisine", "ramps", "closed_pid", "closed_nctf", "closed_iol")
 

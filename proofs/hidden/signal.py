@@ -18,7 +18,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from hidden_effects import (
+
+from hidden.effects import (
     COUNT,
     CURRENT_NOISE,
     DURATION,

@@ -6,17 +6,17 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-import hidden_effects
 import numpy as np
-from hidden_effects import NOMINAL
 
 from ballscrew.records.drive_record import DriveRecord, checked
+from hidden import effects as hidden_effects
+from hidden.effects import NOMINAL
 
 
 def strong_record(
     hidden: Mapping[str, float], *, with_current: bool = False, samples: int = 12_000
 ) -> DriveRecord:
-    """Twelve seconds to and fro of the axis with these numbers changed, see `hidden_effects`."""
+    """Twelve seconds to and fro of the axis with these numbers changed, see `effects`."""
     random = np.random.default_rng(3)
     time = np.arange(samples + 1) * hidden_effects.SAMPLE
     u = 3.0 * np.sin(2 * math.pi * 0.7 * time) + 1.5 * np.sin(2 * math.pi * 1.9 * time + 1)

@@ -7,7 +7,6 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from synthetic_records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
 from ballscrew.identification.fit import fit_along
 from ballscrew.identification.fitted_law import LAWS
@@ -17,6 +16,7 @@ from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.records.force_record import QUANTITIES, Record, with_description
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.rig_trials import TRIALS
+from synthetic.records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
 # Laws that are made along prescribed motions; the others' records come from the rig alone, where
 # force makes the motion.

@@ -1,6 +1,6 @@
 """Cases for a diagnosis: an effect drawn, sized by its signal-to-noise ratio, hidden in a record.
 
-The truth and its size come from `hidden_effects` and `hidden_signal`. No part of an estimator is
+The truth and its size come from `effects` and `signal`. No part of an estimator is
 known here.
 """
 
@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from hidden_effects import (
+
+from hidden.effects import (
     COUNT,
     CURRENT_NOISE,
     NOMINAL,
@@ -24,8 +25,8 @@ from hidden_effects import (
     friction_noise,
     simulate,
 )
-from hidden_excitations import Excitation, draw_excitation
-from hidden_signal import KNOWN_BEFORE, NO_BURSTS, WRONG, Scale, Scene, same_force, signal
+from hidden.excitations import Excitation, draw_excitation
+from hidden.signal import KNOWN_BEFORE, NO_BURSTS, WRONG, Scale, Scene, same_force, signal
 
 LOWEST, HIGHEST = 8.0, 20.0  # signal-to-noise ratio
 ALIKE = 3.0  # less than this left by another cause: the same force in this record
