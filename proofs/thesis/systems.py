@@ -83,26 +83,7 @@ def _first_system(f: Figures) -> list[Claim]:
     one_long, true_long = s["system_1_estimated_long"], s["system_1_true_long"]
     tolerances = one_long["lambda1_at_300_s_by_tolerance"]
     return [
-        number(
-            "3.5.1.1",
-            "100.001 % of sigma0",
-            SYSTEM_1[0],
-            p["system_1"]["sigma0_of_printed_percent"],
-            "N/m",
-            0.005,
-            f"The printed value is {p['system_1']['sigma0_percent']:.5f} % of the nominal one. The "
-            "values, not the percentages, are used here.",
-            digits=8,
-        ),
-        number(
-            "3.5.1.1",
-            "103.251 % of sigma1",
-            SYSTEM_1[1],
-            p["system_1"]["sigma1_of_printed_percent"],
-            "N*s/m",
-            0.005,
-            digits=6,
-        ),
+        *_parameter_claims("3.5.1.1", ("100.001", "103.251"), SYSTEM_1, p["system_1"]),
         Claim(
             "3.5.1.1, Figs. 3.11-3.12",
             "the states converge",
@@ -160,6 +141,36 @@ def _first_system(f: Figures) -> list[Claim]:
     ]
 
 
+def _parameter_claims(
+    where: str, shares: tuple[str, str], printed: tuple[float, float], found: Figures
+) -> list[Claim]:
+    """Estimates of sigma0 and sigma1, as percentages and as values."""
+    why = f"The printed value is {found['sigma0_percent']:.5f} % of the nominal one."
+    if where == "3.5.1.1":
+        why += " The values, not the percentages, are used here."
+    return [
+        number(
+            where,
+            f"{shares[0]} % of sigma0",
+            printed[0],
+            found["sigma0_of_printed_percent"],
+            "N/m",
+            0.005,
+            why,
+            digits=8,
+        ),
+        number(
+            where,
+            f"{shares[1]} % of sigma1",
+            printed[1],
+            found["sigma1_of_printed_percent"],
+            "N*s/m",
+            0.005,
+            digits=6,
+        ),
+    ]
+
+
 def _second_system(f: Figures) -> list[Claim]:
     """Section 3.5.1.2."""
     p, s, loose = f["parameters"], f["spectra"], f["loose_solvers"]
@@ -170,25 +181,7 @@ def _second_system(f: Figures) -> list[Claim]:
     swings = {k: [1e6 * e["swing"] for e in v] for k, v in loose["systems"].items()}
     default, tight = swings["RK45 0.001 1e-06"], swings["RK45 1e-06 1e-09"]
     return [
-        number(
-            "3.5.1.2",
-            "99.998 % of sigma0",
-            SYSTEM_2[0],
-            p["system_2"]["sigma0_of_printed_percent"],
-            "N/m",
-            0.005,
-            f"The printed value is {p['system_2']['sigma0_percent']:.5f} % of the nominal one.",
-            digits=8,
-        ),
-        number(
-            "3.5.1.2",
-            "101.407 % of sigma1",
-            SYSTEM_2[1],
-            p["system_2"]["sigma1_of_printed_percent"],
-            "N*s/m",
-            0.005,
-            digits=6,
-        ),
+        *_parameter_claims("3.5.1.2", ("99.998", "101.407"), SYSTEM_2, p["system_2"]),
         Claim(
             "3.5.1.2, Figs. 3.14-3.16",
             "a stable limit cycle around the origin",
