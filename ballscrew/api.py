@@ -1,3 +1,4 @@
+# Long file: most of it are docstrings, with examples, of the public functions.
 """The public functions: what the commands do, for programs and notebooks.
 
 Values are in SI units throughout. A part is named (see `catalogue`), a path of an FMU, or a
@@ -11,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .orchestration.closed_loop import Study
     from .orchestration.coupling import Coupling
     from .orchestration.parameter_file import ParameterFile
     from .orchestration.reference_signal import Reference
@@ -162,6 +162,7 @@ def export(
     return readable.export(made, path)
 
 
+# Many arguments: what the command has options for, by name.
 def run(
     controller: Part,
     plant: Part = "plant",
@@ -219,11 +220,19 @@ def run(
     >>> round(float(abs(result.run.commands["u"]).max()), 1)
     32.1
     """
-    from .orchestration.closed_loop import run_study
+    from .orchestration.closed_loop import Study, run_study
     from .results.run_result import RunResult
 
-    study = _study(
-        controller, plant, reference, stop, step, plant_values, controller_values, coupling, mapping
+    study = Study(
+        _named(controller),
+        _named(plant),
+        _over_time(reference),
+        stop,
+        step,
+        coupling,
+        plant_values=plant_values,
+        controller_values=controller_values,
+        mapping=mapping,
     )
     return RunResult.of(run_study(study))
 
@@ -260,11 +269,13 @@ def swap(
     >>> [r.study.label for r in result.results]
     ['iol', 'pid']
     """
+    from .orchestration.closed_loop import Study
     from .orchestration.swap import swap as swapped
     from .results.comparison import Comparison
 
+    on, goal = _named(plant), _over_time(reference)
     studies = [
-        _study(c, plant, reference, stop, step, plant_values, None, None, None) for c in controllers
+        Study(_named(c), on, goal, stop, step, plant_values=plant_values) for c in controllers
     ]
     return Comparison.of(swapped(studies))
 
@@ -321,6 +332,7 @@ def lyapunov(
     return Exponents.of(loop_lyapunov(controller, stop, *given))
 
 
+# Many arguments: what the command has options for, by name.
 def stability_map(
     controller: str,
     x: str,
@@ -606,32 +618,13 @@ def diagnose(
     return DiagnosisResult.of(diagnosed(data, params, law, mapping, units=units, lead=lead))
 
 
-def _study(
-    controller: Part,
-    plant: Part,
-    reference: float | Reference,
-    stop: float,
-    step: float | None,
-    plant_values: Values | None,
-    controller_values: Values | None,
-    coupling: Coupling | None,
-    mapping: Mapping[str, str] | None,
-) -> Study:
-    from .orchestration.closed_loop import Study
+def _over_time(reference: float | Reference) -> Reference:
+    """A set-point over time; a number is a constant one."""
+    if not isinstance(reference, int | float):
+        return reference
     from .orchestration.reference_signal import Reference
 
-    number = isinstance(reference, int | float)
-    return Study(
-        _named(controller),
-        _named(plant),
-        Reference.constant(reference) if number else reference,  # type: ignore[arg-type]
-        stop,
-        step,
-        coupling,
-        plant_values=plant_values,
-        controller_values=controller_values,
-        mapping=mapping,
-    )
+    return Reference.constant(reference)
 
 
 def _named(part: Part) -> Any:

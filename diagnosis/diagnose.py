@@ -24,11 +24,11 @@ from .faultless import RecordKind, p_value
 from .found_cause import found_cause, level
 from .held_out import HeldOut, gained, gained_ahead, judged, laps_of, parts_of, with_values
 from .load_cell import validation_signal
-from .modelled_record import opposing
+from .modelled_record import ModelledRecord, opposing
 from .nonparametric import LIVES
 from .plausibility import at_ends
 from .prior_model import lead_of, prior_model_from, with_lead
-from .problem import Problem
+from .problem import Candidate, Problem
 from .regression import Added
 from .remaining import AT_FLOOR, above_floor, next_experiment, out_of_reach, where_residual_is
 from .residuals import Residual, floor, repetition, residual
@@ -144,73 +144,27 @@ def _concluded(
     notes: list[str],
     began: float,
 ) -> Diagnosis:
-    judgement = _judgement(prior_model, found)
-    single = None if judgement.held.order else only_first(found, prior_model)
-    if single:
-        # too many causes together may leave none; the first of them is judged alone then
-        first = _judgement(prior_model, single)
-        refused = judgement.holds_up.refused
-        # of a swing alone an error of the others' laws may be the source
-        unsure = {r.name for r in refused if r.like} | set(SWINGS)
-        if first.held.order and not unsure & set(first.held.order):
-            more = [r for r in refused if r.name not in first.held.order]
-            kept = [r for r in first.holds_up.refused if r.name not in {m.name for m in more}]
-            holds_up = replace(first.holds_up, refused=(*more, *kept))
-            judgement, found = first._replace(holds_up=holds_up), single
-    holds_up, held, baseline, laps = judgement
+    found, judgement = _standing(prior_model, found)
     situation, problem = found.situation, found.problem
     courses, noise = situation.courses, situation.noise
-    best = holds_up.explanation
-    nothing = Added.nothing(courses)
+    holds_up, held, baseline = judgement.holds_up, judgement.held, judgement.baseline
     kind = _kind(situation, problem)
     causes = tuple(
         found_cause(situation, problem, holds_up, held, kind, name) for name in held.order
     )
     whole = gained(held.none, held.all, held.limits)
     adjusted, final = level(held.none), level(held.all)
-    fitted = amplitudes(problem, best)
-    members = list(best.members)
-    named = added_by(members, fitted, courses)
-    on_block = [m for m in members if not CAUSES[m.name].on_screw]
-    free = [m for m in holds_up.freest.members if m.is_rival]
-    unnamed = added_by(free, amplitudes(problem, holds_up.freest), courses)
-    model = with_values(problem, fitted)
-    corrected = residual(courses, model, named)
-    lowest = level(floor(courses, situation.model))
-    if laps:
-        lowest = Level(max(lowest.force, repetition(corrected, courses, laps)), lowest.position)
+    corrected = _corrected(situation, problem, holds_up)
+    model, free = corrected.model, corrected.free
+    lowest = _lowest(situation, corrected, judgement.laps)
     verdict = _verdict(bool(causes), bool(free), holds(whole.interval, adjusted, final))
     if verdict == EXPLAINED and final.force > AT_FLOOR * lowest.force:
         verdict = PARTLY
-        notes.append(above_floor(final, lowest, bool(laps)))
-    own = [f"{c.own_offset:+.3g} N in {c.record.name}" for c in courses if c.offset_name]
-    if own:
-        notes.append(f"offsets beyond that of {courses[0].record.name}: {', '.join(own)}")
-    ends = at_ends(problem, best, courses)
-    if ends:
-        notes.append(
-            f"at the end of what they can be: {', '.join(ends)}. A tolerance is too narrow, or "
-            "something without a name is made up for"
-        )
-    cell = validation_signal(courses, prior_model, model, added_by(on_block, fitted, courses).force)
+        notes.append(above_floor(final, lowest, bool(judgement.laps)))
+    notes += _of_the_fit(problem, holds_up, courses)
+    cell = validation_signal(courses, prior_model, model, corrected.on_block.force)
     if cell is None and any("force" in r.signals for r in records):
         notes.append("the load cell's `force` is not used: the model does not say where it sits")
-    predicted = np.concatenate([opposing(c, prior_model) for c in courses])
-    curves = Curves(
-        time=np.concatenate([c.time for c in courses]),
-        record=np.repeat(np.arange(len(courses)), [len(c.x) for c in courses]),
-        x=np.concatenate([c.x for c in courses]),
-        v=np.concatenate([c.v for c in courses]),
-        force=predicted + baseline.force,
-        predicted=predicted,
-        before=baseline.force,
-        after=corrected.force,
-        position_before=baseline.position,
-        position_after=corrected.position,
-        cause=np.concatenate(named.force),
-        shape=np.concatenate(unnamed.force),
-        telling=baseline.telling,
-    )
     strongest = strongest_alone(problem)
     return Diagnosis(
         verdict=verdict,
@@ -224,12 +178,10 @@ def _concluded(
         causes=causes,
         not_named=holds_up.refused,
         unnamed=tuple(LIVES[m.name] for m in free),
-        out_of_reach=out_of_reach(courses, situation.model, problem, best),
+        out_of_reach=out_of_reach(courses, situation.model, problem, holds_up.explanation),
         next_experiment=next_experiment(holds_up.refused, bool(free), courses, model),
         prior=prior_model,
-        adjusted=model
-        if not members
-        else values_adjusted(courses, prior_model, prior_model, nothing).model,
+        adjusted=_adjusted(prior_model, holds_up, corrected, courses),
         corrected=model,
         command=records[0].command,
         command_shift=courses[0].calibration["command_shift"],
@@ -246,9 +198,122 @@ def _concluded(
         p_value=p_value(strongest, kind),
         load_cell=cell,
         records=tuple(r.name for r in records),
-        curves=curves,
+        curves=_curves(courses, prior_model, baseline, corrected),
         seconds=time.perf_counter() - began,
         notes=tuple(notes),
+    )
+
+
+def _standing(prior_model: DriveModel, found: Found) -> tuple[Found, _Judgement]:
+    """What was found as judged, or its first cause alone where nothing else is left."""
+    judgement = _judgement(prior_model, found)
+    single = None if judgement.held.order else only_first(found, prior_model)
+    if not single:
+        return found, judgement
+    # too many causes together may leave none; the first of them is judged alone then
+    first = _judgement(prior_model, single)
+    refused = judgement.holds_up.refused
+    # of a swing alone an error of the others' laws may be the source
+    unsure = {r.name for r in refused if r.like} | set(SWINGS)
+    if not first.held.order or unsure & set(first.held.order):
+        return found, judgement
+    more = [r for r in refused if r.name not in first.held.order]
+    kept = [r for r in first.holds_up.refused if r.name not in {m.name for m in more}]
+    holds_up = replace(first.holds_up, refused=(*more, *kept))
+    return single, first._replace(holds_up=holds_up)
+
+
+class _Corrected(NamedTuple):
+    """The corrected model, what it leaves, and the forces in it that the prior one lacks.
+
+    `free` is the structure without a name; `on_block` is what a load cell feels of `named`.
+    """
+
+    model: DriveModel
+    residual: Residual
+    named: Added
+    on_block: Added
+    free: list[Candidate]
+    unnamed: Added
+
+
+def _corrected(situation: Situation, problem: Problem, holds_up: Accepted) -> _Corrected:
+    courses = situation.courses
+    fitted = amplitudes(problem, holds_up.explanation)
+    members = list(holds_up.explanation.members)
+    named = added_by(members, fitted, courses)
+    on_block = [m for m in members if not CAUSES[m.name].on_screw]
+    free = [m for m in holds_up.freest.members if m.is_rival]
+    model = with_values(problem, fitted)
+    return _Corrected(
+        model=model,
+        residual=residual(courses, model, named),
+        named=named,
+        on_block=added_by(on_block, fitted, courses),
+        free=free,
+        unnamed=added_by(free, amplitudes(problem, holds_up.freest), courses),
+    )
+
+
+def _lowest(situation: Situation, corrected: _Corrected, laps: list[float]) -> Level:
+    """The least that any model could leave; equal laps tell it by their differences, too."""
+    lowest = level(floor(situation.courses, situation.model))
+    if not laps:
+        return lowest
+    repeated = repetition(corrected.residual, situation.courses, laps)
+    return Level(max(lowest.force, repeated), lowest.position)
+
+
+def _of_the_fit(
+    problem: Problem, holds_up: Accepted, courses: Sequence[ModelledRecord]
+) -> list[str]:
+    """What to say of fitted offsets, and of values at the end of what they can be."""
+    notes = []
+    own = [f"{c.own_offset:+.3g} N in {c.record.name}" for c in courses if c.offset_name]
+    if own:
+        notes.append(f"offsets beyond that of {courses[0].record.name}: {', '.join(own)}")
+    ends = at_ends(problem, holds_up.explanation, courses)
+    if ends:
+        notes.append(
+            f"at the end of what they can be: {', '.join(ends)}. A tolerance is too narrow, or "
+            "something without a name is made up for"
+        )
+    return notes
+
+
+def _adjusted(
+    prior_model: DriveModel,
+    holds_up: Accepted,
+    corrected: _Corrected,
+    courses: list[ModelledRecord],
+) -> DriveModel:
+    """The prior model with its own values fitted, without any cause."""
+    if not holds_up.explanation.members:
+        return corrected.model
+    return values_adjusted(courses, prior_model, prior_model, Added.nothing(courses)).model
+
+
+def _curves(
+    courses: Sequence[ModelledRecord],
+    prior_model: DriveModel,
+    baseline: Residual,
+    corrected: _Corrected,
+) -> Curves:
+    predicted = np.concatenate([opposing(c, prior_model) for c in courses])
+    return Curves(
+        time=np.concatenate([c.time for c in courses]),
+        record=np.repeat(np.arange(len(courses)), [len(c.x) for c in courses]),
+        x=np.concatenate([c.x for c in courses]),
+        v=np.concatenate([c.v for c in courses]),
+        force=predicted + baseline.force,
+        predicted=predicted,
+        before=baseline.force,
+        after=corrected.residual.force,
+        position_before=baseline.position,
+        position_after=corrected.residual.position,
+        cause=np.concatenate(corrected.named.force),
+        shape=np.concatenate(corrected.unnamed.force),
+        telling=baseline.telling,
     )
 
 

@@ -203,8 +203,41 @@ def explain_scatter(table: Path | str, value: str) -> TrialsDiagnosis:
         for k, cell in enumerate(columns[value])
         if cell and all(columns[n][k] for n in conditions)
     ]
-    left_out = len(columns[value]) - len(complete)
-    y = np.array([number(path, value, columns[value][k]) for k in complete])
+    y = _values(path, value, [columns[value][k] for k in complete])
+    n, total = len(y), float(((y - y.mean()) ** 2).sum())
+    labels = {n: [columns[n][k] for k in complete] for n in conditions}
+    codes = {n: level_codes(cells) for n, cells in labels.items()}
+    # the trials that are left out may have taken a level or a difference with them
+    for name in [n for n, c in codes.items() if c.max() == 0]:
+        no_conditions[name] = "the same in every trial that has the value"
+        del codes[name]
+    alike = {n: next(m for m in codes if np.array_equal(codes[m], codes[n])) for n in codes}
+    no_conditions |= {
+        n: f"divides the trials as {first} does" for n, first in alike.items() if n != first
+    }
+    same_as = {n: [m for m in codes if alike[m] == n != m] for n in codes if alike[n] == n}
+    kept = {n: codes[n] for n in same_as}
+    left, freedom = residual_squares(y, list(kept.values()))
+    residual = math.sqrt(left / freedom) if freedom else math.nan
+    found = _tested(y, kept, labels, same_as, residual)
+    return TrialsDiagnosis(
+        path.name,
+        value,
+        n,
+        len(columns[value]) - n,
+        float(y.mean()),
+        math.sqrt(total / (n - 1)),
+        1 - left / total,
+        1 - (left / freedom) / (total / (n - 1)) if freedom else math.nan,
+        residual,
+        tuple(found),
+        no_conditions,
+    )
+
+
+def _values(path: Path, value: str, cells: Sequence[str]) -> Vector:
+    """The value's numbers, which are enough and differ."""
+    y = np.array([number(path, value, cell) for cell in cells])
     if len(y) < LEAST_TRIALS:
         raise BadTable(
             f"{path}: {len(y)} trials have {value!r} and its conditions, expected at least "
@@ -213,32 +246,26 @@ def explain_scatter(table: Path | str, value: str) -> TrialsDiagnosis:
     total = float(((y - y.mean()) ** 2).sum())
     if total <= (1e-12 * float(np.abs(y).max())) ** 2 * len(y):
         raise BadTable(f"{path}: {value!r} is {y[0]:g} in every trial, there is no scatter")
-    codes = {n: level_codes([columns[n][k] for k in complete]) for n in conditions}
-    # the trials that are left out may have taken a level or a difference with them
-    for name in [n for n, c in codes.items() if c.max() == 0]:
-        no_conditions[name] = "the same in every trial that has the value"
-        del codes[name]
-    same_as: dict[str, list[str]] = {}
-    for name in codes:
-        twin = next((n for n in same_as if np.array_equal(codes[n], codes[name])), None)
-        if twin is None:
-            same_as[name] = []
-        else:
-            same_as[twin].append(name)
-            no_conditions[name] = f"divides the trials as {twin} does"
-    kept = {n: codes[n] for n in same_as}
-    left, freedom = residual_squares(y, list(kept.values()))
-    residual = math.sqrt(left / freedom) if freedom else math.nan
+    return y
+
+
+def _tested(
+    y: Vector,
+    codes: Mapping[str, Indices],
+    labels: Mapping[str, Sequence[str]],
+    same_as: Mapping[str, Sequence[str]],
+    residual: float,
+) -> list[Condition]:
+    """Each condition against all others, in order of what it explains."""
+    total = float(((y - y.mean()) ** 2).sum())
     tests = {
-        n: permute_levels(y, c, [o for m, o in kept.items() if m != n]) for n, c in kept.items()
+        n: permute_levels(y, c, [o for m, o in codes.items() if m != n]) for n, c in codes.items()
     }
     corrected = holm({n: t.p_value for n, t in tests.items()})
     found = []
     for name, test in tests.items():
-        labels = [columns[name][k] for k in complete]
-        levels = _levels(y, kept[name], labels)
+        levels = _levels(y, codes[name], labels[name])
         difference = max(v.mean for v in levels) - min(v.mean for v in levels)
-        smallest = min(1.0, test.smallest_p * len(tests))
         found.append(
             Condition(
                 name,
@@ -250,27 +277,13 @@ def explain_scatter(table: Path | str, value: str) -> TrialsDiagnosis:
                 test.p_value,
                 corrected[name],
                 test.smallest_p,
-                smallest,
+                min(1.0, test.smallest_p * len(tests)),
                 test.assignments,
                 test.exact,
                 corrected[name] < LEVEL,
             )
         )
-    found.sort(key=lambda c: (-c.share, c.name))
-    n = len(y)
-    return TrialsDiagnosis(
-        path.name,
-        value,
-        n,
-        left_out,
-        float(y.mean()),
-        math.sqrt(total / (n - 1)),
-        1 - left / total,
-        1 - (left / freedom) / (total / (n - 1)) if freedom else math.nan,
-        residual,
-        tuple(found),
-        no_conditions,
-    )
+    return sorted(found, key=lambda c: (-c.share, c.name))
 
 
 def read_columns(path: Path) -> dict[str, list[str]]:

@@ -8,7 +8,7 @@ the model description, since some hosts take them for that; `Layout.places` says
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -116,99 +116,21 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
     samples = time + 1
     frame = _frame(kernel, states, samples + 1)
     size = samples + 1 + bool(frame)
-    held_states = list(kernel.states) + list(kernel.discrete)
+    step_start = max((k for k, i in enumerate(kernel.inputs) if i.role == "internal"), default=-1)
 
-    variables: list[Variable] = []
-    step_start = -1
-    for k, i in enumerate(kernel.inputs):
-        if i.role == "internal":
-            step_start = k
-            continue
-        variables.append(
-            Variable(
-                i.name,
-                k,
-                "input",
-                "continuous",
-                i.unit,
-                i.meaning,
-                start=i.start,
-                nominal=i.nominal,
-            )
-        )
-    states_named = {s.name for s in held_states}
-    internal = {i.name for i in kernel.inputs if i.role == "internal"}
-    unnamed = internal | {TIME}  # no FMI variables
-    # what changes between events
-    moving = {s.name for s in kernel.states} | {i.name for i in kernel.inputs} | {TIME}
-    for k, o in enumerate(kernel.outputs):
-        discrete = bool(kernel.sample_time) and moving.isdisjoint(o.uses)
-        variables.append(
-            Variable(
-                o.name,
-                outputs + k,
-                "output",
-                "discrete" if discrete else "continuous",
-                o.unit,
-                o.meaning,
-                nominal=o.nominal,
-                feedthrough=tuple(n for n in o.feedthrough if n not in internal),
-                initially_from=tuple(
-                    n + START if n in states_named else n for n in o.uses if n not in unnamed
-                ),
-            )
-        )
-    for k, p in enumerate(kernel.parameters):
-        variables.append(
-            Variable(
-                p.name,
-                parameters + k,
-                "parameter",
-                "fixed",
-                p.unit,
-                f"{p.meaning} ({p.source})",
-                start=p.default,
-                minimum=p.minimum,
-                maximum=p.maximum,
-                nominal=p.nominal,
-            )
-        )
-    # a state's own nominal value scales the solver's absolute tolerance; a start is as its signal
-    shown = {o.uses[0]: o.nominal for o in kernel.outputs if len(o.uses) == 1}
-    for k, s in enumerate(held_states):
-        variables.append(
-            Variable(
-                s.name + START,
-                starts + k,
-                "parameter",
-                "fixed",
-                s.unit,
-                f"initial {s.meaning}",
-                start=s.start,
-                nominal=shown.get(s.name, s.nominal),
-            )
-        )
+    variables = [
+        *_inputs(kernel),
+        *_outputs(kernel, outputs),
+        *_parameters(kernel, parameters),
+        *_starts(kernel, starts),
+    ]
     if n:
-        variables.append(
-            Variable(
-                TOLERANCE,
-                tolerance,
-                "parameter",
-                "fixed",
-                "1",
-                "relative tolerance of the internal solver",
-                start=DEFAULT_TOLERANCE,
-                minimum=1e-13,
-                maximum=1e-2,
-                nominal=DEFAULT_TOLERANCE,
-            )
-        )
+        variables.append(_tolerance(tolerance))
     initial = [0.0] * size
     for v in variables:
         initial[v.place] = v.start or 0.0
     initial[tolerance] = DEFAULT_TOLERANCE
     listed = numbered(variables, 1)
-    limited = [v for v in variables if v.causality == "parameter"]
     layout = Layout(
         model=model,
         inputs=len(kernel.inputs),
@@ -244,10 +166,96 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
                 v.minimum if math.isfinite(v.minimum) else None,
                 v.maximum if math.isfinite(v.maximum) else None,
             ]
-            for v in limited
+            for v in variables
+            if v.causality == "parameter"
         },
     )
     return Interface(listed, layout, len(listed) + 1)
+
+
+def _inputs(kernel: Kernel) -> Iterator[Variable]:
+    for k, i in enumerate(kernel.inputs):
+        if i.role != "internal":
+            yield Variable(
+                i.name,
+                k,
+                "input",
+                "continuous",
+                i.unit,
+                i.meaning,
+                start=i.start,
+                nominal=i.nominal,
+            )
+
+
+def _outputs(kernel: Kernel, first: int) -> Iterator[Variable]:
+    held_states = {s.name for s in (*kernel.states, *kernel.discrete)}
+    internal = {i.name for i in kernel.inputs if i.role == "internal"}
+    unnamed = internal | {TIME}  # no FMI variables
+    # what changes between events
+    moving = {s.name for s in kernel.states} | {i.name for i in kernel.inputs} | {TIME}
+    for k, o in enumerate(kernel.outputs):
+        discrete = bool(kernel.sample_time) and moving.isdisjoint(o.uses)
+        yield Variable(
+            o.name,
+            first + k,
+            "output",
+            "discrete" if discrete else "continuous",
+            o.unit,
+            o.meaning,
+            nominal=o.nominal,
+            feedthrough=tuple(n for n in o.feedthrough if n not in internal),
+            initially_from=tuple(
+                n + START if n in held_states else n for n in o.uses if n not in unnamed
+            ),
+        )
+
+
+def _parameters(kernel: Kernel, first: int) -> Iterator[Variable]:
+    for k, p in enumerate(kernel.parameters):
+        yield Variable(
+            p.name,
+            first + k,
+            "parameter",
+            "fixed",
+            p.unit,
+            f"{p.meaning} ({p.source})",
+            start=p.default,
+            minimum=p.minimum,
+            maximum=p.maximum,
+            nominal=p.nominal,
+        )
+
+
+def _starts(kernel: Kernel, first: int) -> Iterator[Variable]:
+    # a state's own nominal value scales the solver's absolute tolerance; a start is as its signal
+    shown = {o.uses[0]: o.nominal for o in kernel.outputs if len(o.uses) == 1}
+    for k, s in enumerate((*kernel.states, *kernel.discrete)):
+        yield Variable(
+            s.name + START,
+            first + k,
+            "parameter",
+            "fixed",
+            s.unit,
+            f"initial {s.meaning}",
+            start=s.start,
+            nominal=shown.get(s.name, s.nominal),
+        )
+
+
+def _tolerance(place: int) -> Variable:
+    return Variable(
+        TOLERANCE,
+        place,
+        "parameter",
+        "fixed",
+        "1",
+        "relative tolerance of the internal solver",
+        start=DEFAULT_TOLERANCE,
+        minimum=1e-13,
+        maximum=1e-2,
+        nominal=DEFAULT_TOLERANCE,
+    )
 
 
 def _frame(kernel: Kernel, states: int, free: int) -> dict[str, int]:

@@ -53,23 +53,13 @@ def variational(component: Component, tangents: int) -> Component:
     """
     from .export import with_law_ports
 
-    if tangents < 1:
-        raise ValueError(f"{tangents} tangents, expected at least 1")
-    for what, parts in (
-        ("modes", component.modes),
-        ("delays", component.delays),
-        ("discrete states", component.discrete),
-    ):
-        if parts:
-            raise UnsupportedComponent(
-                f"{component.name} has {what}; only what moves continuously and without events can "
-                "be exported with tangents. Take it without, or without FMUs (--via model)"
-            )
+    _check(component, tangents)
     lawful = with_law_ports(component)
     states = _ordered(lawful)
-    signals = [i for i in lawful.inputs if i.role != "internal"]
-    own = [s.name for s in states]
     outputs = lawful.all_outputs
+    own = [s.name for s in states]
+    _check_names(component.name, own, outputs)
+    signals = [i for i in lawful.inputs if i.role != "internal"]
     names = [*own, *(i.name for i in signals)]
     moved = [symbol(name) for name in names]
     rates = slopes([lawful.derivative(name) for name in own], moved)
@@ -81,58 +71,22 @@ def variational(component: Component, tangents: int) -> Component:
     set_inputs: list[Input] = []
     for k in range(1, tangents + 1):
         vector = sp.Matrix([symbol(tangent_port(name, k)) for name in names])
-        for row, s in enumerate(states):
-            name = tangent_port(s.name, k)
-            new_states.append(
-                State(
-                    name,
-                    s.unit,
-                    f"tangent {k} of {s.meaning}",
-                    (rates[row, :] * vector)[0],
-                    start=1.0 if row == k - 1 else 0.0,
-                    nominal=s.nominal,
-                )
-            )
-            set_inputs.append(
-                Input(
-                    set_port(name),
-                    s.unit,
-                    f"value that {name} takes with a new {FRAME}",
-                    nominal=s.nominal,
-                    role=SET_ROLE,
-                )
-            )
+        moving = [_tangent_of(s, k, row, rates[row, :] * vector) for row, s in enumerate(states)]
+        new_states += moving
+        set_inputs += [_set_input(s) for s in moving]
         new_inputs += [
             Input(tangent_port(i.name, k), i.unit, f"tangent {k} of {i.meaning}", nominal=i.nominal)
             for i in signals
         ]
         new_outputs += [
-            Output(
-                tangent_port(o.name, k),
-                o.unit,
-                f"tangent {k} of {o.meaning}",
-                (shown[row, :] * vector)[0],
-                nominal=o.nominal,
-            )
-            for row, o in enumerate(outputs)
+            _tangent_output(o, k, shown[row, :] * vector) for row, o in enumerate(outputs)
         ]
-        new_outputs += (
-            [
-                Output(name, s.unit, s.meaning, symbol(name), nominal=s.nominal)
-                for s, name in zip(
-                    new_states[-len(own) :], (tangent_port(n, k) for n in own), strict=True
-                )
-                if name not in {o.name for o in new_outputs}
-            ]
-            if own
-            else []
-        )
-    hidden = [n for n in own if any(o.name == n and o.value != symbol(n) for o in outputs)]
-    if hidden:
-        raise UnsupportedComponent(
-            f"{component.name} has a state and another output, both named {hidden[0]!r}: their "
-            "tangents would have one name, too"
-        )
+        there = {o.name for o in new_outputs}
+        new_outputs += [
+            Output(s.name, s.unit, s.meaning, symbol(s.name), nominal=s.nominal)
+            for s in moving
+            if s.name not in there
+        ]
     if states:
         trace = rates[:, : len(states)].trace()
         meaning = "integral over time of the trace of the Jacobian by the states"
@@ -150,6 +104,62 @@ def variational(component: Component, tangents: int) -> Component:
         inputs=(*map(_wired, lawful.inputs), *new_inputs, *set_inputs),
         states=(*states, *new_states),
         outputs=(*outputs, *new_outputs),
+    )
+
+
+def _check(component: Component, tangents: int) -> None:
+    if tangents < 1:
+        raise ValueError(f"{tangents} tangents, expected at least 1")
+    for what, parts in (
+        ("modes", component.modes),
+        ("delays", component.delays),
+        ("discrete states", component.discrete),
+    ):
+        if parts:
+            raise UnsupportedComponent(
+                f"{component.name} has {what}; only what moves continuously and without events can "
+                "be exported with tangents. Take it without, or without FMUs (--via model)"
+            )
+
+
+def _check_names(component: str, states: Sequence[str], outputs: Sequence[Output]) -> None:
+    hidden = [n for n in states if any(o.name == n and o.value != symbol(n) for o in outputs)]
+    if hidden:
+        raise UnsupportedComponent(
+            f"{component} has a state and another output, both named {hidden[0]!r}: their "
+            "tangents would have one name, too"
+        )
+
+
+def _tangent_of(state: State, k: int, row: int, rate: sp.Matrix) -> State:
+    """Tangent k of a state, which is the row-th."""
+    return State(
+        tangent_port(state.name, k),
+        state.unit,
+        f"tangent {k} of {state.meaning}",
+        rate[0],
+        start=1.0 if row == k - 1 else 0.0,
+        nominal=state.nominal,
+    )
+
+
+def _tangent_output(output: Output, k: int, value: sp.Matrix) -> Output:
+    return Output(
+        tangent_port(output.name, k),
+        output.unit,
+        f"tangent {k} of {output.meaning}",
+        value[0],
+        nominal=output.nominal,
+    )
+
+
+def _set_input(tangent: State) -> Input:
+    return Input(
+        set_port(tangent.name),
+        tangent.unit,
+        f"value that {tangent.name} takes with a new {FRAME}",
+        nominal=tangent.nominal,
+        role=SET_ROLE,
     )
 
 

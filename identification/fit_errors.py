@@ -33,32 +33,11 @@ def summed_up(climb: Climb, cost: float) -> Fit:
     problem, point = climb.problem, climb.point
     course = problem.course
     pieces = climb.normal(point)
-    columns, own, noisy = pieces.columns, pieces.own, pieces.noisy
+    columns, own = pieces.columns, pieces.own
     q, p = len(columns), problem.size
     inverse = np.asarray(np.linalg.inv(pieces.information), dtype=float)
     prior = climb.prior_std**-2
-    meat = np.diag(prior)
-    shares: list[Vector] = []
-    # pieces of the records; each touches the global unknowns and one record's own
-    for r in range(course.records):
-        begin, end = int(course.starts[r]), int(course.starts[r + 1])
-        length = max(10, round(PIECE / course.step[r]))
-        own_places = q + r + course.records * np.arange(OWN)
-        at = np.concatenate([np.arange(q), own_places, [len(inverse) - 1]])
-        for first in range(begin, end, length):
-            part = slice(first, min(first + length, end))
-            weight, gradient = problem.weight[:, part], problem.gradient[:, part]
-            local = np.vstack([columns[:, part], own[:, part]])
-            block = np.empty((len(at), len(at)))
-            block[:-1, :-1] = (local * weight[0]) @ local.T
-            block[:-1, -1] = block[-1, :-1] = local @ (weight[1] * noisy[part])
-            block[-1, -1] = weight[2] @ noisy[part] ** 2
-            said = np.append(local @ gradient[0], gradient[1] @ noisy[part])
-            # what the piece says if it had no part in the estimate it is compared with
-            said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
-            meat[np.ix_(at, at)] += np.outer(said, said)
-            arms = inverse[:p][:, at]
-            shares.append(np.einsum("ij,jk,ik->i", arms, block, arms))
+    meat, share = _from_pieces(climb, pieces, inverse)
     robust = (inverse @ meat @ inverse)[:p, :p]
     blind = pieces.information.copy()
     clocks = np.arange(p, q)
@@ -88,7 +67,6 @@ def summed_up(climb: Climb, cost: float) -> Fit:
     floor = np.full(p, FLOOR)
     floor[problem.of_law :] *= course.level
     covariance[np.diag_indices(p)] += floor**2 + rounded + _of_sensors(climb)
-    share = np.array(shares)
     # Satterthwaite's; what is known beforehand is known for certain
     known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
     squares = np.maximum((share**2).sum(axis=0), 1e-300)
@@ -113,6 +91,39 @@ def summed_up(climb: Climb, cost: float) -> Fit:
         predicted=np.where(problem.spoken, climb.force(point), course.force),
         spoken=problem.spoken,
     )
+
+
+def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix, Matrix]:
+    """Outer products of what pieces of the records say, summed up, and each piece's share.
+
+    A piece touches the global unknowns and one record's own.
+    """
+    problem = climb.problem
+    course = problem.course
+    columns, own, noisy = pieces.columns, pieces.own, pieces.noisy
+    q, p = len(columns), problem.size
+    meat = np.diag(climb.prior_std**-2)
+    shares: list[Vector] = []
+    for r in range(course.records):
+        begin, end = int(course.starts[r]), int(course.starts[r + 1])
+        length = max(10, round(PIECE / course.step[r]))
+        own_places = q + r + course.records * np.arange(OWN)
+        at = np.concatenate([np.arange(q), own_places, [len(inverse) - 1]])
+        for first in range(begin, end, length):
+            part = slice(first, min(first + length, end))
+            weight, gradient = problem.weight[:, part], problem.gradient[:, part]
+            local = np.vstack([columns[:, part], own[:, part]])
+            block = np.empty((len(at), len(at)))
+            block[:-1, :-1] = (local * weight[0]) @ local.T
+            block[:-1, -1] = block[-1, :-1] = local @ (weight[1] * noisy[part])
+            block[-1, -1] = weight[2] @ noisy[part] ** 2
+            said = np.append(local @ gradient[0], gradient[1] @ noisy[part])
+            # what the piece says if it had no part in the estimate it is compared with
+            said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
+            meat[np.ix_(at, at)] += np.outer(said, said)
+            arms = inverse[:p][:, at]
+            shares.append(np.einsum("ij,jk,ik->i", arms, block, arms))
+    return meat, np.array(shares)
 
 
 def _of_sensors(climb: Climb) -> Vector:

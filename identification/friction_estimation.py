@@ -164,26 +164,7 @@ def smooth_motion(
         resolution = 0.0
     origin = float(position[0])
     readings = _readings(position - origin, resolution, held, before)
-    data, weights = readings.data, readings.weights
-    if noise == 0.0:
-        smooth, strength = data.copy(), np.zeros(n - 2)
-    else:
-        if like:
-            strength = like.strength
-        else:
-            strength = _strength(readings, noise, np.ones(n - 2))
-            bends = np.diff(_smoothed(readings, strength), 2) ** 2
-            near = np.convolve(bends, np.ones(_NEAR) / _NEAR, "same")
-            calm = near / max(float(near.mean()), 1e-300) + _LEAST_BENDS
-            strength = _strength(readings, noise, 1.0 / calm)
-        smooth = _smoothed(readings, strength)
-        for _ in range(8):  # a counted position is known to within half a count
-            outside = np.abs(smooth - data) > (0.55 * resolution if resolution else 4 * noise)
-            outside &= weights > 0
-            if not np.any(outside):
-                break
-            weights[outside] *= 6.0
-            smooth = _smoothed(readings, strength)
+    smooth, strength = _to_noise(readings, noise, resolution, like)
     times = step * (np.arange(n) - before)
     # where a stronger smoothing would change the course, this one has changed it, too
     bent = np.abs(_smoothed(readings, _STRONGER * strength) - smooth) if noise else 0 * smooth
@@ -262,6 +243,36 @@ def _readings(
     single = np.abs(np.diff(data)[passed]) < 1.5 * resolution
     edges[passed] = np.where(single & (near > 1), 1.0 * np.minimum(near, _SLOWEST) ** 2, 0.0)
     return _Readings(data, weights, edges, still)
+
+
+def _to_noise(
+    readings: _Readings, noise: float, resolution: float, like: Motion | None
+) -> tuple[Vector, Vector]:
+    """The course that misses the readings by their noise, and the weights of its bends.
+
+    The weights of readings that it misses by too much are raised.
+    """
+    data, weights = readings.data, readings.weights
+    bends = len(data) - 2
+    if noise == 0.0:
+        return data.copy(), np.zeros(bends)
+    if like:
+        strength = like.strength
+    else:
+        strength = _strength(readings, noise, np.ones(bends))
+        bent = np.diff(_smoothed(readings, strength), 2) ** 2
+        near = np.convolve(bent, np.ones(_NEAR) / _NEAR, "same")
+        calm = near / max(float(near.mean()), 1e-300) + _LEAST_BENDS
+        strength = _strength(readings, noise, 1.0 / calm)
+    smooth = _smoothed(readings, strength)
+    for _ in range(8):  # a counted position is known to within half a count
+        outside = np.abs(smooth - data) > (0.55 * resolution if resolution else 4 * noise)
+        outside &= weights > 0
+        if not np.any(outside):
+            break
+        weights[outside] *= 6.0
+        smooth = _smoothed(readings, strength)
+    return smooth, strength
 
 
 def _strength(readings: _Readings, noise: float, shape: Vector) -> Vector:

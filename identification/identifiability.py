@@ -240,18 +240,7 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
             f"{std * sigma0:.3g} N*s/m"
         )
     if name == "Vs":
-        begin = course.x[course.starts[:-1]][course.of_record()]
-        sliding = (np.abs(course.x - begin) > 1e-4) & (speed > 0)
-        if not np.any(sliding):
-            return f"nothing slides {way}"
-        ordered = np.sort(speed[sliding])
-        covered = np.cumsum(ordered)  # the way is what counts, not the time
-        slowest = float(ordered[np.searchsorted(covered, 0.02 * covered[-1])])
-        return (
-            f"once broken away the block slides {way} at {slowest:.2g} m/s or more for nearly all "
-            "of its way, where the curve has fallen already if Vs is near "
-            f"{values[parameter]:.2g} m/s; passing through in a sample or two tells too little"
-        )
+        return _fall_unseen(course, speed, way, values[parameter])
     if name == "sigma2":
         return (
             f"velocities {way} up to {float(np.quantile(speed, 0.99)):.2g} m/s do not tell the "
@@ -280,4 +269,20 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
     return (
         "f1, f2 and eta grow together with hardly a change of the friction (eta near one); only "
         "the difference f1 - f2 and eps_f are seen well"
+    )
+
+
+def _fall_unseen(course: StackedRecords, speed: Vector, way: str, scale: float) -> str:
+    """The reason why `Vs`, near `scale` [m/s], is not told."""
+    begin = course.x[course.starts[:-1]][course.of_record()]
+    sliding = (np.abs(course.x - begin) > 1e-4) & (speed > 0)
+    if not np.any(sliding):
+        return f"nothing slides {way}"
+    ordered = np.sort(speed[sliding])
+    covered = np.cumsum(ordered)  # the way is what counts, not the time
+    slowest = float(ordered[np.searchsorted(covered, 0.02 * covered[-1])])
+    return (
+        f"once broken away the block slides {way} at {slowest:.2g} m/s or more for nearly all "
+        "of its way, where the curve has fallen already if Vs is near "
+        f"{scale:.2g} m/s; passing through in a sample or two tells too little"
     )

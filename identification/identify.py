@@ -122,25 +122,12 @@ def identify(
     check_held(law, fixed, offset)
     fit = fit_along(records, law, course, fixed=fixed, offset=offset)
     judged = {n: _judged(fit, n, course) for n in fit.names}
-    per_direction: dict[str, dict[str, Interval]] = {}
-    notes = []
-    moved = ways(course)
-    if fit.tied and len(moved) == 2:
-        guess = {n: i.value for n, i in judged.items()}
-        held = fixed | ({OFFSET: guess[OFFSET]} if offset else {})
-        apart = fit_along(records, law, course, tied=False, guess=guess, follow=False, fixed=held)
-        split = {n: _judged(apart, n, course) for n in apart.names}
-        per_direction = _by_direction(split, fit.law.parameters)
-        notes += _difference(apart, split, fixed)
-    elif not fit.tied:
-        per_direction = _by_direction(judged, fit.law.parameters)
-    else:
-        notes.append(f"motion {moved[0]} only: nothing is known of the other direction")
+    per_direction, notes = _each_way(records, fit, judged, course, fixed)
+    unkept = OFFSET in judged and (told is None or told.kind != DRIVE)
+    notes += _remarks(records, law, fit, offset, unkept)
     points = stribeck_points(list(records), estimates)
-    residual = (course.force - fit.predicted)[fit.spoken]
     noise = float(np.median([e.force_noise for e in estimates]))
-    square = float(np.mean(residual**2)) if len(residual) else 0.0
-    unexplained = math.sqrt(max(square - noise**2, 0.0))
+    unexplained = _unexplained(course, fit, noise)
     warnings = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
     if unexplained > MISFIT * noise:
         warnings.append(
@@ -148,36 +135,6 @@ def identify(
             f"{unexplained / noise:.3g} times its noise of {noise:.3g} N: this is not the friction "
             "of these records"
         )
-    foreign = [r for r in records if not r.about]
-    if foreign:
-        way = max(float(np.ptp(r.position)) for r in foreign)
-        pull = max(float(np.abs(r.force).max()) for r in foreign)
-        notes.append(
-            f"without trial.json, by name and --unit, positions cover up to {way:.3g} m, forces "
-            f"reach {pull:.3g} N, samples come every {foreign[0].step:.3g} s: if that is not so, "
-            "say the units"
-        )
-    if offset:
-        notes.append(
-            "a constant force and a Coulomb friction that differs by direction look alike while "
-            "sliding: the offset is that of a friction that is the same both ways"
-        )
-    if OFFSET in judged and (told is None or told.kind != DRIVE):
-        notes.append(
-            'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
-        )
-    if any(r.velocity_alone for r in records):
-        notes.append(INTEGRATED)
-    if law == "classical":
-        notes.append(
-            f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
-            "where the block may stick, say nothing but how much force it stood"
-        )
-    if law in ("modified_lugre", "directional_lugre"):
-        notes.append("Kv is held at 1e8 s/m: no record here resolves |v| of 1e-8 m/s")
-    if len({round(math.log(r.step), 2) for r in records}) > 1:
-        rates = ", ".join(f"{1 / s:.4g} Hz" for s in sorted({r.step for r in records}))
-        notes.append(f"records of different rates ({rates}), each used at its own")
     return Identification(
         law=law,
         records=tuple(records),
@@ -194,6 +151,72 @@ def identify(
         told=told,
         fixed=fixed,
     )
+
+
+def _each_way(
+    records: Sequence[Record],
+    fit: Fit,
+    judged: Mapping[str, Interval],
+    course: StackedRecords,
+    fixed: Mapping[str, float],
+) -> tuple[dict[str, dict[str, Interval]], list[str]]:
+    """Parameters of each direction, if both are seen, and what to say of them."""
+    if not fit.tied:
+        return _by_direction(judged, fit.law.parameters), []
+    moved = ways(course)
+    if len(moved) < 2:
+        return {}, [f"motion {moved[0]} only: nothing is known of the other direction"]
+    guess = {n: i.value for n, i in judged.items()}
+    held = dict(fixed) | ({OFFSET: guess[OFFSET]} if OFFSET in guess else {})
+    law = fit.law.name
+    apart = fit_along(records, law, course, tied=False, guess=guess, follow=False, fixed=held)
+    split = {n: _judged(apart, n, course) for n in apart.names}
+    return _by_direction(split, fit.law.parameters), _difference(apart, split, fixed)
+
+
+def _unexplained(course: StackedRecords, fit: Fit, noise: float) -> float:
+    """Root mean square of the force that neither the law nor its noise makes up for [N]."""
+    residual = (course.force - fit.predicted)[fit.spoken]
+    square = float(np.mean(residual**2)) if len(residual) else 0.0
+    return math.sqrt(max(square - noise**2, 0.0))
+
+
+def _remarks(
+    records: Sequence[Record], law: str, fit: Fit, offset: bool, unkept: bool
+) -> list[str]:
+    """What to say of the records and of the law; `unkept`: no file keeps the offset."""
+    notes = []
+    foreign = [r for r in records if not r.about]
+    if foreign:
+        way = max(float(np.ptp(r.position)) for r in foreign)
+        pull = max(float(np.abs(r.force).max()) for r in foreign)
+        notes.append(
+            f"without trial.json, by name and --unit, positions cover up to {way:.3g} m, forces "
+            f"reach {pull:.3g} N, samples come every {foreign[0].step:.3g} s: if that is not so, "
+            "say the units"
+        )
+    if offset:
+        notes.append(
+            "a constant force and a Coulomb friction that differs by direction look alike while "
+            "sliding: the offset is that of a friction that is the same both ways"
+        )
+    if unkept:
+        notes.append(
+            'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
+        )
+    if any(r.velocity_alone for r in records):
+        notes.append(INTEGRATED)
+    if law == "classical":
+        notes.append(
+            f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
+            "where the block may stick, say nothing but how much force it stood"
+        )
+    if law in ("modified_lugre", "directional_lugre"):
+        notes.append("Kv is held at 1e8 s/m: no record here resolves |v| of 1e-8 m/s")
+    if len({round(math.log(r.step), 2) for r in records}) > 1:
+        rates = ", ".join(f"{1 / s:.4g} Hz" for s in sorted({r.step for r in records}))
+        notes.append(f"records of different rates ({rates}), each used at its own")
+    return notes
 
 
 def _judged(fit: Fit, name: str, course: StackedRecords) -> Interval:

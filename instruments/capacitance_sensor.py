@@ -41,39 +41,7 @@ def capacitance_sensor() -> Component:
     return Component(
         name="capacitance_sensor",
         description="Capacitance displacement sensor with its calibration",
-        parameters=(
-            Parameter(
-                "permittivity",
-                8.854e-12,
-                "A*s/(V*m)",
-                "permittivity of air",
-                "Eq. 2.1",
-                minimum=0.0,
-            ),
-            Parameter("area", 1e-4, "m^2", "overlap of the plates", "assumed: 1 cm^2", minimum=0.0),
-            Parameter(
-                "separation",
-                150e-6,
-                "m",
-                "initial separation of the plates",
-                "assumed; varies from trial to trial, Section 2.2.2",
-                minimum=1e-6,
-            ),
-            Parameter(
-                "samples",
-                float(CONVERSION_SAMPLES),
-                "1",
-                "samples that a conversion takes",
-                "assumed: 40 ms, within the AD7747's 22 to 219 ms",
-                minimum=1.0,
-            ),
-            Parameter(
-                "range", 8.192e-12, "A*s/V", "end of the range", "AD7747, 24 bit", minimum=1e-15
-            ),
-            Parameter("c0", 0.0, "m", "calibration, constant", "calibration of the trial"),
-            Parameter("c1", 0.0, "m", "calibration, linear", "calibration of the trial"),
-            Parameter("c2", 0.0, "m", "calibration, quadratic", "calibration of the trial"),
-        ),
+        parameters=_parameters(),
         inputs=(
             Input("x", "m", "displacement of the block", nominal=1e-5),
             Input("noise", "A*s/V", "noise of a conversion", nominal=1e-17),
@@ -106,4 +74,38 @@ def capacitance_sensor() -> Component:
             ),
         ),
         sample_time=sampling_period(),
+    )
+
+
+def _parameters() -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            "permittivity",
+            8.854e-12,
+            "A*s/(V*m)",
+            "permittivity of air",
+            "Eq. 2.1",
+            minimum=0.0,
+        ),
+        Parameter("area", 1e-4, "m^2", "overlap of the plates", "assumed: 1 cm^2", minimum=0.0),
+        Parameter(
+            "separation",
+            150e-6,
+            "m",
+            "initial separation of the plates",
+            "assumed; varies from trial to trial, Section 2.2.2",
+            minimum=1e-6,
+        ),
+        Parameter(
+            "samples",
+            float(CONVERSION_SAMPLES),
+            "1",
+            "samples that a conversion takes",
+            "assumed: 40 ms, within the AD7747's 22 to 219 ms",
+            minimum=1.0,
+        ),
+        Parameter("range", 8.192e-12, "A*s/V", "end of the range", "AD7747, 24 bit", minimum=1e-15),
+        Parameter("c0", 0.0, "m", "calibration, constant", "calibration of the trial"),
+        Parameter("c1", 0.0, "m", "calibration, linear", "calibration of the trial"),
+        Parameter("c2", 0.0, "m", "calibration, quadratic", "calibration of the trial"),
     )

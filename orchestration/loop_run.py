@@ -99,6 +99,11 @@ class RecordedLoop:
             t = self.record.failed
             self.failure = f"the reference co-run loop failed at t = {t:.6g} s: {self.error()}"
 
+    def close(self) -> None:
+        """Close both instances."""
+        self.loop.plant.close()
+        self.loop.controller.close()
+
     def error(self) -> StepFailed:
         """What the loop failed with; raises what is no failure of a step, as an interruption."""
         error = self.loop.failure()

@@ -27,7 +27,7 @@ from .fmu_instance import Instance
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
 from .reference_signal import Reference
 from .structs import struct
-from .verdict import verdict_of
+from .verdict import Verdict, verdict_of
 from .wiring import PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
@@ -36,6 +36,7 @@ Progress = Callable[[float], None]
 LONGEST_WAIT = 0.05  # s, between them
 
 
+# Many arguments: what a run can be asked for, all but the first five by name.
 def run_loop(
     plant: Instance,
     controller: Instance,
@@ -92,38 +93,18 @@ def run_loop(
     """
     wiring = wiring or wire(plant, controller, mapping)
     reversible = plant.can_save and controller.can_save
-    ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping or {})
-    names = [ours[n] for n in plant.outputs]
-    commands = [ours[theirs] for _, theirs in wiring.commands]
+    names, commands = _names(plant, wiring, mapping or {})
     values = (dict(plant_values or {}), dict(controller_values or {}))
-
-    def opened(fresh: bool, corrected: bool, averaged: bool, parts: int = 1) -> RecordedLoop:
-        p, c = (plant.reopened(), controller.reopened()) if fresh else (plant, controller)
-        p.initialize(values[0], stop)
-        c.initialize(values[1], stop)
-        whole = struct(PAIR)
-        part = whole.part("loop")
-        return RecordedLoop(
-            whole, Loop(p, c, wiring, chosen, corrected, averaged, start, part), parts
-        )
-
     start = np.full(len(wiring.references), reference.at(0.0))
     chosen, reason = _choose(wiring, plant, controller, coupling)
-    if corrections is None:
-        corrections = 1 if chosen is Coupling.INTERFACE_JACOBIAN and reversible else 0
-    if corrections and not reversible:
-        raise CouplingError("corrections need both FMUs to save and restore their state")
-    if adaptive and not reversible:
-        raise CouplingError("adaptive steps need both FMUs to save and restore their state")
     tangent = chosen is Coupling.INTERFACE_JACOBIAN
-    main = opened(False, bool(corrections), averaged=tangent or bool(corrections))
+    corrected = _corrects(corrections, adaptive, tangent, reversible)
+    parts = _Parts(plant, controller, wiring, values, stop, start, chosen)
+    main = parts.loop(corrected, averaged=tangent or corrected, fresh=False)
     if coupling is None and tangent:
         reason = _tangent_reason(main.loop, wiring)
     step, reason = _meet_samples(main.loop, step, reason)
-    if reversible:
-        co_runs = [opened(True, not corrections, averaged=not tangent)]
-    else:
-        co_runs = [opened(True, False, averaged=tangent, parts=parts) for parts in (2, 4)]
+    co_runs = parts.co_runs(corrected, reversible)
     check_room(len(names), len(commands), 1 if reversible else 2, stop / step)
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
     course = RunLog(reference, len(start), main.loop.outputs, nominal, len(commands))
@@ -132,9 +113,60 @@ def run_loop(
         why = march_on(main, co_runs, time, course, start, progress)
     finally:
         for co_run in co_runs:
-            co_run.loop.plant.close()
-            co_run.loop.controller.close()
-    return _concluded(course, why, main, co_runs, reversible, names, commands, chosen, reason, time)
+            co_run.close()
+    ended = _Ended(main, co_runs, course, time, why, reversible)
+    return _concluded(ended, names, commands, chosen, reason)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What every loop of a run is made of."""
+
+    plant: Instance
+    controller: Instance
+    wiring: Wiring
+    values: tuple[dict[str, float], dict[str, float]]
+    stop: float
+    start: Vector
+    coupling: Coupling
+
+    def loop(
+        self, corrected: bool, averaged: bool, cut: int = 1, fresh: bool = True
+    ) -> RecordedLoop:
+        """A loop at its start, of instances of its own if `fresh`; `cut` as in `PAIR`."""
+        p, c = self.plant, self.controller
+        if fresh:
+            p, c = p.reopened(), c.reopened()
+        p.initialize(self.values[0], self.stop)
+        c.initialize(self.values[1], self.stop)
+        whole = struct(PAIR)
+        part = whole.part("loop")
+        loop = Loop(p, c, self.wiring, self.coupling, corrected, averaged, self.start, part)
+        return RecordedLoop(whole, loop, cut)
+
+    def co_runs(self, corrected: bool, reversible: bool) -> list[RecordedLoop]:
+        """What the run is judged by: the other scheme, or shorter steps where none is saved."""
+        tangent = self.coupling is Coupling.INTERFACE_JACOBIAN
+        if reversible:
+            return [self.loop(not corrected, averaged=not tangent)]
+        return [self.loop(False, averaged=tangent, cut=cut) for cut in (2, 4)]
+
+
+def _names(
+    plant: Instance, wiring: Wiring, mapping: Mapping[str, str]
+) -> tuple[list[str], list[str]]:
+    """What results call the plant's outputs and the commands."""
+    ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
+    return [ours[n] for n in plant.outputs], [ours[theirs] for _, theirs in wiring.commands]
+
+
+def _corrects(wanted: int | None, adaptive: bool, tangent: bool, reversible: bool) -> bool:
+    """Whether each step is corrected; by default where it can be and the coupling is tangent."""
+    if wanted and not reversible:
+        raise CouplingError("corrections need both FMUs to save and restore their state")
+    if adaptive and not reversible:
+        raise CouplingError("adaptive steps need both FMUs to save and restore their state")
+    return (tangent and reversible) if wanted is None else bool(wanted)
 
 
 def _choose(
@@ -247,38 +279,45 @@ def _stop(why: int, t: float, main: RecordedLoop, nominal: Vector) -> Stop:
     return Stop()
 
 
+@dataclass(frozen=True)
+class _Ended:
+    """A run that has ended: its loops with what they recorded, and why it ended."""
+
+    main: RecordedLoop
+    co_runs: list[RecordedLoop]
+    course: RunLog
+    clock: Clock
+    why: Stop
+    reversible: bool
+
+    def verdict(self, names: list[str], coupling: Coupling) -> Verdict:
+        outputs = np.concatenate(self.main.outputs)
+        others = [np.concatenate(pair.outputs) for pair in self.co_runs]
+        contraction = self.course.contraction
+        if not self.reversible:
+            contraction = _grid_contraction(outputs, *others)
+        smaller = "use a smaller --step"
+        if coupling is not Coupling.INTERFACE_JACOBIAN:
+            smaller += ", or --coupling interface-jacobian where both sides support it"
+        smaller += f"; this run had steps of {self.clock.used[1]:g} s"
+        loop = self.main.loop
+        return verdict_of(
+            names,
+            outputs,
+            others[0],
+            contraction,
+            smaller,
+            safety=1.0 if loop.corrected and loop.averaged else 2.0,
+            failure=self.why.reason or next((p.failure for p in self.co_runs if p.failure), ""),
+            advice=self.why.advice,
+        )
+
+
 def _concluded(
-    course: RunLog,
-    why: Stop,
-    main: RecordedLoop,
-    co_runs: list[RecordedLoop],
-    reversible: bool,
-    names: list[str],
-    ours: list[str],
-    coupling: Coupling,
-    reason: str,
-    clock: Clock,
+    ended: _Ended, names: list[str], ours: list[str], coupling: Coupling, reason: str
 ) -> LoopRun:
+    main, course = ended.main, ended.course
     outputs = np.concatenate(main.outputs)
-    others = [np.concatenate(pair.outputs) for pair in co_runs]
-    contraction = course.contraction
-    if not reversible:
-        contraction = _grid_contraction(outputs, *others)
-    failure = why.reason or next((p.failure for p in co_runs if p.failure), "")
-    smaller = "use a smaller --step"
-    if coupling is not Coupling.INTERFACE_JACOBIAN:
-        smaller += ", or --coupling interface-jacobian where both sides support it"
-    smaller += f"; this run had steps of {clock.used[1]:g} s"
-    verdict = verdict_of(
-        names,
-        outputs,
-        others[0],
-        contraction,
-        smaller,
-        safety=1.0 if main.loop.corrected and main.loop.averaged else 2.0,
-        failure=failure,
-        advice=why.advice,
-    )
     commands = np.concatenate(course.commands)
     return LoopRun(
         time=np.concatenate(course.times),
@@ -290,12 +329,12 @@ def _concluded(
         corrected=main.loop.corrected,
         residual_max=dict(zip(ours, course.residual.tolist(), strict=True)),
         effect_rate_max=(
-            dict(zip(names, course.effect_rate.tolist(), strict=True)) if reversible else {}
+            dict(zip(names, course.effect_rate.tolist(), strict=True)) if ended.reversible else {}
         ),
         macro_steps=len(commands) - 1,
-        step_range=clock.used,
-        verdict=verdict,
-        stopped=why.reason,
+        step_range=ended.clock.used,
+        verdict=ended.verdict(names, coupling),
+        stopped=ended.why.reason,
     )
 
 

@@ -219,36 +219,8 @@ def generate(component: Component) -> Kernel:
         )
     inputs = [i.name for i in component.inputs]
     unpack = _places(component)
-    modes: tuple[Mode | None, ...] = component.modes or (None,)
     most = max((len(m.events) for m in component.modes), default=0)
-    linearized = [_linearized(component, m) for m in modes]
-    updates = {f"d[{k}]": d.update for k, d in enumerate(component.discrete)}
-
-    def numbered(vector: str, expressions: Iterable[sp.Expr]) -> dict[str, sp.Expr]:
-        return {f"{vector}[{k}]": e for k, e in enumerate(expressions)}
-
-    body = "\n\n".join(
-        [
-            _function(
-                "def rhs(t, x, u, p, dx):",
-                unpack,
-                [numbered("dx", _derivatives(component, m)) for m in modes],
-            ),
-            _function(
-                "def jac(t, x, u, p, J, ft):",
-                unpack,
-                [{**_matrix("J", j), **numbered("ft", by_time)} for j, by_time in linearized],
-            ),
-            _function(
-                "def out(t, x, u, p, y):",
-                unpack,
-                [numbered("y", _outputs(component, m)) for m in modes],
-            ),
-            _function("def sample(t, x, u, p, d):", unpack, [updates]),
-            _events(component, most),
-        ]
-    )
-    source = f"{_HEAD.format(name=component.name)}\n{body}"
+    source = _source(component, unpack, most)
     held = len(unpack["u"]) + bool(component.modes)
     return Kernel(
         name=component.name,
@@ -296,6 +268,39 @@ def generate(component: Component) -> Kernel:
         source=source,
         tapes=b64encode(recorded(source, len(component.all_states), held, most)).decode(),
     )
+
+
+def _source(component: Component, unpack: dict[str, list[str]], most: int) -> str:
+    """The functions of a component in Python, with events of at most that number in a mode."""
+    modes: tuple[Mode | None, ...] = component.modes or (None,)
+    linearized = [_linearized(component, m) for m in modes]
+    updates = {f"d[{k}]": d.update for k, d in enumerate(component.discrete)}
+
+    def numbered(vector: str, expressions: Iterable[sp.Expr]) -> dict[str, sp.Expr]:
+        return {f"{vector}[{k}]": e for k, e in enumerate(expressions)}
+
+    body = "\n\n".join(
+        [
+            _function(
+                "def rhs(t, x, u, p, dx):",
+                unpack,
+                [numbered("dx", _derivatives(component, m)) for m in modes],
+            ),
+            _function(
+                "def jac(t, x, u, p, J, ft):",
+                unpack,
+                [{**_matrix("J", j), **numbered("ft", by_time)} for j, by_time in linearized],
+            ),
+            _function(
+                "def out(t, x, u, p, y):",
+                unpack,
+                [numbered("y", _outputs(component, m)) for m in modes],
+            ),
+            _function("def sample(t, x, u, p, d):", unpack, [updates]),
+            _events(component, most),
+        ]
+    )
+    return f"{_HEAD.format(name=component.name)}\n{body}"
 
 
 def _symbols_of(component: Component, output: Output) -> set[str]:

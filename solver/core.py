@@ -235,6 +235,7 @@ class System:
             )
         )
 
+    # Many arguments: those of the compiled function that it calls.
     def advance(
         self,
         t0: float,
@@ -294,6 +295,7 @@ class System:
             self, _Instance(self.address, self._work_address, *map(at, (x, u, y, p, atol, info)))
         )
 
+    # Many arguments: those of the compiled function that it calls.
     def trajectory(
         self,
         times: Any,

@@ -1,3 +1,4 @@
+# Long file: goes into every FMU as one file, as the compiled stepper is one.
 """The compiled core's stiff stepper, written a second time in plain Python.
 
 It is the fallback of an FMU where the core's library cannot be loaded, and the core's oracle: both
@@ -244,6 +245,8 @@ class PlainSystem:
             total += share * share  # pow(share, 2.0) may be off by a last digit
         return math.sqrt(total / n), new
 
+    # Long: one loop over steps, each part of which changes what the others work on.
+    # Many arguments: those of `core.System.advance`, for which it stands in.
     def advance(
         self,
         t0: float,

@@ -84,6 +84,7 @@ class TangentRun:
         return self.growth[-1] / span if span > 0 else np.zeros(self.growth.shape[1])
 
 
+# Many arguments: those of `run_loop` for the same loop, and the accuracy, by name.
 def follow_over_fmus(
     plant: Instance,
     controller: Instance,
@@ -147,12 +148,7 @@ def follow_over_fmus(
         at = plant.reader([ours for ours, _ in wiring.signals])()
         c.look(0.0, min(step, stop), at, refs)
     count = len(p.states) + len(c.states)
-    for side in (p, c) if ports else (p,):
-        if side.states and side.tangents < count:
-            raise TangentsImpossible(
-                f"{side.instance.name} carries {side.tangents} tangents and the loop has "
-                f"{count} states; export it with {count}"
-            )
+    _check_tangents([p, c] if isinstance(c, Side) else [p], count)
     joint = _Joint(p, c, wiring, count, refs)
     names = list(ordinary(plant).outputs)
     bound = RUNAWAY * np.array([plant.nominal(n) for n in names])
@@ -167,6 +163,15 @@ def follow_over_fmus(
         _stated(c, accuracy),
         trail.stopped,
     )
+
+
+def _check_tangents(sides: Sequence[Side], count: int) -> None:
+    for side in sides:
+        if side.states and side.tangents < count:
+            raise TangentsImpossible(
+                f"{side.instance.name} carries {side.tangents} tangents and the loop has "
+                f"{count} states; export it with {count}"
+            )
 
 
 def _stated(c: Side | ProbedController, accuracy: float) -> str:

@@ -163,16 +163,34 @@ def parameter(name: str, unit: str, meaning: str, default: float = 0.0) -> Param
     return Parameter(name, default, unit, meaning, "found in measured data")
 
 
+@dataclass(frozen=True)
+class Constants:
+    """What a force depends on other than linearly.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+    grid : function of (courses, model) to a list of mappings
+        Values of them to try.
+    refined : tuple of str
+        As of a `Cause`.
+    """
+
+    parameters: tuple[Parameter, ...]
+    grid: Callable[[Courses, DriveModel], list[Values]]
+    refined: tuple[str, ...] = ()
+
+
+NO_CONSTANTS = Constants((), lambda courses, model: [{}])
+
+
 def force_cause(
     name: str,
     says: str,
     amplitudes: Mapping[Parameter, sp.Expr],
     confirm: str,
     mistaken_for: tuple[str, ...] = (),
-    constants: tuple[Parameter, ...] = (),
-    grid: Callable[[Courses, DriveModel], list[Values]] = lambda courses, model: [{}],
-    beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None,
-    refined: tuple[str, ...] = (),
+    constants: Constants = NO_CONSTANTS,
     per_record: bool = False,
     on_screw: bool = False,
 ) -> Cause:
@@ -183,8 +201,7 @@ def force_cause(
     amplitudes : mapping of Parameter to expression
         Force against motion in +x for the amplitude at one, in the symbols ``x``, ``v``, ``t``,
         `FRICTION`, `DRY`, `RELAXATION`, `ACTING`, the plant's parameters and the `constants`.
-    grid : function of (courses, model) to a list of mappings
-        Values of the constants to try.
+    constants : Constants, optional
     per_record : bool
         Each record has amplitudes of its own, as where a phase is another after each homing.
     """
@@ -223,21 +240,22 @@ def force_cause(
                     }
                 ),
                 meaning=says,
-                parameters=tuple(p for p in (*amplitudes, *constants) if p.name not in known),
+                parameters=tuple(
+                    p for p in (*amplitudes, *constants.parameters) if p.name not in known
+                ),
             )
         )
 
     return Cause(
         name,
         says,
-        grid,
+        constants.grid,
         at,
-        (*amplitudes, *constants),
+        (*amplitudes, *constants.parameters),
         extend,
         confirm,
         mistaken_for,
-        refined,
-        beyond,
+        constants.refined,
         on_screw=on_screw,
     )
 

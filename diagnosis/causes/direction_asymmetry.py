@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import sympy as sp
 
 from ...solver.component import symbol
-from .cause import DRY, Courses, Values, force_cause, of_forms, parameter
+from .cause import DRY, Constants, Courses, Values, force_cause, of_forms, parameter
 from .travel import changing, either_way, fast_speed, viscous_share
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ _ALIKE = force_cause(
     },
     confirm="run the same speeds both ways: the difference grows with the friction itself",
     mistaken_for=("load_bias", "nonlinear_viscous"),
-    constants=(viscous_share(_SHARE),),
-    grid=lambda courses, model: either_way([{}], _SHARE),
+    constants=Constants((viscous_share(_SHARE),), lambda courses, model: either_way([{}], _SHARE)),
 )
 _APART = force_cause(
     _ALIKE.name,
@@ -46,7 +45,8 @@ _APART = force_cause(
         / symbol(_SPEED),
     },
     confirm=_ALIKE.confirm,
-    constants=(parameter(_SPEED, "m/s", "speed at which that force is told", 1.0),),
-    grid=_fast,
+    constants=Constants(
+        (parameter(_SPEED, "m/s", "speed at which that force is told", 1.0),), _fast
+    ),
 )
 CAUSE = of_forms(_ALIKE, _APART, of_friction=True)

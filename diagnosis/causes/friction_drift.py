@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...solver.component import symbol
-from .cause import FRICTION, Cause, Courses, Shape, Values, Vector, force_cause, of_forms, parameter
+from .cause import (
+    FRICTION,
+    Cause,
+    Constants,
+    Courses,
+    Shape,
+    Values,
+    Vector,
+    force_cause,
+    of_forms,
+    parameter,
+)
 from .in_time import InTime, in_time
 from .travel import changing, either_way, viscous_share
 
@@ -29,9 +40,11 @@ def _form(how: InTime) -> Cause:
         {parameter(how.change, "1", "share by which friction grows"): changing(_SHARE, how.course)},
         confirm=_CONFIRM,
         mistaken_for=("resistance_drift", "position_trend_friction"),
-        constants=(how.constant, viscous_share(_SHARE)),
-        grid=lambda courses, model: either_way(how.grid(courses, model), _SHARE),
-        refined=how.refined,
+        constants=Constants(
+            (how.constant, viscous_share(_SHARE)),
+            lambda courses, model: either_way(how.grid(courses, model), _SHARE),
+            refined=how.refined,
+        ),
     )
     return replace(cause, when=how.refined)
 
@@ -71,8 +84,10 @@ _WITH_TEMPERATURE = replace(
             )
         },
         confirm=_CONFIRM,
-        constants=(parameter("warming", "K", "of the screw, above the mean of the records"),),
-        grid=_with_temperature_grid,
+        constants=Constants(
+            (parameter("warming", "K", "of the screw, above the mean of the records"),),
+            _with_temperature_grid,
+        ),
     ),
     at=_with_temperature_at,
 )

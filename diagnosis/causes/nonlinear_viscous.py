@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import sympy as sp
 
 from ...solver.component import symbol
-from .cause import Courses, Values, force_cause, of_forms, parameter
+from .cause import Constants, Courses, Values, force_cause, of_forms, parameter
 from .travel import fast_speed
 
 if TYPE_CHECKING:
@@ -47,11 +47,13 @@ _POWER = force_cause(
         * (sp.sqrt(_V**2 + _SLOWEST**2) / symbol("viscous_speed")) ** (symbol("viscous_power") - 1)
     },
     confirm=_QUADRATIC.confirm,
-    constants=(
-        parameter("viscous_power", "1", "power of the speed", 1.0),
-        parameter("viscous_speed", "m/s", "speed at which the force is told", 1.0),
+    constants=Constants(
+        (
+            parameter("viscous_power", "1", "power of the speed", 1.0),
+            parameter("viscous_speed", "m/s", "speed at which the force is told", 1.0),
+        ),
+        _powers,
     ),
-    grid=_powers,
 )
 _THINNING = force_cause(
     _QUADRATIC.name,
@@ -62,7 +64,9 @@ _THINNING = force_cause(
         / (sp.Abs(_V) + symbol("V_viscous"))
     },
     confirm=_QUADRATIC.confirm,
-    constants=(parameter("V_viscous", "m/s", "speed at which half of that change has come", 1.0),),
-    grid=_changes,
+    constants=Constants(
+        (parameter("V_viscous", "m/s", "speed at which half of that change has come", 1.0),),
+        _changes,
+    ),
 )
 CAUSE = of_forms(_QUADRATIC, _POWER, _THINNING, of_friction=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import sympy as sp
 
 from ...solver.component import symbol
-from .cause import Cause, Courses, Values, force_cause, of_forms, parameter
+from .cause import Cause, Constants, Courses, Values, force_cause, of_forms, parameter
 from .travel import changing, either_way, periods, viscous_share
 
 if TYPE_CHECKING:
@@ -38,8 +38,9 @@ def _form(swings: str, harmonics: tuple[tuple[int, str], ...]) -> Cause:
         amplitudes,
         confirm="move slowly over a few turns both ways: the swing changes sign with the direction",
         mistaken_for=("torque_ripple",),
-        constants=(parameter(swings, "1/m", "swings per metre", 1.0), viscous_share(_SHARE)),
-        grid=grid,
+        constants=Constants(
+            (parameter(swings, "1/m", "swings per metre", 1.0), viscous_share(_SHARE)), grid
+        ),
         per_record=True,
     )
 

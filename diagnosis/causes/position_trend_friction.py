@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import sympy as sp
 
 from ...solver.component import Parameter, symbol
-from .cause import Courses, Values, force_cause, of_forms, parameter
+from .cause import Constants, Courses, Values, force_cause, of_forms, parameter
 from .travel import changing, either_way, middle_and_half, viscous_share
 
 if TYPE_CHECKING:
@@ -60,8 +60,7 @@ _SLOPE = force_cause(
     },
     confirm="slow runs over the whole travel both ways: the width between them changes along it",
     mistaken_for=("friction_drift", "unexplained"),
-    constants=_constants("x_middle", "x_half"),
-    grid=_whole("x_middle", "x_half"),
+    constants=Constants(_constants("x_middle", "x_half"), _whole("x_middle", "x_half")),
 )
 _BOW = force_cause(
     _SLOPE.name,
@@ -73,8 +72,7 @@ _BOW = force_cause(
         ),
     },
     confirm=_SLOPE.confirm,
-    constants=_constants("x_bow", "bow_half"),
-    grid=_whole("x_bow", "bow_half"),
+    constants=Constants(_constants("x_bow", "bow_half"), _whole("x_bow", "bow_half")),
 )
 _INTO = (symbol("x") - symbol("x_worn")) / symbol("way_worn")
 _END = force_cause(
@@ -86,11 +84,13 @@ _END = force_cause(
         )
     },
     confirm=_SLOPE.confirm,
-    constants=(
-        parameter("x_worn", "m", "where the worn part begins"),
-        parameter("way_worn", "m", "from there to the end, negative to -x", 1.0),
-        viscous_share(_SHARE),
+    constants=Constants(
+        (
+            parameter("x_worn", "m", "where the worn part begins"),
+            parameter("way_worn", "m", "from there to the end, negative to -x", 1.0),
+            viscous_share(_SHARE),
+        ),
+        _ends,
     ),
-    grid=_ends,
 )
 CAUSE = of_forms(_SLOPE, _BOW, _END, of_friction=True)

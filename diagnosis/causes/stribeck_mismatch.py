@@ -10,7 +10,7 @@ import sympy as sp
 
 from ...solver.component import Component, symbol
 from ..modelled_record import with_law_force
-from .cause import ENGAGED, Courses, Shape, Values, force_cause, of_forms, parameter
+from .cause import ENGAGED, Constants, Courses, Shape, Values, force_cause, of_forms, parameter
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
@@ -65,9 +65,11 @@ _ADDED = force_cause(
     {parameter("dF_low", "N", "friction at low speed beyond the model's"): _BEND * ENGAGED},
     confirm="constant speeds, close together where the curve bends: Table 2.3's experiment",
     mistaken_for=("nonlinear_viscous", "parameter_error"),
-    constants=(parameter("V_mismatch", "m/s", "speed by which it has fallen to 1/e", 1.0),),
-    grid=_grid,
-    refined=("V_mismatch",),
+    constants=Constants(
+        (parameter("V_mismatch", "m/s", "speed by which it has fallen to 1/e", 1.0),),
+        _grid,
+        refined=("V_mismatch",),
+    ),
 )
 
 _EXPONENTIAL = force_cause(
@@ -75,9 +77,11 @@ _EXPONENTIAL = force_cause(
     _ADDED.says,
     {parameter("dF_fall", "N", "friction at low speed beyond the model's"): _FALL * ENGAGED},
     confirm=_ADDED.confirm,
-    constants=(parameter("V_fall", "m/s", "speed by which it has fallen to 1/e", 1.0),),
-    grid=lambda courses, model: [{"V_fall": v["V_mismatch"]} for v in _grid(courses, model)],
-    refined=("V_fall",),
+    constants=Constants(
+        (parameter("V_fall", "m/s", "speed by which it has fallen to 1/e", 1.0),),
+        lambda courses, model: [{"V_fall": v["V_mismatch"]} for v in _grid(courses, model)],
+        refined=("V_fall",),
+    ),
 )
 
 CAUSE = of_forms(replace(_ADDED, at=_at, extend=_extend), _EXPONENTIAL, of_friction=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import sympy as sp
 
 from ...solver.component import symbol
-from .cause import ACTING, Cause, Courses, Values, force_cause, of_forms, parameter
+from .cause import ACTING, Cause, Constants, Courses, Values, force_cause, of_forms, parameter
 from .travel import periods
 
 if TYPE_CHECKING:
@@ -35,8 +35,7 @@ def _form(
         amplitudes,
         confirm="move slowly over a few turns both ways: the swing keeps its sign",
         mistaken_for=("position_periodic_friction",),
-        constants=(parameter(swings, "1/m", "swings per metre", 1.0),),
-        grid=grid,
+        constants=Constants((parameter(swings, "1/m", "swings per metre", 1.0),), grid),
         per_record=True,
         on_screw=True,
     )

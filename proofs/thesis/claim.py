@@ -43,6 +43,7 @@ class Claim:
         return "agrees" if self.agrees else "**differs**"
 
 
+# Many arguments: a row's cells, and how its number is compared and printed.
 def number(
     where: str,
     says: str,

@@ -73,49 +73,27 @@ def _after_300_s(controller: str, system: tuple[float, float]) -> Figures:
 
 
 def system_claims(f: Figures) -> list[Claim]:
-    p, s, loose = f["parameters"], f["spectra"], f["loose_solvers"]
-    one, two = s["system_1_estimated"], s["system_2_estimated"]
-    one_long, two_long = s["system_1_estimated_long"], s["system_2_estimated_long"]
-    true_long, two_true = s["system_1_true_long"], s["system_2_true"]
+    return [*_first_system(f), *_second_system(f)]
+
+
+def _first_system(f: Figures) -> list[Claim]:
+    """Section 3.5.1.1."""
+    p, s = f["parameters"], f["spectra"]
+    one, here = s["system_1_estimated"], f["loose_solvers"]["systems_here"][0]
+    one_long, true_long = s["system_1_estimated_long"], s["system_1_true_long"]
     tolerances = one_long["lambda1_at_300_s_by_tolerance"]
-    ours = loose["systems_here"]
-    limit = two["asymptotic_bits_per_s"]
-    rest_trace = sum(limit)
-    slide = (two_long["trace_at_300_s"] - rest_trace) * LONG
-    printed_sum = sum(SPECTRUM_2)
-    swings = {k: [1e6 * e["swing"] for e in v] for k, v in loose["systems"].items()}
-    default, tight = swings["RK45 0.001 1e-06"], swings["RK45 1e-06 1e-09"]
     return [
-        number(
-            "3.5.1.1",
-            "100.001 % of sigma0",
-            SYSTEM_1[0],
-            p["system_1"]["sigma0_of_printed_percent"],
-            "N/m",
-            0.005,
-            f"The printed value is {p['system_1']['sigma0_percent']:.5f} % of the nominal one. The "
-            "values, not the percentages, are used here.",
-            digits=8,
-        ),
-        number(
-            "3.5.1.1",
-            "103.251 % of sigma1",
-            SYSTEM_1[1],
-            p["system_1"]["sigma1_of_printed_percent"],
-            "N*s/m",
-            0.005,
-            digits=6,
-        ),
+        *_parameter_claims("3.5.1.1", ("100.001", "103.251"), SYSTEM_1, p["system_1"]),
         Claim(
             "3.5.1.1, Figs. 3.11-3.12",
             "the states converge",
             "qualitative",
-            f"after 20 s x1 is {1e6 * ours[0]['offset']:.2f} um and moves by "
-            f"{1e6 * 2 * ours[0]['swing']:.2g} um in two seconds",
+            f"after 20 s x1 is {1e6 * here['offset']:.2f} um and moves by "
+            f"{1e6 * 2 * here['swing']:.2g} um in two seconds",
             "within 10 um",
-            abs(ours[0]["offset"]) < 1e-5 and ours[0]["kind"] == "stands",
+            abs(here["offset"]) < 1e-5 and here["kind"] == "stands",
             f"Verdict of this program: {one['verdict']}. The block is stuck; what still moves is "
-            f"the creep of the bristles, {1e9 * ours[0]['swing']:.0f} nm/s on average.",
+            f"the creep of the bristles, {1e9 * here['swing']:.0f} nm/s on average.",
         ),
         Claim(
             "3.5.1.1, Fig. 3.13",
@@ -160,25 +138,50 @@ def system_claims(f: Figures) -> list[Claim]:
             "stiff method whose tangents use the exact Jacobian.",
             printed=False,
         ),
+    ]
+
+
+def _parameter_claims(
+    where: str, shares: tuple[str, str], printed: tuple[float, float], found: Figures
+) -> list[Claim]:
+    """Estimates of sigma0 and sigma1, as percentages and as values."""
+    why = f"The printed value is {found['sigma0_percent']:.5f} % of the nominal one."
+    if where == "3.5.1.1":
+        why += " The values, not the percentages, are used here."
+    return [
         number(
-            "3.5.1.2",
-            "99.998 % of sigma0",
-            SYSTEM_2[0],
-            p["system_2"]["sigma0_of_printed_percent"],
+            where,
+            f"{shares[0]} % of sigma0",
+            printed[0],
+            found["sigma0_of_printed_percent"],
             "N/m",
             0.005,
-            f"The printed value is {p['system_2']['sigma0_percent']:.5f} % of the nominal one.",
+            why,
             digits=8,
         ),
         number(
-            "3.5.1.2",
-            "101.407 % of sigma1",
-            SYSTEM_2[1],
-            p["system_2"]["sigma1_of_printed_percent"],
+            where,
+            f"{shares[1]} % of sigma1",
+            printed[1],
+            found["sigma1_of_printed_percent"],
             "N*s/m",
             0.005,
             digits=6,
         ),
+    ]
+
+
+def _second_system(f: Figures) -> list[Claim]:
+    """Section 3.5.1.2."""
+    p, s, loose = f["parameters"], f["spectra"], f["loose_solvers"]
+    two, two_true = s["system_2_estimated"], s["system_2_true"]
+    two_long = s["system_2_estimated_long"]
+    here = loose["systems_here"][1]
+    limit = two["asymptotic_bits_per_s"]
+    swings = {k: [1e6 * e["swing"] for e in v] for k, v in loose["systems"].items()}
+    default, tight = swings["RK45 0.001 1e-06"], swings["RK45 1e-06 1e-09"]
+    return [
+        *_parameter_claims("3.5.1.2", ("99.998", "101.407"), SYSTEM_2, p["system_2"]),
         Claim(
             "3.5.1.2, Figs. 3.14-3.16",
             "a stable limit cycle around the origin",
@@ -187,7 +190,7 @@ def system_claims(f: Figures) -> list[Claim]:
             f"({1e6 * (two_true['rest']['plant_x'] - SETPOINT):+.1f} um with the true x1'')",
             "a cycle",
             two["verdict"] == "limit cycle",
-            f"The motion dies: in the last two of 20 s it is {1e6 * ours[1]['swing']:.1g} um to "
+            f"The motion dies: in the last two of 20 s it is {1e6 * here['swing']:.1g} um to "
             "either side. A solver's error can keep it alive. Dormand and Prince's pair (scipy's "
             "RK45; ode45 is the same pair) with a relative tolerance of 1e-3 and an absolute of "
             f"1e-6 for all states makes it swing by {default[1]:.0f} um, and by {tight[1]:.1g} um "
@@ -236,22 +239,28 @@ def system_claims(f: Figures) -> list[Claim]:
             0.02,
             relative=True,
         ),
-        Claim(
-            "3.5.1.2, Fig. 3.17",
-            "the four exponents together (they have to add up to the mean trace)",
-            f"{printed_sum:.2f} bits/s",
-            f"{two['mean_trace_bits_per_s']:.1f} after 20 s, {two_long['trace_at_300_s']:.1f} "
-            f"after 300 s, {rest_trace:.2f} at rest",
-            "within 1 % at 20 or 300 s",
-            min(
-                abs(two["mean_trace_bits_per_s"] / printed_sum - 1.0),
-                abs(two_long["trace_at_300_s"] / printed_sum - 1.0),
-            )
-            <= 0.01,
-            f"While the block slides the bristles contract fast: the slide adds {slide:.0f} bits "
-            f"to the sum. Averaged in, {printed_sum:.2f} would be reached after "
-            f"{slide / (printed_sum - rest_trace) / 3600:.1f} hours. Either the transient was left "
-            "out, or the fast direction was lost between two orthonormalizations; the stuck "
-            f"loop's sum is {rest_trace / BITS:.2f} 1/s.",
-        ),
+        _sum_of_exponents(two, two_long),
     ]
+
+
+def _sum_of_exponents(two: Figures, two_long: Figures) -> Claim:
+    rest_trace, printed_sum = sum(two["asymptotic_bits_per_s"]), sum(SPECTRUM_2)
+    slide = (two_long["trace_at_300_s"] - rest_trace) * LONG
+    return Claim(
+        "3.5.1.2, Fig. 3.17",
+        "the four exponents together (they have to add up to the mean trace)",
+        f"{printed_sum:.2f} bits/s",
+        f"{two['mean_trace_bits_per_s']:.1f} after 20 s, {two_long['trace_at_300_s']:.1f} "
+        f"after 300 s, {rest_trace:.2f} at rest",
+        "within 1 % at 20 or 300 s",
+        min(
+            abs(two["mean_trace_bits_per_s"] / printed_sum - 1.0),
+            abs(two_long["trace_at_300_s"] / printed_sum - 1.0),
+        )
+        <= 0.01,
+        f"While the block slides the bristles contract fast: the slide adds {slide:.0f} bits "
+        f"to the sum. Averaged in, {printed_sum:.2f} would be reached after "
+        f"{slide / (printed_sum - rest_trace) / 3600:.1f} hours. Either the transient was left "
+        "out, or the fast direction was lost between two orthonormalizations; the stuck "
+        f"loop's sum is {rest_trace / BITS:.2f} 1/s.",
+    )

@@ -10,7 +10,7 @@ from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
 from thesis.claim import Claim, number, numbers
-from thesis.loops import Figures, growth, loop_run, spectrum_figures
+from thesis.loops import Figures, Vector, growth, loop_run, spectrum_figures
 from thesis.printed import (
     COARSE,
     LONG,
@@ -113,19 +113,20 @@ def tables() -> Figures:
 
 
 def table_claims(f: Figures) -> list[Claim]:
-    p, t, o = f["parameters"], f["tables"], f["coasting"]
+    t = f["tables"]
     alone = np.array([r["lambda1"] for r in t["sigma0_alone"]])
     both = np.array([[c["lambda1"] for c in row] for row in t["both"]])
-    stops = np.array([[c["A"] for c in row] for row in t["both"]])
-    printed = np.array(ROWS)
-    off = np.abs(alone / printed - 1.0)
-    middle, centre = PERCENT.index(100), COARSE.index(100)
-    by_sigma0 = o["stopping_time_by_threshold_and_sigma0"]
-    by_sigma1 = o["stopping_time_by_threshold_and_sigma1"]
+    return [
+        *_two_systems(f),
+        *_printed_cells(t, f["coasting"], alone, both),
+        *_trends(t["by_stopping_time"], alone, both),
+    ]
+
+
+def _two_systems(f: Figures) -> list[Claim]:
+    """Sections 3.5.2.1 and 3.5.2.2."""
+    p, t = f["parameters"], f["tables"]
     one, two = t["systems"]["70"], t["systems"]["130"]
-    ways = t["by_stopping_time"]
-    quickest = [w["A"] for w in sorted(ways, key=lambda w: w["settling"])]
-    lowest = [w["A"] for w in sorted(ways, key=lambda w: w["lambda1"])]
     arithmetic = [
         number(f"3.5.2.{k}", f"{share} % of sigma{n}", value, p["nctf"][f"sigma{n}_{share}"], unit,
                0.005, digits=7)
@@ -167,6 +168,17 @@ def table_claims(f: Figures) -> list[Claim]:
             f"{1e3 * t['x_apart_sigma0_alone']:.2f} mm: as in the tables, the print looks as if "
             "sigma0 had been left alone.",
         ),
+    ]
+
+
+def _printed_cells(t: Figures, coasting: Figures, alone: Vector, both: Vector) -> list[Claim]:
+    """The exponents of Tables 3.3 and 3.4, `alone` with the nominal sigma0, and their time."""
+    stops = np.array([[c["A"] for c in row] for row in t["both"]])
+    off = np.abs(alone / np.array(ROWS) - 1.0)
+    middle, centre = PERCENT.index(100), COARSE.index(100)
+    by_sigma0 = coasting["stopping_time_by_threshold_and_sigma0"]
+    by_sigma1 = coasting["stopping_time_by_threshold_and_sigma1"]
+    return [
         Claim(
             "Tables 3.3-3.4",
             "rows: largest exponent by sigma1",
@@ -225,6 +237,15 @@ def table_claims(f: Figures) -> list[Claim]:
             f"A misprint: the sign. The rest of the row is {ROWS[-1]}, and the text says that all "
             "are negative.",
         ),
+    ]
+
+
+def _trends(ways: list[Figures], alone: Vector, both: Vector) -> list[Claim]:
+    """What Section 3.5.2.3 says of the tables."""
+    centre = COARSE.index(100)
+    quickest = [w["A"] for w in sorted(ways, key=lambda w: w["settling"])]
+    lowest = [w["A"] for w in sorted(ways, key=lambda w: w["lambda1"])]
+    return [
         Claim(
             "3.5.2.3",
             "all largest exponents are negative",

@@ -248,6 +248,7 @@ def advance(par, state, x, v, dry, h):  # type: ignore[no-untyped-def]
         state[SLID] += abs(v) * h
 
 
+# Many arguments: compiled code takes numbers, not objects that hold them.
 @compiled
 def kick(par, state, mass, v, v_mid, force, dry, viscous, h):  # type: ignore[no-untyped-def]
     """Velocity after a step, the dry force along with it.
