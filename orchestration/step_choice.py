@@ -13,7 +13,7 @@ from time import monotonic
 
 import numpy as np
 
-from .loop_run import LoopRun
+from .loop_run import UNBOUNDED, LoopRun
 from .verdict import ACCURACY, Verdict
 
 FIRST = 1e-3  # s
@@ -133,6 +133,8 @@ def _no_further(
     run: LoopRun, before: LoopRun | None, moved: float, moved_before: float, tried: int
 ) -> str:
     """Why a shorter step would not help; empty where it may."""
+    if run.stopped and run.verdict.advice != UNBOUNDED:  # a part died, whatever the step
+        return run.verdict.advice
     if before is not None and run.stopped and before.stopped:
         ends = before.time[-1], run.time[-1]
         if abs(ends[0] - ends[1]) <= 0.02 * max(ends):

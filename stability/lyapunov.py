@@ -231,20 +231,17 @@ def lyapunov(
             count=count or n,
         )
         runs.append(run)
-        if run.diverged:
-            motion = Attractor(Kind.DIVERGES, run.failure, since=float(model.info[3]))
-        elif run.failure:
-            motion = Attractor(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
+        if run.failure:
+            motions.append(_ended(run, model))
+            continue
+        onward = make(min(tolerance * JUDGED * share, COARSEST))
+        if average:
+            follow_returns(onward, 0.0, stop, 0, np.inf, 0)
         else:
-            onward = make(min(tolerance * JUDGED * share, COARSEST))
-            if average:
-                follow_returns(onward, 0.0, stop, 0, np.inf, 0)
-            else:
-                onward.x[:], onward.u[:] = model.x, model.u
-            if progress:
-                progress(f"what the motion becomes after {stop:g} s")
-            motion = classify_attractor(onward, stop, stop, exponents=average is None)
-        motions.append(motion)
+            onward.x[:], onward.u[:] = model.x, model.u
+        if progress:
+            progress(f"what the motion becomes after {stop:g} s")
+        motions.append(classify_attractor(onward, stop, stop, exponents=average is None))
     motion = _agreed(*motions)
     perturbations: list[PerturbationGrowth] = []
     if average and onward is not None and motion.kind is not Kind.DIVERGES:
@@ -259,6 +256,13 @@ def lyapunov(
         AVERAGED if average else ONE_SOLVER,
         perturbations,
     )
+
+
+def _ended(run: Spectrum, model: Model) -> Attractor:
+    """The verdict on a motion that could not be followed to its end."""
+    if run.diverged:
+        return Attractor(Kind.DIVERGES, run.failure, since=float(model.info[3]))
+    return Attractor(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
 
 
 def _agreed(first: Attractor, second: Attractor) -> Attractor:

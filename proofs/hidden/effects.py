@@ -135,13 +135,13 @@ def _contact(q, stretch, speed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _rates(q, y, u, t, noise, way, burst, parted, out):  # type: ignore[no-untyped-def]
+def _rates(q, y, u, t, noise, way, burst, out):  # type: ignore[no-untyped-def]
     """States: motor's side x, v; block's x, v; bristle; current."""
     f, rate = _friction(q, y[2], y[3], y[4], t, way, burst)
     f += noise
     drive = q[KT] * y[5]
     out[0] = y[1]
-    if parted:
+    if q[STIFF] > 0.0 or q[GAP] > 0.0:  # the motor and the block move apart
         c = _contact(q, y[0] - y[2], y[1] - y[3])
         out[1] = (drive - c) / q[JR]
         out[3] = (c - f) / q[M]
@@ -179,7 +179,6 @@ def _simulate(q, q0, kind, gains, given, noise, bursts, substeps):  # type: igno
     n = len(given) - 1
     states = np.zeros((n + 1, 6))
     way_of, command, applied = np.zeros(n + 1), np.zeros(n + 1), np.zeros(n)
-    parted = q[STIFF] > 0.0 or q[GAP] > 0.0
     y, w = np.zeros(6), np.zeros(6)
     k1, k2, k3, k4 = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
     h = SAMPLE / substeps
@@ -215,13 +214,13 @@ def _simulate(q, q0, kind, gains, given, noise, bursts, substeps):  # type: igno
             slope = noise[k + 1] - noise[k]
             f0 = noise[k] + slope * j / substeps
             fh, f1 = f0 + 0.5 * slope / substeps, f0 + slope / substeps
-            _rates(q, y, u, t, f0, way, burst, parted, k1)
+            _rates(q, y, u, t, f0, way, burst, k1)
             w[:] = y + 0.5 * h * k1
-            _rates(q, w, u, t + 0.5 * h, fh, way, burst, parted, k2)
+            _rates(q, w, u, t + 0.5 * h, fh, way, burst, k2)
             w[:] = y + 0.5 * h * k2
-            _rates(q, w, u, t + 0.5 * h, fh, way, burst, parted, k3)
+            _rates(q, w, u, t + 0.5 * h, fh, way, burst, k3)
             w[:] = y + h * k3
-            _rates(q, w, u, t + h, f1, way, burst, parted, k4)
+            _rates(q, w, u, t + h, f1, way, burst, k4)
             y += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
             if direction * (y[2] - extreme) > 0.0:
                 extreme = y[2]

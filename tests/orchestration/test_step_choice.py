@@ -10,7 +10,7 @@ import pytest
 from ballscrew.cli import main
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.coupling import Coupling
-from ballscrew.orchestration.loop_run import LoopRun
+from ballscrew.orchestration.loop_run import UNBOUNDED, LoopRun
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.step_choice import choose_step
 from ballscrew.orchestration.verdict import Verdict
@@ -33,7 +33,7 @@ def made_up(step: float, values: np.ndarray, trusted: bool, stopped: str = "") -
         effect_rate_max={},
         macro_steps=len(values) - 1,
         step_range=(step, step),
-        verdict=Verdict(trusted, "its own", "use a smaller --step"),
+        verdict=Verdict(trusted, "its own", UNBOUNDED),
         stopped=stopped,
     )
 

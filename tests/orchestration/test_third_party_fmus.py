@@ -126,6 +126,7 @@ def test_a_controller_that_cannot_be_taken_back_is_stepped_once_a_step_and_never
         str(tmp_path / "Counter.fmu"),
         mapping={"position": "x", "voltage": "u"},
         stop=0.01,
+        step=1e-3,
         coupling=Coupling.GAUSS_SEIDEL,
     )
     run = run_study(study).run
