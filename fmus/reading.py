@@ -14,6 +14,12 @@ from xml.etree import ElementTree as ET
 from .archive import BadArchive, unpack_archive
 from .system_xml import BASE_UNITS
 
+REAL = ("Real", "Float64", "Float32")
+WHOLE = (
+    *("Integer", "Boolean", "Enumeration"),
+    *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
+)
+
 
 class FmuError(ValueError):
     """The file is no FMU that can run here; the message says what is wrong with it."""
@@ -21,11 +27,12 @@ class FmuError(ValueError):
 
 @dataclass(frozen=True)
 class NumberVariable:
-    """One variable of type Real, Integer or Boolean.
+    """One scalar variable that is a number, a truth value or one of an enumeration.
 
     Attributes
     ----------
     type : str
+        As its version of FMI calls it.
     unit : str
         Its own or that of its declared type; empty if none.
     direct : bool
@@ -41,6 +48,11 @@ class NumberVariable:
     start: float | None
     direct: bool
 
+    @property
+    def is_real(self) -> bool:
+        """Whether its values may lie between whole numbers."""
+        return self.type in REAL
+
 
 @dataclass(frozen=True)
 class Description:
@@ -48,6 +60,12 @@ class Description:
 
     Attributes
     ----------
+    fmi : int
+        Version of FMI: 2 or 3.
+    exchanges : bool
+        Whether it is for model exchange only, and needs a solver of ours.
+    states, indicators : int
+        Numbers of continuous states and event indicators, as FMI 2.0 tells them.
     units : dict of str to dict of str to str
         Of each unit that is defined in base units, the attributes of its BaseUnit as they are
         written: exponents, factor, offset.
@@ -61,6 +79,10 @@ class Description:
         Whether its communication steps may be of any length.
     """
 
+    fmi: int
+    exchanges: bool
+    states: int
+    indicators: int
     guid: str
     identifier: str
     variables: tuple[NumberVariable, ...]
@@ -73,8 +95,8 @@ class Description:
     steps_vary: bool = True
 
     def names(self, causality: str) -> list[str]:
-        """Names of the Real variables of a causality."""
-        return [v.name for v in self.variables if v.causality == causality and v.type == "Real"]
+        """Names of the variables of a causality."""
+        return [v.name for v in self.variables if v.causality == causality]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -99,7 +121,7 @@ class UnpackedFmu:
 
 
 def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
-    """Check and unpack an FMI 2.0 co-simulation FMU.
+    """Check and unpack an FMU of FMI 2.0 or 3.0, for co-simulation or model exchange.
 
     Parameters
     ----------
@@ -120,7 +142,7 @@ def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     try:
         description = _read(path, folder)
         if runs_here:
-            _check_binary(path, folder, description.identifier)
+            _check_binary(path, folder, description)
         return UnpackedFmu(path, description, folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -134,12 +156,10 @@ def _read(path: Path, folder: Path) -> Description:
         raise FmuError(f"{path}: holds no modelDescription.xml, so it is no FMU")
     try:
         version = _fmi_version(folder / "modelDescription.xml")
-        if version != "2.0":
-            raise FmuError(f"{path}: is FMI {version}, expected FMI 2.0")
+        if not re.fullmatch(r"2\.0|3\.\d+", version):
+            raise FmuError(f"{path}: is FMI {version}, expected FMI 2.0 or 3.0")
         read = read_model_description(str(folder), validate=False)
-        if read.coSimulation is None:
-            raise FmuError(f"{path}: is for model exchange only, expected co-simulation")
-        description = _described(read)
+        description = _described(path, read)
     except FmuError:
         raise
     except (AttributeError, IndexError, KeyError, TypeError) as error:
@@ -156,10 +176,11 @@ def _read(path: Path, folder: Path) -> Description:
     return description
 
 
-def _check_binary(path: Path, folder: Path, identifier: str) -> None:
-    from fmpy import platform, sharedLibraryExtension
+def _check_binary(path: Path, folder: Path, description: Description) -> None:
+    from fmpy import platform, platform_tuple, sharedLibraryExtension
 
-    binary = f"binaries/{platform}/{identifier}{sharedLibraryExtension}"
+    here = platform if description.fmi == 2 else platform_tuple
+    binary = f"binaries/{here}/{description.identifier}{sharedLibraryExtension}"
     if not (folder / binary).is_file():
         there = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
         raise FmuError(
@@ -174,7 +195,10 @@ def _fmi_version(description: Path) -> str:
     return str(root.get("fmiVersion", "of no version"))
 
 
-def _described(read: Any) -> Description:
+def _described(path: Path, read: Any) -> Description:
+    kind = read.coSimulation
+    if kind is None:
+        raise FmuError(f"{path}: is for model exchange only, expected co-simulation")
     # on states, too, outputs may be said to depend: they do not make it follow at once
     followers = {
         u.variable.name
@@ -188,7 +212,11 @@ def _described(read: Any) -> Description:
     for v in read.modelVariables:
         if v.type == "String" and v.name == "message" and v.causality == "output":
             message = int(v.valueReference)
-        if v.type not in ("Real", "Integer", "Boolean"):
+        is_signal = v.causality in ("input", "output")
+        if v.type == "Clock" or (v.dimensions and is_signal):
+            what = "a clock" if v.type == "Clock" else f"an array and an {v.causality}"
+            raise FmuError(f"{path}: {v.name} is {what}, expected scalar signals without clocks")
+        if v.type not in (*REAL, *WHOLE) or v.dimensions or v.alias is not None:
             continue
         nominal = abs(float(v.nominal)) if v.nominal else 1.0
         variables.append(
@@ -199,26 +227,36 @@ def _described(read: Any) -> Description:
                 str(v.causality),
                 unit_name(v),
                 nominal if math.isfinite(nominal) and nominal > 0 else 1.0,
-                float(v.start) if v.start is not None and v.type != "Boolean" else None,
+                _start(v),
                 v.name in followers or v.name in silent or v.name not in listed,
             )
         )
     return Description(
+        int(read.fmiVersion[0]),
+        read.coSimulation is None,
+        int(read.numberOfContinuousStates),
+        int(read.numberOfEventIndicators),
         str(read.guid),
-        str(read.coSimulation.modelIdentifier),
+        str(kind.modelIdentifier),
         tuple(variables),
         defined_units(read),
         message,
-        bool(read.coSimulation.canGetAndSetFMUstate),
-        bool(read.coSimulation.canBeInstantiatedOnlyOncePerProcess),
+        bool(kind.canGetAndSetFMUstate),
+        bool(kind.canBeInstantiatedOnlyOncePerProcess),
         _says_sampled(read),
         _step_size(read.defaultExperiment),
-        bool(read.coSimulation.canHandleVariableCommunicationStepSize),
+        read.coSimulation is None or bool(kind.canHandleVariableCommunicationStepSize),
     )
 
 
+def _start(variable: Any) -> float | None:
+    if variable.type == "Boolean" and variable.start is not None:
+        return float(variable.start in ("true", "1"))
+    return float(variable.start) if variable.start is not None else None
+
+
 def _says_sampled(read: Any) -> bool:
-    outputs = [v for v in read.modelVariables if v.causality == "output" and v.type == "Real"]
+    outputs = [v for v in read.modelVariables if v.causality == "output" and v.type in REAL]
     return any(v.variability == "discrete" for v in outputs)
 
 

@@ -130,7 +130,7 @@ def _side(name: str, path: Path | str) -> _Side:
     variables = {
         v.name: v
         for v in description.variables
-        if v.type == "Real" and v.causality in ("input", "output", "parameter")
+        if v.is_real and v.causality in ("input", "output", "parameter")
     }
     used = {v.unit for v in variables.values()}
     units = {unit: _base_unit(given) for unit, given in description.units.items() if unit in used}

@@ -38,7 +38,7 @@ _FAREWELL = 5.0  # s, to end in good order
 
 
 class IsolatedInstance:
-    """An FMI 2.0 co-simulation FMU, run in another process.
+    """An FMU, run in another process.
 
     Parameters
     ----------
