@@ -12,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from .archive import BadArchive, unpack_archive
+from .source_fmu import NotCompiled, compile_sources
 from .system_xml import BASE_UNITS
 
 REAL = ("Real", "Float64", "Float32")
@@ -127,7 +128,7 @@ def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     ----------
     path : path-like
     runs_here : bool
-        Whether it must have a binary for this platform.
+        Whether it must have a binary for this platform, or sources that compile to one.
 
     Raises
     ------
@@ -140,16 +141,16 @@ def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     except BadArchive as error:
         raise FmuError(f"{path}: {error}") from error
     try:
-        description = _read(path, folder)
+        description, read = _read(path, folder)
         if runs_here:
-            _check_binary(path, folder, description)
+            _find_binary(path, folder, description, read.buildConfigurations)
         return UnpackedFmu(path, description, folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
 
 
-def _read(path: Path, folder: Path) -> Description:
+def _read(path: Path, folder: Path) -> tuple[Description, Any]:
     from fmpy import read_model_description
 
     if not (folder / "modelDescription.xml").is_file():
@@ -173,15 +174,28 @@ def _read(path: Path, folder: Path) -> Description:
         raise FmuError(
             f"{path}: modelIdentifier is {description.identifier!r}, expected a name in C"
         )
-    return description
+    return description, read
 
 
-def _check_binary(path: Path, folder: Path, description: Description) -> None:
+def _find_binary(
+    path: Path, folder: Path, description: Description, configurations: list[Any]
+) -> None:
+    """Make sure that there is a library, compiled from the sources where there is none."""
     from fmpy import platform, platform_tuple, sharedLibraryExtension
 
     here = platform if description.fmi == 2 else platform_tuple
     binary = f"binaries/{here}/{description.identifier}{sharedLibraryExtension}"
-    if not (folder / binary).is_file():
+    if (folder / binary).is_file():
+        return
+    own = [c for c in configurations if c.modelIdentifier == description.identifier]
+    if own:
+        try:
+            compile_sources(folder, own[0], binary)
+        except NotCompiled as error:
+            raise FmuError(
+                f"{path}: has sources and no binary for this platform, and {error}"
+            ) from error
+    else:
         there = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
         raise FmuError(
             f"{path}: has no binary for this platform, expected {binary}; it has binaries for "

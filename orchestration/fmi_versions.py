@@ -121,6 +121,8 @@ class Fmi2:
     ----------
     component : c_void_p
     library : CDLL
+    ended : str
+        When it asked to end the simulation; empty if it did not.
     """
 
     _VERSION = "fmi2"
@@ -134,6 +136,7 @@ class Fmi2:
 
     def __init__(self, fmu: UnpackedFmu, name: str, log: int) -> None:
         self._description = fmu.description
+        self.ended = ""
         self._fmu = self._instantiated(fmu, name, log)
         self.library = self._fmu.dll
         self.component = ctypes.c_void_p(self._fmu.component)
@@ -187,7 +190,26 @@ class Fmi2:
         return STEP(("fmi2DoStep", self.library))
 
     def step(self, t: float, h: float) -> int:
-        return int(self.do_step(self.component, t, h, 1))
+        """Move from t to t + h, if the simulation was not ended there; the FMI status.
+
+        Raises
+        ------
+        Refused
+        """
+        from fmpy import fmi2
+
+        if self.ended:
+            raise Refused(self.ended, DISCARD)
+        status = int(self.do_step(self.component, t, h, 1))
+        if status == DISCARD and self._fmu.getBooleanStatus(fmi2.fmi2Terminated):
+            return self._end(self._fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime), t, h)
+        return status
+
+    def _end(self, reached: float, t: float, h: float) -> int:
+        self.ended = f"asked to end the simulation at t = {reached:g} s"
+        if reached < t + h * (1 - 1e-9):
+            raise Refused(self.ended, DISCARD)
+        return 0
 
     def terminate(self) -> None:
         self._fmu.terminate()
@@ -239,9 +261,11 @@ class Fmi3(Fmi2):
         self._fmu.exitInitializationMode()
 
     def step(self, t: float, h: float) -> int:
+        if self.ended:
+            raise Refused(self.ended, DISCARD)
         _, ends, early, reached = self._fmu.doStep(t, h)
         if ends:
-            raise Refused(f"asks to end the simulation at t = {reached:g} s", DISCARD)
+            return self._end(reached, t, h)
         if early:
             raise Refused(f"stopped at t = {reached:g} s without being allowed to", DISCARD)
         return 0

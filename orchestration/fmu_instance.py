@@ -221,6 +221,7 @@ class FmuInstance:
 
     def restore(self, state: Any) -> None:
         status = self._fmi.set_state(self._fmi.component, state)
+        self._fmi.ended = ""
         if status > OK:
             raise self.failed(status, "cannot restore its state")
 
