@@ -210,9 +210,9 @@ def _fmi_version(description: Path) -> str:
 
 
 def _described(path: Path, read: Any) -> Description:
-    kind = read.coSimulation
+    kind = read.coSimulation or read.modelExchange
     if kind is None:
-        raise FmuError(f"{path}: is for model exchange only, expected co-simulation")
+        raise FmuError(f"{path}: is for neither, expected co-simulation or model exchange")
     # on states, too, outputs may be said to depend: they do not make it follow at once
     followers = {
         u.variable.name

@@ -123,6 +123,8 @@ class Fmi2:
     library : CDLL
     ended : str
         When it asked to end the simulation; empty if it did not.
+    integrator : Integrator or None
+        Of model exchange, once it is initialized.
     """
 
     _VERSION = "fmi2"
@@ -137,6 +139,7 @@ class Fmi2:
     def __init__(self, fmu: UnpackedFmu, name: str, log: int) -> None:
         self._description = fmu.description
         self.ended = ""
+        self.integrator: Any = None
         self._fmu = self._instantiated(fmu, name, log)
         self.library = self._fmu.dll
         self.component = ctypes.c_void_p(self._fmu.component)
@@ -183,6 +186,30 @@ class Fmi2:
         """Go through initialization."""
         self._fmu.enterInitializationMode()
         self._fmu.exitInitializationMode()
+        if self._description.exchanges:
+            self.integrator = self._integrator()
+
+    def _integrator(self) -> Any:
+        from .model_exchange import Integrator
+
+        return Integrator(self._fmu, *self._sizes())
+
+    def _sizes(self) -> tuple[int, int]:
+        """Numbers of states and event indicators."""
+        return self._description.states, self._description.indicators
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """What a saved state of the FMU leaves out."""
+        if self.integrator is None:
+            return (self.ended,)
+        return self.ended, self.integrator.time, self.integrator.next_event
+
+    @place.setter
+    def place(self, place: tuple[Any, ...]) -> None:
+        self.ended = place[0]
+        if self.integrator is not None:
+            _, self.integrator.time, self.integrator.next_event = place
 
     @functools.cached_property
     def do_step(self) -> Any:
@@ -196,10 +223,16 @@ class Fmi2:
         ------
         Refused
         """
-        from fmpy import fmi2
-
         if self.ended:
             raise Refused(self.ended, DISCARD)
+        if self.integrator is None:
+            return self._co_step(t, h)
+        self.integrator.step(t + h)
+        return self._end(self.integrator.time, t, h) if self.integrator.ends else 0
+
+    def _co_step(self, t: float, h: float) -> int:
+        from fmpy import fmi2
+
         status = int(self.do_step(self.component, t, h, 1))
         if status == DISCARD and self._fmu.getBooleanStatus(fmi2.fmi2Terminated):
             return self._end(self._fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime), t, h)
@@ -259,10 +292,13 @@ class Fmi3(Fmi2):
     def start(self, stop: float) -> None:
         self._fmu.enterInitializationMode(startTime=0.0, stopTime=stop)
         self._fmu.exitInitializationMode()
+        if self._description.exchanges:
+            self.integrator = self._integrator()
 
-    def step(self, t: float, h: float) -> int:
-        if self.ended:
-            raise Refused(self.ended, DISCARD)
+    def _sizes(self) -> tuple[int, int]:
+        return self._fmu.getNumberOfContinuousStates(), self._fmu.getNumberOfEventIndicators()
+
+    def _co_step(self, t: float, h: float) -> int:
         _, ends, early, reached = self._fmu.doStep(t, h)
         if ends:
             return self._end(reached, t, h)

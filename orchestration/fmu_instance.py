@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ..fmus.law_ports import gain_port, rate_port, reference_port
 from ..fmus.process_end import end_cleanly
 from ..fmus.reading import Description, FmuError, UnpackedFmu, unpack
 from .fmi_versions import FATAL, OK, Fmi2, Fmi3, Ports, Refused, forget, last_words
@@ -72,6 +73,7 @@ class Instance(Protocol):
     sample_time: float
 
     def nominal(self, name: str) -> float: ...
+    def is_real(self, name: str) -> bool: ...
     def follows_at_once(self, name: str) -> bool: ...
     def initialize(self, values: Mapping[str, float], stop: float) -> None: ...
     def writer(self, names: Sequence[str]) -> Writer: ...
@@ -104,7 +106,7 @@ class FmuInstance:
         self.name = name
         description = self.description
         self._variables = {v.name: v for v in description.variables}
-        self.inputs: Sequence[str] = description.names("input")
+        self.inputs: Sequence[str] = inputs_of(description)
         self.outputs: Sequence[str] = description.names("output")
         self.parameters = description.names("parameter")
         self.can_save = description.saves_state
@@ -129,6 +131,10 @@ class FmuInstance:
 
     def nominal(self, name: str) -> float:
         return self._variables[name].nominal
+
+    def is_real(self, name: str) -> bool:
+        """Whether a signal may lie between whole numbers."""
+        return self._variables[name].is_real
 
     def follows_at_once(self, name: str) -> bool:
         """Whether an output may follow inputs without a step, as far as the FMU says."""
@@ -217,13 +223,14 @@ class FmuInstance:
         status = self._fmi.get_state(self._fmi.component, ctypes.addressof(state))
         if status > OK:
             raise self.failed(status, "cannot save its state")
-        return state
+        return state, self._fmi.place
 
     def restore(self, state: Any) -> None:
-        status = self._fmi.set_state(self._fmi.component, state)
-        self._fmi.ended = ""
+        pointer, place = state
+        status = self._fmi.set_state(self._fmi.component, pointer)
         if status > OK:
             raise self.failed(status, "cannot restore its state")
+        self._fmi.place = place
 
     def is_compiled(self, names: Sequence[str]) -> bool:
         """Whether compiled code can call its functions itself for these ports."""
@@ -258,7 +265,7 @@ class FmuInstance:
         return StepFailed(f"{whose}: {what}{': ' if reason else ''}{' '.join(reason.split())}")
 
     def release(self, state: Any) -> None:
-        self._fmi.free_state(self._fmi.component, ctypes.addressof(state))
+        self._fmi.free_state(self._fmi.component, ctypes.addressof(state[0]))
 
     def reopened(self) -> FmuInstance:
         other = FmuInstance(self._fmu, self.name)
@@ -278,6 +285,21 @@ class FmuInstance:
             if self._status <= OK:
                 self._fmi.terminate()
         self._fmi.free()
+
+
+def inputs_of(description: Description) -> list[str]:
+    """Inputs that a master drives: not the feedback law's of model exchange.
+
+    The law's ramp counts from the start of a communication step: model exchange has none.
+    """
+    inputs = description.names("input")
+    law = {
+        port
+        for u in inputs
+        for y in description.names("output")
+        for port in (gain_port(u, y), reference_port(u, y), rate_port(u))
+    }
+    return [n for n in inputs if not description.exchanges or n not in law]
 
 
 def opened_source(

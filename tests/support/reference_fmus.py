@@ -28,9 +28,8 @@ def reference_fmu(folder: Path, name: str, fmi: int, *, exchanges: bool = False)
         )
     description = (model / f"FMI{fmi}.xml").read_text(encoding="utf-8")
     if exchanges:
-        description = re.sub(
-            r"<CoSimulation.*?(/>|</CoSimulation>)", "", description, flags=re.DOTALL, count=1
-        )
+        element = r"<CoSimulation[^>]*/>|<CoSimulation.*?</CoSimulation>"
+        description = re.sub(element, "", description, flags=re.DOTALL)
     files = {"modelDescription.xml": description.encode()}
     own = [model / "config.h", model / "model.c"]
     shared = [SOURCES / "include" / n for n in ("model.h", "cosimulation.h")]
