@@ -38,6 +38,8 @@ class NumberVariable:
         Its own or that of its declared type; empty if none.
     direct : bool
         Whether this output may follow inputs at once; True where the FMU does not say.
+    sampled : bool
+        Whether it could lie between whole numbers, and is said to change at instants only.
     """
 
     name: str
@@ -48,6 +50,7 @@ class NumberVariable:
     nominal: float
     start: float | None
     direct: bool
+    sampled: bool
 
     @property
     def is_real(self) -> bool:
@@ -72,8 +75,6 @@ class Description:
         written: exponents, factor, offset.
     message_reference : int, optional
         Value reference of the String output ``message`` in which our FMUs say why a step failed.
-    sampled : bool
-        Whether it says of an output that it changes at instants only.
     step_size : float, optional
         Of its default experiment [s].
     steps_vary : bool
@@ -91,7 +92,6 @@ class Description:
     message_reference: int | None
     saves_state: bool
     once_per_process: bool
-    sampled: bool = False
     step_size: float | None = None
     steps_vary: bool = True
 
@@ -212,7 +212,8 @@ def _fmi_version(description: Path) -> str:
 def _described(path: Path, read: Any) -> Description:
     kind = read.coSimulation or read.modelExchange
     if kind is None:
-        raise FmuError(f"{path}: is for neither, expected co-simulation or model exchange")
+        what = "scheduled execution only" if read.scheduledExecution else "neither"
+        raise FmuError(f"{path}: is for {what}, expected co-simulation or model exchange")
     # on states, too, outputs may be said to depend: they do not make it follow at once
     followers = {
         u.variable.name
@@ -243,6 +244,7 @@ def _described(path: Path, read: Any) -> Description:
                 nominal if math.isfinite(nominal) and nominal > 0 else 1.0,
                 _start(v),
                 v.name in followers or v.name in silent or v.name not in listed,
+                v.type in REAL and v.variability == "discrete",
             )
         )
     return Description(
@@ -257,7 +259,6 @@ def _described(path: Path, read: Any) -> Description:
         message,
         bool(kind.canGetAndSetFMUstate),
         bool(kind.canBeInstantiatedOnlyOncePerProcess),
-        _says_sampled(read),
         _step_size(read.defaultExperiment),
         read.coSimulation is None or bool(kind.canHandleVariableCommunicationStepSize),
     )
@@ -267,11 +268,6 @@ def _start(variable: Any) -> float | None:
     if variable.type == "Boolean" and variable.start is not None:
         return float(variable.start in ("true", "1"))
     return float(variable.start) if variable.start is not None else None
-
-
-def _says_sampled(read: Any) -> bool:
-    outputs = [v for v in read.modelVariables if v.causality == "output" and v.type in REAL]
-    return any(v.variability == "discrete" for v in outputs)
 
 
 def _step_size(experiment: Any) -> float | None:

@@ -91,7 +91,8 @@ def run_loop(
         If the rows of all steps do not fit.
     """
     wiring = wiring or wire(plant, controller, mapping)
-    reversible = plant.can_save and controller.can_save
+    corrigible = all(plant.is_real(theirs) for _, theirs in wiring.commands)
+    reversible = plant.can_save and controller.can_save and corrigible
     ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping or {})
     names = [ours[n] for n in plant.outputs]
     commands = [ours[theirs] for _, theirs in wiring.commands]
@@ -111,10 +112,11 @@ def run_loop(
     chosen, reason = _choose(wiring, plant, controller, coupling)
     if corrections is None:
         corrections = 1 if chosen is Coupling.INTERFACE_JACOBIAN and reversible else 0
+    needed = "both FMUs to save and restore their state" if corrigible else "real commands"
     if corrections and not reversible:
-        raise CouplingError("corrections need both FMUs to save and restore their state")
+        raise CouplingError(f"corrections need {needed}")
     if adaptive and not reversible:
-        raise CouplingError("adaptive steps need both FMUs to save and restore their state")
+        raise CouplingError(f"adaptive steps need {needed}")
     tangent = chosen is Coupling.INTERFACE_JACOBIAN
     main = opened(False, bool(corrections), averaged=tangent or bool(corrections))
     if coupling is None and tangent:
