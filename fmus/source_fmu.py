@@ -49,22 +49,28 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
     compiler = compiler_for(name) if name else []
     if not compiler:
         raise NotCompiled("no C compiler was found; install one, or the package ziglang")
-    arguments = _arguments(folder, configuration)
+    try:
+        made = _library(folder, name, _arguments(folder, configuration), compiler)
+        (folder / binary).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(made, folder / binary)
+    except CompilerFailed as error:
+        lines = str(error).splitlines()
+        said = next((line for line in lines if "error" in line), lines[-1])
+        raise NotCompiled(f"they do not compile: {said.strip()[:300]}") from error
+    except OSError as error:
+        raise NotCompiled(f"the library cannot be written: {error}") from error
+
+
+def _library(folder: Path, name: str, arguments: list[str], compiler: list[str]) -> Path:
+    """The library in the cache, made if it is not there."""
     digest = hashlib.sha256(repr((compiler, arguments)).encode())
     for file in sorted(p for p in (folder / "sources").rglob("*") if p.is_file()):
-        digest.update(b"\0".join((str(file.relative_to(folder)).encode(), file.read_bytes())))
+        digest.update(str(file.relative_to(folder)).encode())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
     made = kernel_cache.folder() / "fmus" / "compiled" / digest.hexdigest()
     if not made.is_file():
-        try:
-            write_atomically(made, compiled_in(folder, name, arguments, "compiled"))
-        except CompilerFailed as error:
-            lines = str(error).splitlines()
-            said = next((line for line in lines if "error" in line), lines[-1])
-            raise NotCompiled(f"they do not compile: {said.strip()[:300]}") from error
-        except OSError as error:
-            raise NotCompiled(f"the library cannot be written: {error}") from error
-    (folder / binary).parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(made, folder / binary)
+        write_atomically(made, compiled_in(folder, name, arguments, "compiled"))
+    return made
 
 
 def _arguments(folder: Path, configuration: Any) -> list[str]:
@@ -81,9 +87,9 @@ def _arguments(folder: Path, configuration: Any) -> list[str]:
         for d in files.preprocessorDefinitions:
             if not d.optional:
                 flags[f"-D{d.name}" + (f"={d.value}" if d.value is not None else "")] = None
-        places = (_inside(place) for place in ("", *files.includeDirectories))
+        places = (_inside(place) for place in ("", *filter(None, files.includeDirectories)))
         flags |= {f"-I{place}": None for place in places}
-        sources += [_inside(file) for file in files.sourceFiles]
+        sources += [_inside(file or "") for file in files.sourceFiles]
     for source in sources:
         if not (folder / source).is_file():
             raise NotCompiled(f"{source} is not there")

@@ -125,6 +125,8 @@ def _side(name: str, path: Path | str) -> _Side:
     unpacked = unpack(path, runs_here=False)
     unpacked.remove()
     description = unpacked.description
+    if description.fmi != 2:
+        raise CannotConnect(f"{path}: is FMI {description.fmi}, but SSP 1.0 holds FMUs of FMI 2.0")
     # An Integer, a Boolean or a String is no signal of this loop, and SSP wants connectors only
     # where something is connected.
     variables = {

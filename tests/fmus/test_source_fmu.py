@@ -92,3 +92,27 @@ def test_the_same_sources_are_compiled_once(tmp_path, sources_only, monkeypatch)
     for copy in (path, shutil.copy(path, tmp_path / "copy.fmu")):
         run_study(Study(str(copy), stop=0.01))
     assert len(calls) == 1
+
+
+def test_a_library_that_cannot_be_put_in_its_place_is_refused_in_one_line(
+    tmp_path, capsys, sources_only
+):
+    path = sources_only("pid")
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("binaries", "no folder")
+    assert main(["run", "--controller", str(path), "--out", str(tmp_path / "out")]) == 2
+    heard = capsys.readouterr().err
+    assert "the library cannot be written" in heard
+    assert heard.count("\n") == 1
+
+
+def test_what_was_compiled_crashes_in_its_own_process(sources_only):
+    def crashing(name, data):
+        if name != "sources/fmi3.c":
+            return data
+        changed = re.sub(rb"(fmi3DoStep\)\([^)]*\)\s*\{)", rb"\1 __builtin_trap();", data)
+        assert changed != data
+        return changed
+
+    run = run_study(Study(str(sources_only("pid", 3, crashing)), stop=0.1)).run
+    assert "controller (pid3.fmu) was ended by SIG" in run.stopped
