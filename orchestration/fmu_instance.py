@@ -214,7 +214,8 @@ class FmuInstance:
         except StepFailed:
             raise
         except Exception as error:
-            raise self.failed(getattr(error, "status", FATAL), str(error)) from error
+            status = getattr(error, "status", FATAL)
+            raise self.failed(status, str(error).rstrip(".")) from error
         if status > OK:
             raise self.failed(status, f"the step failed with FMI status {status}")
 

@@ -9,24 +9,34 @@ from typing import Any
 
 from fmpy.sundials import CVodeSolver, byref
 from fmpy.sundials.cvode import CV_ROOT_RETURN, CVode
-from fmpy.sundials.libraries import sundials_cvode
+from fmpy.sundials.libraries import sundials_core, sundials_cvode
+from fmpy.sundials.sundials_context import SUNContext_PushErrHandler
 
 from .fmi_versions import DISCARD, ERROR, Refused
 
 TOLERANCE = 1e-10  # relative; absolute as much of each state's nominal value
-_MOST_STEPS = 100_000  # of one call
+_MOST_STEPS = 100_000  # of CVODE in one communication step
 _SAME = 1e-13  # share of a time by which two that mean the same may differ
 _ONE_STEP = 2  # CV_ONE_STEP
 _RECOVERABLE, _FAILED = 1, -1
 
 _stop_at = sundials_cvode.CVodeSetStopTime
 _stop_at.argtypes = [ctypes.c_void_p, ctypes.c_double]
+_warn_at_most = sundials_cvode.CVodeSetMaxHnilWarns
+_warn_at_most.argtypes = [ctypes.c_void_p, ctypes.c_int]
+_clear_handlers = sundials_core.SUNContext_ClearErrHandlers
 
 
 class _Cvode(CVodeSolver):  # type: ignore[misc]
     """fmpy's CVODE, one step at a time, with errors of the FMU as such."""
 
     error: Exception | None = None
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        _warn_at_most(self.cvode_mem, -1)
+        _clear_handlers(self.sunctx)  # the one that prints
+        SUNContext_PushErrHandler(self.sunctx, self.ehfun_, None)
 
     def f(self, *given: Any) -> int:
         return self._guarded(super().f, given)
@@ -101,7 +111,6 @@ class Integrator:
             input=_Held(),
             startTime=0.0,
             relativeTolerance=TOLERANCE,
-            maxNumSteps=_MOST_STEPS,
         )
 
     def step(self, end: float) -> None:
@@ -113,7 +122,10 @@ class Integrator:
         """
         self._settle()  # what the inputs changed
         self._resume()
+        left = _MOST_STEPS
         while not self.ends and not _reached(self.time, end):
+            if not (left := left - 1):
+                raise Refused(f"CVODE is at t = {self.time:g} s after {_MOST_STEPS} steps")
             until = min(end, self.next_event)
             changes = False
             if _reached(self.time, until):

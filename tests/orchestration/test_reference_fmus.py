@@ -164,3 +164,31 @@ def test_scheduled_execution_and_arrays_are_refused_in_one_line(tmp_path, capsys
     heard = capsys.readouterr().err
     assert message in heard
     assert heard.count("\n") == 1
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize(
+    ("slope", "message"),
+    [
+        ('logError(comp, "no slope"); return Error;', "failed with status 3 (error): no slope"),
+        ("return Discard;", "failed with status 2 (discard)"),
+        ("dx[0] = 0.0 / 0.0; return OK;", "CVODE gives up: At t = 0.5"),
+        ("dx[0] = M(x) * M(x) * 1e9; return OK;", "CVODE "),
+    ],
+)
+def test_equations_that_fail_end_the_run_in_words_and_print_nothing(
+    tmp_path, capfd, slope, message, fmi
+):
+    old = b"dx[0] = M(der_x);"
+    change = (old, f"if (comp->time > 0.5) {{ {slope} }} {old.decode()}".encode())
+    path = reference_fmu(tmp_path, "Dahlquist", fmi, exchanges=True, change=change)
+    instance = FmuInstance(path, "part")
+    instance.initialize({}, 1.0)
+    for k in range(5):
+        instance.step(k * 0.1, 0.1)
+    with pytest.raises(StepFailed) as failed:
+        instance.step(0.5, 0.1)
+    assert message in str(failed.value)
+    assert "\n" not in str(failed.value)
+    instance.close()
+    assert capfd.readouterr() == ("", "")

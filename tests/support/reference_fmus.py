@@ -18,8 +18,18 @@ SOURCES = Path(
 ALL_C = '#include "fmi2Functions.c"\n#include "model.c"\n#include "cosimulation.c"\n'
 
 
-def reference_fmu(folder: Path, name: str, fmi: int, *, exchanges: bool = False) -> Path:
-    """An FMU of sources only; with `exchanges` one for model exchange alone."""
+def reference_fmu(
+    folder: Path,
+    name: str,
+    fmi: int,
+    *,
+    exchanges: bool = False,
+    change: tuple[bytes, bytes] = (b"", b""),
+) -> Path:
+    """An FMU of sources only; with `exchanges` one for model exchange alone.
+
+    `change` is what is replaced in its equations, and by what.
+    """
     model = SOURCES / name
     if not model.is_dir():
         pytest.skip(
@@ -41,6 +51,8 @@ def reference_fmu(folder: Path, name: str, fmi: int, *, exchanges: bool = False)
         files["sources/buildDescription.xml"] = (model / "buildDescription.xml").read_bytes()
     if name == "Resource":
         files["resources/y.txt"] = (model / "y.txt").read_bytes()
+    assert change[0] in files["sources/model.c"]
+    files["sources/model.c"] = files["sources/model.c"].replace(*change)
     path = folder / f"{name}{fmi}{'_me' if exchanges else ''}.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         for place, data in files.items():
