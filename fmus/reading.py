@@ -12,7 +12,14 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from .archive import BadArchive, unpack_archive
+from .source_fmu import NotCompiled, compile_sources
 from .system_xml import BASE_UNITS
+
+REAL = ("Real", "Float64", "Float32")
+WHOLE = (
+    *("Integer", "Boolean", "Enumeration"),
+    *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
+)
 
 
 class FmuError(ValueError):
@@ -21,15 +28,18 @@ class FmuError(ValueError):
 
 @dataclass(frozen=True)
 class NumberVariable:
-    """One variable of type Real, Integer or Boolean.
+    """One scalar variable that is a number, a truth value or one of an enumeration.
 
     Attributes
     ----------
     type : str
+        As its version of FMI calls it.
     unit : str
         Its own or that of its declared type; empty if none.
     direct : bool
         Whether this output may follow inputs at once; True where the FMU does not say.
+    sampled : bool
+        Whether it could lie between whole numbers, and is said to change at instants only.
     """
 
     name: str
@@ -40,6 +50,12 @@ class NumberVariable:
     nominal: float
     start: float | None
     direct: bool
+    sampled: bool
+
+    @property
+    def is_real(self) -> bool:
+        """Whether its values may lie between whole numbers."""
+        return self.type in REAL
 
 
 @dataclass(frozen=True)
@@ -48,19 +64,27 @@ class Description:
 
     Attributes
     ----------
+    fmi : int
+        Version of FMI: 2 or 3.
+    exchanges : bool
+        Whether it is for model exchange only, and needs a solver of ours.
+    states, indicators : int
+        Numbers of continuous states and event indicators, as FMI 2.0 tells them.
     units : dict of str to dict of str to str
         Of each unit that is defined in base units, the attributes of its BaseUnit as they are
         written: exponents, factor, offset.
     message_reference : int, optional
         Value reference of the String output ``message`` in which our FMUs say why a step failed.
-    sampled : bool
-        Whether it says of an output that it changes at instants only.
     step_size : float, optional
         Of its default experiment [s].
     steps_vary : bool
         Whether its communication steps may be of any length.
     """
 
+    fmi: int
+    exchanges: bool
+    states: int
+    indicators: int
     guid: str
     identifier: str
     variables: tuple[NumberVariable, ...]
@@ -68,13 +92,12 @@ class Description:
     message_reference: int | None
     saves_state: bool
     once_per_process: bool
-    sampled: bool = False
     step_size: float | None = None
     steps_vary: bool = True
 
     def names(self, causality: str) -> list[str]:
-        """Names of the Real variables of a causality."""
-        return [v.name for v in self.variables if v.causality == causality and v.type == "Real"]
+        """Names of the variables of a causality."""
+        return [v.name for v in self.variables if v.causality == causality]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -99,13 +122,13 @@ class UnpackedFmu:
 
 
 def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
-    """Check and unpack an FMI 2.0 co-simulation FMU.
+    """Check and unpack an FMU of FMI 2.0 or 3.0, for co-simulation or model exchange.
 
     Parameters
     ----------
     path : path-like
     runs_here : bool
-        Whether it must have a binary for this platform.
+        Whether it must have a binary for this platform, or sources that compile to one.
 
     Raises
     ------
@@ -118,28 +141,26 @@ def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     except BadArchive as error:
         raise FmuError(f"{path}: {error}") from error
     try:
-        description = _read(path, folder)
+        description, read = _read(path, folder)
         if runs_here:
-            _check_binary(path, folder, description.identifier)
+            _find_binary(path, folder, description, read.buildConfigurations)
         return UnpackedFmu(path, description, folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
 
 
-def _read(path: Path, folder: Path) -> Description:
+def _read(path: Path, folder: Path) -> tuple[Description, Any]:
     from fmpy import read_model_description
 
     if not (folder / "modelDescription.xml").is_file():
         raise FmuError(f"{path}: holds no modelDescription.xml, so it is no FMU")
     try:
         version = _fmi_version(folder / "modelDescription.xml")
-        if version != "2.0":
-            raise FmuError(f"{path}: is FMI {version}, expected FMI 2.0")
+        if not re.fullmatch(r"2\.0|3\.\d+", version):
+            raise FmuError(f"{path}: is FMI {version}, expected FMI 2.0 or 3.0")
         read = read_model_description(str(folder), validate=False)
-        if read.coSimulation is None:
-            raise FmuError(f"{path}: is for model exchange only, expected co-simulation")
-        description = _described(read)
+        description = _described(path, read)
     except FmuError:
         raise
     except (AttributeError, IndexError, KeyError, TypeError) as error:
@@ -153,14 +174,28 @@ def _read(path: Path, folder: Path) -> Description:
         raise FmuError(
             f"{path}: modelIdentifier is {description.identifier!r}, expected a name in C"
         )
-    return description
+    return description, read
 
 
-def _check_binary(path: Path, folder: Path, identifier: str) -> None:
-    from fmpy import platform, sharedLibraryExtension
+def _find_binary(
+    path: Path, folder: Path, description: Description, configurations: list[Any]
+) -> None:
+    """Make sure that there is a library, compiled from the sources where there is none."""
+    from fmpy import platform, platform_tuple, sharedLibraryExtension
 
-    binary = f"binaries/{platform}/{identifier}{sharedLibraryExtension}"
-    if not (folder / binary).is_file():
+    here = platform if description.fmi == 2 else platform_tuple
+    binary = f"binaries/{here}/{description.identifier}{sharedLibraryExtension}"
+    if (folder / binary).is_file():
+        return
+    own = [c for c in configurations if c.modelIdentifier == description.identifier]
+    if own:
+        try:
+            compile_sources(folder, own[0], binary)
+        except NotCompiled as error:
+            raise FmuError(
+                f"{path}: has sources and no binary for this platform, and {error}"
+            ) from error
+    else:
         there = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
         raise FmuError(
             f"{path}: has no binary for this platform, expected {binary}; it has binaries for "
@@ -174,7 +209,11 @@ def _fmi_version(description: Path) -> str:
     return str(root.get("fmiVersion", "of no version"))
 
 
-def _described(read: Any) -> Description:
+def _described(path: Path, read: Any) -> Description:
+    kind = read.coSimulation or read.modelExchange
+    if kind is None:
+        what = "scheduled execution only" if read.scheduledExecution else "neither"
+        raise FmuError(f"{path}: is for {what}, expected co-simulation or model exchange")
     # on states, too, outputs may be said to depend: they do not make it follow at once
     followers = {
         u.variable.name
@@ -188,7 +227,11 @@ def _described(read: Any) -> Description:
     for v in read.modelVariables:
         if v.type == "String" and v.name == "message" and v.causality == "output":
             message = int(v.valueReference)
-        if v.type not in ("Real", "Integer", "Boolean"):
+        is_signal = v.causality in ("input", "output")
+        if v.type == "Clock" or (v.dimensions and is_signal):
+            what = "a clock" if v.type == "Clock" else f"an array and an {v.causality}"
+            raise FmuError(f"{path}: {v.name} is {what}, expected scalar signals without clocks")
+        if v.type not in (*REAL, *WHOLE) or v.dimensions or v.alias is not None:
             continue
         nominal = abs(float(v.nominal)) if v.nominal else 1.0
         variables.append(
@@ -199,27 +242,32 @@ def _described(read: Any) -> Description:
                 str(v.causality),
                 unit_name(v),
                 nominal if math.isfinite(nominal) and nominal > 0 else 1.0,
-                float(v.start) if v.start is not None and v.type != "Boolean" else None,
+                _start(v),
                 v.name in followers or v.name in silent or v.name not in listed,
+                v.type in REAL and v.variability == "discrete",
             )
         )
     return Description(
+        int(read.fmiVersion[0]),
+        read.coSimulation is None,
+        int(read.numberOfContinuousStates),
+        int(read.numberOfEventIndicators),
         str(read.guid),
-        str(read.coSimulation.modelIdentifier),
+        str(kind.modelIdentifier),
         tuple(variables),
         defined_units(read),
         message,
-        bool(read.coSimulation.canGetAndSetFMUstate),
-        bool(read.coSimulation.canBeInstantiatedOnlyOncePerProcess),
-        _says_sampled(read),
+        bool(kind.canGetAndSetFMUstate),
+        bool(kind.canBeInstantiatedOnlyOncePerProcess),
         _step_size(read.defaultExperiment),
-        bool(read.coSimulation.canHandleVariableCommunicationStepSize),
+        read.coSimulation is None or bool(kind.canHandleVariableCommunicationStepSize),
     )
 
 
-def _says_sampled(read: Any) -> bool:
-    outputs = [v for v in read.modelVariables if v.causality == "output" and v.type == "Real"]
-    return any(v.variability == "discrete" for v in outputs)
+def _start(variable: Any) -> float | None:
+    if variable.type == "Boolean" and variable.start is not None:
+        return float(variable.start in ("true", "1"))
+    return float(variable.start) if variable.start is not None else None
 
 
 def _step_size(experiment: Any) -> float | None:

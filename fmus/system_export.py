@@ -125,12 +125,14 @@ def _side(name: str, path: Path | str) -> _Side:
     unpacked = unpack(path, runs_here=False)
     unpacked.remove()
     description = unpacked.description
+    if description.fmi != 2:
+        raise CannotConnect(f"{path}: is FMI {description.fmi}, but SSP 1.0 holds FMUs of FMI 2.0")
     # An Integer, a Boolean or a String is no signal of this loop, and SSP wants connectors only
     # where something is connected.
     variables = {
         v.name: v
         for v in description.variables
-        if v.type == "Real" and v.causality in ("input", "output", "parameter")
+        if v.is_real and v.causality in ("input", "output", "parameter")
     }
     used = {v.unit for v in variables.values()}
     units = {unit: _base_unit(given) for unit, given in description.units.items() if unit in used}

@@ -334,10 +334,10 @@ class Network:
                 f"kind {ends[1].kind}; only outputs and inputs can be joined while a system runs"
             )
         for end, connector in zip((source, target), ends, strict=True):
-            if connector.type not in ("Real", ""):
+            if connector.type not in ("Real", "Integer", "Boolean", "Enumeration", ""):
                 raise BadSystem(
-                    f"{self.edges[target].where}: {end} is of type {connector.type}; only Real "
-                    "signals are known here"
+                    f"{self.edges[target].where}: {end} is of type {connector.type}; only numbers "
+                    "and truth values are signals here"
                 )
         signal = Scaled(1.0, 0.0, ends[0].unit)
         for port in reversed(chain):
@@ -366,13 +366,13 @@ def _variables(fmu: Path, where: str) -> dict[str, Connector]:
     except Exception as error:  # the parser raises many kinds
         reason = str(error) or type(error).__name__
         raise BadSystem(f"{where}: {fmu.name} is no FMU that can be read: {reason}") from error
-    if read.fmiVersion != "2.0":
-        raise BadSystem(f"{where}: {fmu.name} is FMI {read.fmiVersion}, expected FMI 2.0")
+    if not str(read.fmiVersion).startswith(("2.", "3.")):
+        raise BadSystem(f"{where}: {fmu.name} is FMI {read.fmiVersion}, expected FMI 2.0 or 3.0")
     units = {name: Unit.defined(name, base) for name, base in defined_units(read).items()}
     return {
         v.name: Connector(
             str(v.causality),
-            str(v.type),
+            plain_type(str(v.type)),
             units.get(name, Unit(name, None)) if (name := unit_name(v)) else None,
         )
         for v in read.modelVariables

@@ -33,6 +33,7 @@ CONTROLLER = np.dtype(
         ("reports", np.int64),
         ("saves", np.int64),
         ("nominal", VECTOR),  # of the signals
+        ("real", VECTOR),  # of signals and references: whether they may be between whole numbers
         ("ahead", VECTOR),  # commands after a step that cannot be taken back,
         ("is_ahead", np.int64),  # if it has done one
         ("moved", VECTOR),  # room for n signals,

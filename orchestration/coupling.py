@@ -114,6 +114,7 @@ class ControllerSide:
             reports=wiring.reports_law,
             saves=instance.can_save,
             nominal=np.array([instance.nominal(s) for _, s in wiring.signals]),
+            real=np.array([float(instance.is_real(name)) for name in inputs]),
             ahead=np.zeros(self.m),
             moved=np.zeros(self.n),
             answered=np.zeros(self.m),

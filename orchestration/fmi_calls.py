@@ -1,8 +1,8 @@
 """How compiled code calls a FMU instance.
 
-An FMU in this process is called through the addresses of its own FMI 2.0 functions. Any other
-FMU instance gets functions of the same shapes that call its Python methods, so that there is one
-text of the coupling for all of them.
+An FMU of FMI 2.0 in this process whose signals are real is called through the addresses of its
+own functions. Any other FMU instance gets functions of the same shapes that call its Python
+methods, so that there is one text of the coupling for all of them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from .fmu_instance import ENTRY_POINTS, OK, STATE, STEP, FmuInstance, Instance
+from .fmi_versions import OK, STATE, STEP
+from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance
 from .structs import VECTOR, Struct, Vector
 
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # what failed
@@ -75,7 +76,7 @@ class Bound:
         self._calls = calls
         references = [0] * len(inputs), [0] * len(outputs)
         given, taken = np.zeros(len(inputs)), np.zeros(len(outputs))
-        if isinstance(instance, FmuInstance):
+        if isinstance(instance, FmuInstance) and instance.is_compiled([*inputs, *outputs]):
             self._fmu: FmuInstance | None = instance
             entry_points = instance.entry_points()
             references = instance.references(inputs), instance.references(outputs)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 import itertools
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -14,23 +13,13 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ..fmus.law_ports import gain_port, rate_port, reference_port
 from ..fmus.process_end import end_cleanly
 from ..fmus.reading import Description, FmuError, UnpackedFmu, unpack
+from .fmi_versions import FATAL, OK, Fmi2, Fmi3, Ports, Refused, forget, last_words
 
 Vector = npt.NDArray[np.float64]
 
-# fmi2SetReal and fmi2GetReal, fmi2DoStep, and those of saved states
-SIGNALS = ctypes.CFUNCTYPE(
-    ctypes.c_int,
-    ctypes.c_void_p,
-    ctypes.POINTER(ctypes.c_uint),
-    ctypes.c_size_t,
-    ctypes.POINTER(ctypes.c_double),
-)
-STEP = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int
-)
-STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
 ENTRY_POINTS = (
     "component",
     "set_real",
@@ -40,8 +29,6 @@ ENTRY_POINTS = (
     "set_state",
     "free_state",
 )
-OK, _DISCARD, _FATAL = 1, 2, 4  # fmi2Warning counts as OK
-_LOGGED: dict[int, str] = {}
 _LOG_NUMBERS = itertools.count(1)
 
 SAMPLE_TIME = "sample_time"
@@ -86,6 +73,7 @@ class Instance(Protocol):
     sample_time: float
 
     def nominal(self, name: str) -> float: ...
+    def is_real(self, name: str) -> bool: ...
     def follows_at_once(self, name: str) -> bool: ...
     def initialize(self, values: Mapping[str, float], stop: float) -> None: ...
     def writer(self, names: Sequence[str]) -> Writer: ...
@@ -99,7 +87,7 @@ class Instance(Protocol):
 
 
 class FmuInstance:
-    """An FMI 2.0 co-simulation FMU, run in this process through fmpy's FMU2Slave.
+    """An FMU, run in this process.
 
     Parameters
     ----------
@@ -117,9 +105,8 @@ class FmuInstance:
         self._fmu, self._clean = opened_source(self, source)
         self.name = name
         description = self.description
-        self._real = {v.name: v for v in description.variables if v.type == "Real"}
-        self._numbers = {v.name: v for v in description.variables}
-        self.inputs: Sequence[str] = description.names("input")
+        self._variables = {v.name: v for v in description.variables}
+        self.inputs: Sequence[str] = inputs_of(description)
         self.outputs: Sequence[str] = description.names("output")
         self.parameters = description.names("parameter")
         self.can_save = description.saves_state
@@ -127,52 +114,31 @@ class FmuInstance:
         self._log = next(_LOG_NUMBERS)
         self._status = 0  # the worst yet
         try:
-            self._slave = self._instantiated()
+            self._fmi = (Fmi2 if description.fmi == 2 else Fmi3)(self._fmu, name, self._log)
+        except Exception as error:
+            self._clean()
+            reason = last_words(self._log) or str(error)
+            raise FmuError(f"{self._fmu.path}: cannot be instantiated: {reason}") from error
         except BaseException:
             self._clean()
             raise
         self._open = True
-        library = self._slave.dll
-        end_cleanly(Path(library._name))
-        self._set_real = SIGNALS(("fmi2SetReal", library))
-        self._get_real = SIGNALS(("fmi2GetReal", library))
-        self._do_step = STEP(("fmi2DoStep", library))
-        self._get_state = STATE(("fmi2GetFMUstate", library))
-        self._set_state = STATE(("fmi2SetFMUstate", library))
-        self._free_state = STATE(("fmi2FreeFMUstate", library))
-        self._component = ctypes.c_void_p(self._slave.component)
+        end_cleanly(Path(self._fmi.library._name))
 
     @property
     def description(self) -> Description:
         return self._fmu.description
 
-    def _instantiated(self) -> Any:
-        from fmpy import calloc, fmi2, free
-
-        callbacks = fmi2.fmi2CallbackFunctions()
-        callbacks.logger = _logger()
-        callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
-        callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-        callbacks.componentEnvironment = self._log
-        try:
-            slave = fmi2.FMU2Slave(
-                guid=self._fmu.description.guid,
-                unzipDirectory=str(self._fmu.folder),
-                modelIdentifier=self._fmu.description.identifier,
-                instanceName=self.name,
-            )
-            slave.instantiate(callbacks=callbacks, loggingOn=True)
-        except Exception as error:
-            reason = _LOGGED.get(self._log) or str(error)
-            raise FmuError(f"{self._fmu.path}: cannot be instantiated: {reason}") from error
-        return slave
-
     def nominal(self, name: str) -> float:
-        return self._real[name].nominal
+        return self._variables[name].nominal
+
+    def is_real(self, name: str) -> bool:
+        """Whether a signal may lie between whole numbers."""
+        return self._variables[name].is_real
 
     def follows_at_once(self, name: str) -> bool:
         """Whether an output may follow inputs without a step, as far as the FMU says."""
-        return self._real[name].direct
+        return self._variables[name].direct
 
     def initialize(self, values: Mapping[str, float], stop: float) -> None:
         """Set parameters and start values, and go through initialization.
@@ -183,23 +149,16 @@ class FmuInstance:
             If the FMU refuses.
         """
         try:
-            self._slave.setupExperiment(startTime=0.0, stopTime=stop)
+            self._fmi.set_up(stop)
             for name, value in values.items():
-                variable = self._numbers[name]
-                setters = {
-                    "Real": self._slave.setReal,
-                    "Integer": self._slave.setInteger,
-                    "Boolean": self._slave.setBoolean,
-                }
-                setters[variable.type]([variable.reference], [value])
-            self._slave.enterInitializationMode()
-            self._slave.exitInitializationMode()
+                self.writer([name])(np.array([value], dtype=float))
+            self._fmi.start(stop)
             if SAMPLE_TIME in self.parameters:
-                self.sample_time = float(
-                    self._slave.getReal([self._real[SAMPLE_TIME].reference])[0]
-                )
+                self.sample_time = float(self.reader([SAMPLE_TIME])()[0])
+        except StepFailed:
+            raise
         except Exception as error:
-            status = getattr(error, "status", _FATAL)
+            status = getattr(error, "status", FATAL)
             raise self.failed(status, f"cannot be initialized: {error}") from error
         if self.message():
             raise StepFailed(self.message())
@@ -208,82 +167,106 @@ class FmuInstance:
         """What the FMU says of its failure: ours in an output for it, others in their log."""
         reference = self._fmu.description.message_reference
         if reference is None:
-            return _LOGGED.get(self._log, "")
-        (text,) = self._slave.getString([reference])
-        return str(text.decode("utf-8", "replace"))
+            return last_words(self._log)
+        return self._fmi.text(reference)
 
     def writer(self, names: Sequence[str]) -> Writer:
-        references, buffer, pointer = self._bind(names)
-        call, component, n = self._set_real, self._component, len(names)
+        parts = self._ports(names)
 
         def write(values: Vector) -> None:
-            buffer[:] = values
-            if n and (status := call(component, references, n, pointer)) > OK:
-                raise self.failed(status, f"refuses the values of {', '.join(names)}")
+            for places, ports in parts:
+                try:
+                    ports.put(values[places])
+                except Refused as error:
+                    raise self.failed(error.status, str(error)) from error
+                if (status := self._fmi.transfer("Set", ports)) > OK:
+                    raise self.failed(status, f"refuses the values of {', '.join(ports.names)}")
 
         return write
 
     def reader(self, names: Sequence[str]) -> Reader:
-        references, buffer, pointer = self._bind(names)
-        call, component, n = self._get_real, self._component, len(names)
+        parts = self._ports(names)
 
         def read() -> Vector:
-            if n and (status := call(component, references, n, pointer)) > OK:
-                raise self.failed(status, f"cannot give {', '.join(names)}")
-            return buffer.copy()
+            values = np.empty(len(names))
+            for places, ports in parts:
+                if (status := self._fmi.transfer("Get", ports)) > OK:
+                    raise self.failed(status, f"cannot give {', '.join(ports.names)}")
+                values[places] = ports.values
+            return values
 
         return read
 
-    def _bind(self, names: Sequence[str]) -> tuple[Any, Vector, Any]:
-        references = (ctypes.c_uint * len(names))(*self.references(names))
-        buffer = np.zeros(len(names))
-        return references, buffer, buffer.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+    def _ports(self, names: Sequence[str]) -> list[tuple[slice | list[int], Ports]]:
+        """Places and ports, one for each type."""
+        types = dict.fromkeys(self._variables[n].type for n in names)
+        parts: list[tuple[slice | list[int], Ports]] = []
+        for kind in types:
+            places = [k for k, n in enumerate(names) if self._variables[n].type == kind]
+            own = [names[k] for k in places]
+            ports = self._fmi.ports(own, kind, self.references(own))
+            parts.append((places if len(types) > 1 else slice(None), ports))
+        return parts
 
     def step(self, t: float, h: float) -> None:
-        status = self._do_step(self._component, t, h, 1)
+        try:
+            status = self._fmi.step(t, h)
+        except StepFailed:
+            raise
+        except Exception as error:
+            status = getattr(error, "status", FATAL)
+            raise self.failed(status, str(error).rstrip(".")) from error
         if status > OK:
             raise self.failed(status, f"the step failed with FMI status {status}")
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
-        status = self._get_state(self._component, ctypes.addressof(state))
+        status = self._fmi.get_state(self._fmi.component, ctypes.addressof(state))
         if status > OK:
             raise self.failed(status, "cannot save its state")
-        return state
+        return state, self._fmi.place
 
     def restore(self, state: Any) -> None:
-        status = self._set_state(self._component, state)
+        pointer, place = state
+        status = self._fmi.set_state(self._fmi.component, pointer)
         if status > OK:
             raise self.failed(status, "cannot restore its state")
+        self._fmi.place = place
+
+    def is_compiled(self, names: Sequence[str]) -> bool:
+        """Whether compiled code can call its functions itself for these ports."""
+        plain = self.description.fmi == 2 and not self.description.exchanges
+        return plain and all(self._variables[n].type == "Real" for n in names)
 
     def entry_points(self) -> tuple[int, ...]:
         """Addresses of the instance and of its functions, in the order of `ENTRY_POINTS`."""
+        fmi = self._fmi
         calls = (
-            self._set_real,
-            self._get_real,
-            self._do_step,
-            self._get_state,
-            self._set_state,
-            self._free_state,
+            fmi.library.fmi2SetReal,
+            fmi.library.fmi2GetReal,
+            fmi.do_step,
+            fmi.get_state,
+            fmi.set_state,
+            fmi.free_state,
         )
         addresses = (ctypes.cast(call, ctypes.c_void_p).value or 0 for call in calls)
-        return (self._component.value or 0, *addresses)
+        return (fmi.component.value or 0, *addresses)
 
     def references(self, names: Sequence[str]) -> list[int]:
-        """Value references of real variables."""
-        return [self._real[n].reference for n in names]
+        """Value references of variables."""
+        return [self._variables[n].reference for n in names]
 
     def failed(self, status: int, what: str) -> StepFailed:
         """The error for a call that ended with this status, with the FMU's own words."""
         self._status = max(self._status, status)
-        reason = self.message() if status < _FATAL else _LOGGED.get(self._log, "")
+        reason = self.message() if status < FATAL else last_words(self._log)
         if reason.startswith(f"{self.name}: "):  # ours put the instance's name first
             return StepFailed(reason)
         whose = f"{self.name} ({self._fmu.path.name})"
         return StepFailed(f"{whose}: {what}{': ' if reason else ''}{' '.join(reason.split())}")
 
     def release(self, state: Any) -> None:
-        self._free_state(self._component, ctypes.addressof(state))
+        self._fmi.free_state(self._fmi.component, ctypes.addressof(state[0]))
 
     def reopened(self) -> FmuInstance:
         other = FmuInstance(self._fmu, self.name)
@@ -294,15 +277,30 @@ class FmuInstance:
         if not self._open:
             return
         self._open = False
-        _LOGGED.pop(self._log, None)
+        forget(self._log)
         self._clean()
-        if self._status >= _FATAL:
+        if self._status >= FATAL:
             return  # FMI allows no call any more
         # what it computed is read already: a bad end changes nothing
         with contextlib.suppress(Exception):
             if self._status <= OK:
-                self._slave.terminate()
-        self._slave.freeInstance()
+                self._fmi.terminate()
+        self._fmi.free()
+
+
+def inputs_of(description: Description) -> list[str]:
+    """Inputs that a master drives: not the feedback law's of model exchange.
+
+    The law's ramp counts from the start of a communication step: model exchange has none.
+    """
+    inputs = description.names("input")
+    law = {
+        port
+        for u in inputs
+        for y in description.names("output")
+        for port in (gain_port(u, y), reference_port(u, y), rate_port(u))
+    }
+    return [n for n in inputs if not description.exchanges or n not in law]
 
 
 def opened_source(
@@ -313,15 +311,3 @@ def opened_source(
         return source, lambda: None
     fmu = unpack(source)
     return fmu, weakref.finalize(owner, fmu.remove)
-
-
-@functools.cache
-def _logger() -> Any:
-    """What FMUs call to log: keeps the last error of each instance."""
-    from fmpy import fmi2
-
-    def log(environment: int, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
-        if status > _DISCARD and text:
-            _LOGGED[environment or 0] = text.decode("utf-8", "replace").strip()
-
-    return fmi2.fmi2CallbackLoggerTYPE(log)

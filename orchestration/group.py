@@ -86,6 +86,13 @@ class Group:
         member, port = self._split(name)
         return self._members[member].nominal(port)
 
+    def is_real(self, name: str) -> bool:
+        if name in self.inputs:
+            fed = [f for f in self._feeds if f.source == name]
+            return all(self._members[f.member].is_real(f.port) for f in fed)
+        member, port = self._split(name)
+        return self._members[member].is_real(port)
+
     def follows_at_once(self, name: str) -> bool:
         member, port = self._split(name)
         return self._members[member].follows_at_once(port)

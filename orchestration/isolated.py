@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
 from ..fmus.reading import Description, FmuError, UnpackedFmu
-from .fmu_instance import FmuInstance, Reader, StepFailed, Writer, opened_source
+from .fmu_instance import FmuInstance, Reader, StepFailed, Writer, inputs_of, opened_source
 from .isolated_host import OK, REFUSED, Request, receive, send
 
 Vector = npt.NDArray[np.float64]
@@ -38,7 +38,7 @@ _FAREWELL = 5.0  # s, to end in good order
 
 
 class IsolatedInstance:
-    """An FMI 2.0 co-simulation FMU, run in another process.
+    """An FMU, run in another process.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class IsolatedInstance:
         self.time_limit = time_limit
         description = self._fmu.description
         self._variables = {v.name: v for v in description.variables}
-        self.inputs: Sequence[str] = description.names("input")
+        self.inputs: Sequence[str] = inputs_of(description)
         self.outputs: Sequence[str] = description.names("output")
         self.parameters = description.names("parameter")
         self.can_save = description.saves_state
@@ -98,6 +98,9 @@ class IsolatedInstance:
 
     def nominal(self, name: str) -> float:
         return self._variables[name].nominal
+
+    def is_real(self, name: str) -> bool:
+        return self._variables[name].is_real
 
     def follows_at_once(self, name: str) -> bool:
         return self._variables[name].direct

@@ -92,13 +92,15 @@ def run_loop(
         If the rows of all steps do not fit.
     """
     wiring = wiring or wire(plant, controller, mapping)
-    reversible = plant.can_save and controller.can_save
+    corrigible = all(plant.is_real(theirs) for _, theirs in wiring.commands)
+    reversible = plant.can_save and controller.can_save and corrigible
     names, commands = _names(plant, wiring, mapping or {})
     values = (dict(plant_values or {}), dict(controller_values or {}))
     start = np.full(len(wiring.references), reference.at(0.0))
     chosen, reason = _choose(wiring, plant, controller, coupling)
     tangent = chosen is Coupling.INTERFACE_JACOBIAN
-    corrected = _corrects(corrections, adaptive, tangent, reversible)
+    needed = "both FMUs to save and restore their state" if corrigible else "real commands"
+    corrected = _corrects(corrections, adaptive, tangent, "" if reversible else needed)
     parts = _Parts(plant, controller, wiring, values, stop, start, chosen)
     main = parts.loop(corrected, averaged=tangent or corrected, fresh=False)
     if coupling is None and tangent:
@@ -160,13 +162,13 @@ def _names(
     return [ours[n] for n in plant.outputs], [ours[theirs] for _, theirs in wiring.commands]
 
 
-def _corrects(wanted: int | None, adaptive: bool, tangent: bool, reversible: bool) -> bool:
-    """Whether each step is corrected; by default where it can be and the coupling is tangent."""
-    if wanted and not reversible:
-        raise CouplingError("corrections need both FMUs to save and restore their state")
-    if adaptive and not reversible:
-        raise CouplingError("adaptive steps need both FMUs to save and restore their state")
-    return (tangent and reversible) if wanted is None else bool(wanted)
+def _corrects(wanted: int | None, adaptive: bool, tangent: bool, missing: str) -> bool:
+    """Whether each step is corrected; by default where nothing is missing for it."""
+    if wanted and missing:
+        raise CouplingError(f"corrections need {missing}")
+    if adaptive and missing:
+        raise CouplingError(f"adaptive steps need {missing}")
+    return (tangent and not missing) if wanted is None else bool(wanted)
 
 
 def _choose(

@@ -83,7 +83,7 @@ def part_of(name: str) -> Part:
                 math.inf,
             )
             for v in description.variables
-            if v.causality == "parameter" and v.type == "Real"
+            if v.causality == "parameter"
         },
     )
 

@@ -73,7 +73,8 @@ def sampling_period(
         apart = np.diff(jumps)
         if len(jumps) >= _LEAST and apart.min() >= 2 and np.ptp(apart) <= 1:
             return _named(controller.description, values, jumps, h)
-    declared = controller.description.sampled
+    commands = {name for name, _ in wiring.commands}
+    declared = any(v.sampled for v in controller.description.variables if v.name in commands)
     if declared and controller.description.step_size:
         return Period(controller.description.step_size, "the step size of its default experiment")
     if declared:
@@ -94,8 +95,9 @@ def _jumps(
     count: int,
 ) -> list[int]:
     """Numbers of the steps in which commands changed while the inputs changed in all."""
-    inputs = [*(name for _, name in wiring.signals), *wiring.references]
-    sizes = np.append(sizes, np.ones(len(wiring.references)))
+    sized = dict(zip((name for _, name in wiring.signals), sizes, strict=True))
+    inputs = [n for n in (*sized, *wiring.references) if controller.is_real(n)]
+    sizes = np.array([sized.get(name, 1.0) for name in inputs])
     random = np.random.default_rng(0)
     jumps: list[int] = []
     try:
@@ -141,7 +143,7 @@ def _named(
     told = {
         v.name: values.get(v.name, v.start)
         for v in description.variables
-        if v.causality == "parameter" and v.type == "Real" and v.unit in ("", "s")
+        if v.causality == "parameter" and v.is_real and v.unit in ("", "s")
     }
     for name, value in told.items():
         if value is not None and low < value < high:

@@ -121,7 +121,7 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     wiring = Wiring(commands, signals, tuple(goals), False, False, unconnected)
     return replace(
         wiring,
-        accepts_law=set(wiring.plant_law()) <= set(plant.inputs),
+        accepts_law=bool(commands) and set(wiring.plant_law()) <= set(plant.inputs),
         reports_law=set(wiring.controller_law()) <= set(controller.outputs),
     )
 

@@ -40,6 +40,9 @@ class LinearSlave:
     y: np.ndarray = field(init=False)
     _maps: dict[Any, Any] = field(default_factory=dict)
 
+    def is_real(self, name: str) -> bool:
+        return True
+
     def nominal(self, name: str) -> float:
         return 1.0
 

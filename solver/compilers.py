@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,27 +94,47 @@ def compiled(name: str, sources: Mapping[str, str], main: str, stem: str) -> byt
     ------
     CompilerFailed
     """
-    made_for = PLATFORMS[name]
-    compiler = compiler_for(name)
     with tempfile.TemporaryDirectory(prefix="ballscrew-compile-") as folder:
         for file, text in sources.items():
             (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
-        target = Path(folder) / f"{stem}{made_for.suffix}"
-        command = [*compiler, *FLAGS, "-o", target.name, main, *made_for.flags]
-        try:
-            done = subprocess.run(
-                command,
-                cwd=folder,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                timeout=_LONGEST,
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise CompilerFailed(f"{compiler[0]} cannot be run for {name}: {error}") from error
-        if done.returncode or not target.is_file():
-            said = (done.stderr.strip() or done.stdout.strip())[:4000] or "nothing"
-            raise CompilerFailed(
-                f"{' '.join(compiler)} does not compile {stem} for {name} and says:\n{said}"
-            )
-        return target.read_bytes()
+        return compiled_in(Path(folder), name, [*FLAGS, main], stem)
+
+
+def compiled_in(folder: Path, name: str, arguments: Sequence[str], stem: str) -> bytes:
+    """The shared library for a platform, of files that lie in a folder, where it is made, too.
+
+    Parameters
+    ----------
+    folder : Path
+    name : str
+        As in `compiled`.
+    arguments : sequence of str
+        Flags and sources, as the compiler is run in that folder.
+    stem : str
+        As in `compiled`.
+
+    Raises
+    ------
+    CompilerFailed
+    """
+    made_for = PLATFORMS[name]
+    compiler = compiler_for(name)
+    target = folder / f"{stem}{made_for.suffix}"
+    command = [*compiler, *arguments, "-o", target.name, *made_for.flags]
+    try:
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_LONGEST,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise CompilerFailed(f"{compiler[0]} cannot be run for {name}: {error}") from error
+    if done.returncode or not target.is_file():
+        said = (done.stderr.strip() or done.stdout.strip())[:4000] or "nothing"
+        raise CompilerFailed(
+            f"{' '.join(compiler)} does not compile {stem} for {name} and says:\n{said}"
+        )
+    return target.read_bytes()

@@ -25,6 +25,7 @@ typedef struct {
     Calls calls;
     int64_t m, n, answer, reports, saves;
     Vector nominal;    /* of the signals */
+    Vector real;       /* of signals and references: whether they may be between whole numbers */
     Vector ahead;      /* commands after a step that cannot be taken back, */
     int64_t is_ahead;  /* if it has done one */
     Vector moved;      /* room for n signals, */
@@ -96,6 +97,8 @@ static int probe_gains(Controller *c, double t, double h, const double *signals,
     double *const moved = c->moved.at, *const commands = c->answered.at;
     copy(signals, moved, n);
     for (int64_t j = 0; j < n; j++) {
+        if (!c->real.at[j])
+            continue;
         moved[j] += 1e-7 * fmax(fabs(signals[j]), 1e-3 * c->nominal.at[j]);
         TRY(answer_at(c, t, h, moved, reference, commands));
         for (int64_t k = 0; k < m; k++)
@@ -287,9 +290,9 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
     }
     if (l->averaged) {
         for (int64_t k = 0; k < l->end.size; k++)
-            l->mean.at[k] = 0.5 * (l->start.at[k] + end[k]);
+            l->mean.at[k] = c->real.at[k] ? 0.5 * (l->start.at[k] + end[k]) : end[k];
         for (int64_t k = 0; k < l->goal.size; k++)
-            l->goal.at[k] = 0.5 * (before[k] + after[k]);
+            l->goal.at[k] = c->real.at[c->n + k] ? 0.5 * (before[k] + after[k]) : after[k];
         TRY(advance(c, t, h, l->mean.at, l->goal.at));
     } else if (l->coupling == JACOBI && !l->corrected) {
         TRY(advance(c, t, h, l->start.at, before));

@@ -61,6 +61,7 @@ TWO = {
         "parameter Boolean on",
         "parameter String file",
         "output Integer count",
+        "output String words",
     ),
     "resources/b.fmu": an_fmu("input Real x", "output Real y", "parameter Real length m"),
 }
@@ -478,7 +479,7 @@ MANY = """<ssd:Connectors>
         ({"start": "both"}, "joins both of kind inout"),
         ({"start": "in", "end": "out"}, "the system's output out is its input in"),
         ({"start": "a.y", "end": "b.length"}, "only outputs and inputs can be joined"),
-        ({"start": "a.count"}, "a.count is of type Integer; only Real signals"),
+        ({"start": "a.words"}, "a.words is of type String; only numbers and truth values"),
         ({"attributes": 'suppressUnitConversion="maybe"'}, "expected true or false"),
         ({"inside": '<ssc:LinearTransformation factor="nan"/>'}, "the factor is 'nan'"),
         *(

@@ -9,7 +9,7 @@ from third_party_fmus import feedthrough, proportional
 
 from ballscrew.cli import main
 from ballscrew.fmus.catalogue import fmu
-from ballscrew.fmus.system_export import export_system
+from ballscrew.fmus.system_export import CannotConnect, export_system
 from ballscrew.fmus.system_reading import BadSystem
 from ballscrew.orchestration.closed_loop import BadParameter, Study, run_study
 from ballscrew.orchestration.coupling import Coupling
@@ -37,6 +37,20 @@ def test_our_own_file_gives_the_same_run_as_the_parts_by_name(ours):
         np.testing.assert_array_equal(by_file.reference, by_name.reference)
         for column, course in by_name.outputs.items():
             np.testing.assert_array_equal(by_file.outputs[column], course)
+
+
+def test_a_system_of_fmi_3_runs_as_one_of_fmi_2_does(native, tmp_path):
+    path = export_system(native("plant"), native("iol"), tmp_path / "two.ssp", name="two")
+    with zipfile.ZipFile(path) as two, zipfile.ZipFile(tmp_path / "three.ssp", "w") as three:
+        for file in two.namelist():
+            name = {"resources/plant.fmu": "plant", "resources/controller.fmu": "iol"}.get(file)
+            three.writestr(file, native(name, 3).read_bytes() if name else two.read(file))
+    expected = run_system(SystemStudy(path, stop=0.1)).run
+    found = run_system(SystemStudy(tmp_path / "three.ssp", stop=0.1)).run
+    assert found.coupling is expected.coupling
+    np.testing.assert_allclose(found.outputs["x"], expected.outputs["x"], rtol=0, atol=1e-12)
+    with pytest.raises(CannotConnect, match="holds FMUs of FMI"):
+        export_system(native("plant", 3), native("iol", 3), path, name="three")
 
 
 def test_a_plain_master_that_connects_the_law_ports_is_right_with_second_order(ours):

@@ -1,0 +1,104 @@
+"""Compile an FMU that brings its sources and no binary for this platform."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from ..solver import kernel_cache
+from ..solver.compilers import CompilerFailed, compiled_in, compiler_for, own_platform
+from ..solver.files import write_atomically
+
+_STANDARDS = {
+    "C89": "gnu90",
+    "C90": "gnu90",
+    "C99": "gnu99",
+    "C11": "gnu11",
+    "C17": "gnu17",
+    "C18": "gnu17",
+}
+# the last two: functions have FMI's names, not those for linking many models into one program
+_FLAGS = (
+    *("-O2", "-shared", "-ffp-contract=off"),
+    *(f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX" for version in (2, 3)),
+)
+
+
+class NotCompiled(RuntimeError):
+    """The sources give no library here; the message says why, in one line."""
+
+
+def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
+    """Put the library where the FMU would have brought it; compiled once for the same sources.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the unpacked FMU.
+    configuration : fmpy's BuildConfiguration
+    binary : str
+        Where the library belongs, in that folder.
+
+    Raises
+    ------
+    NotCompiled
+    """
+    name = own_platform()
+    compiler = compiler_for(name) if name else []
+    if not compiler:
+        raise NotCompiled("no C compiler was found; install one, or the package ziglang")
+    try:
+        made = _library(folder, name, _arguments(folder, configuration), compiler)
+        (folder / binary).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(made, folder / binary)
+    except CompilerFailed as error:
+        lines = str(error).splitlines()
+        said = next((line for line in lines if "error" in line), lines[-1])
+        raise NotCompiled(f"they do not compile: {said.strip()[:300]}") from error
+    except OSError as error:
+        raise NotCompiled(f"the library cannot be written: {error}") from error
+
+
+def _library(folder: Path, name: str, arguments: list[str], compiler: list[str]) -> Path:
+    """The library in the cache, made if it is not there."""
+    digest = hashlib.sha256(repr((compiler, arguments)).encode())
+    for file in sorted(p for p in (folder / "sources").rglob("*") if p.is_file()):
+        digest.update(str(file.relative_to(folder)).encode())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    made = kernel_cache.folder() / "fmus" / "compiled" / digest.hexdigest()
+    if not made.is_file():
+        write_atomically(made, compiled_in(folder, name, arguments, "compiled"))
+    return made
+
+
+def _arguments(folder: Path, configuration: Any) -> list[str]:
+    """Flags and sources."""
+    import fmpy
+
+    flags: dict[str, None] = {}
+    sources = []
+    for files in configuration.sourceFileSets:
+        language = files.language or "C99"
+        if language not in _STANDARDS:
+            raise NotCompiled(f"they are in {language}, expected C")
+        flags[f"-std={_STANDARDS[language]}"] = None
+        for d in files.preprocessorDefinitions:
+            if not d.optional:
+                flags[f"-D{d.name}" + (f"={d.value}" if d.value is not None else "")] = None
+        places = (_inside(place) for place in ("", *filter(None, files.includeDirectories)))
+        flags |= {f"-I{place}": None for place in places}
+        sources += [_inside(file or "") for file in files.sourceFiles]
+    for source in sources:
+        if not (folder / source).is_file():
+            raise NotCompiled(f"{source} is not there")
+    headers = Path(fmpy.__file__).parent / "c-code"  # FMI's own, where the FMU leaves them out
+    return [*_FLAGS, *flags, f"-I{headers}", *sources]
+
+
+def _inside(name: str) -> str:
+    place = PurePosixPath("sources", *PurePosixPath(name.replace("\\", "/")).parts)
+    if place.is_absolute() or ".." in place.parts:
+        raise NotCompiled(f"{name!r} climbs out of their folder")
+    return f"./{place}"

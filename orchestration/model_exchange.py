@@ -1,0 +1,161 @@
+"""Move a model-exchange FMU through time: CVODE between events, and the events."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from typing import Any
+
+from fmpy.sundials import CVodeSolver, byref
+from fmpy.sundials.cvode import CV_ROOT_RETURN, CVode
+from fmpy.sundials.libraries import sundials_core, sundials_cvode
+from fmpy.sundials.sundials_context import SUNContext_PushErrHandler
+
+from .fmi_versions import DISCARD, ERROR, Refused
+
+TOLERANCE = 1e-10  # relative; absolute as much of each state's nominal value
+_MOST_STEPS = 100_000  # of CVODE in one communication step
+_SAME = 1e-13  # share of a time by which two that mean the same may differ
+_ONE_STEP = 2  # CV_ONE_STEP
+_RECOVERABLE, _FAILED = 1, -1
+
+_stop_at = sundials_cvode.CVodeSetStopTime
+_stop_at.argtypes = [ctypes.c_void_p, ctypes.c_double]
+_warn_at_most = sundials_cvode.CVodeSetMaxHnilWarns
+_warn_at_most.argtypes = [ctypes.c_void_p, ctypes.c_int]
+_clear_handlers = sundials_core.SUNContext_ClearErrHandlers
+
+
+class _Cvode(CVodeSolver):  # type: ignore[misc]
+    """fmpy's CVODE, one step at a time, with errors of the FMU as such."""
+
+    error: Exception | None = None
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        _warn_at_most(self.cvode_mem, -1)
+        _clear_handlers(self.sunctx)  # the one that prints
+        SUNContext_PushErrHandler(self.sunctx, self.ehfun_, None)
+
+    def f(self, *given: Any) -> int:
+        return self._guarded(super().f, given)
+
+    def g(self, *given: Any) -> int:
+        return self._guarded(super().g, given)
+
+    def _guarded(self, call: Callable[..., int], given: tuple[Any, ...]) -> int:
+        try:
+            return call(*given)
+        except Exception as error:  # which must not pass through compiled code
+            self.error = error
+            discards = getattr(error, "status", ERROR) == DISCARD
+            return _RECOVERABLE if discards else _FAILED
+
+    def advance(self, until: float) -> tuple[bool, float]:
+        """Do one step, at most to a time; whether an event indicator changed sign, and when."""
+        reached = ctypes.c_double()
+        _stop_at(self.cvode_mem, until)
+        flag = CVode(self.cvode_mem, until, self.x, byref(reached), _ONE_STEP)
+        if flag < 0:
+            if self.error is not None:
+                raise self.error
+            raise Refused(f"CVODE gives up: {(self.error_info or [f'code {flag}'])[-1]}")
+        if not self.discrete:
+            self.set_x(self.px, self.nx)
+        self.set_time(reached.value)
+        return flag == CV_ROOT_RETURN, reached.value
+
+
+class _Held:
+    """Inputs that stay over a step."""
+
+    def apply(self, t: float) -> None: ...
+
+
+class Integrator:
+    """A model-exchange FMU as one that does steps. Between them it is in event mode.
+
+    Every step starts CVODE anew, so that it depends on nothing but the FMU's state.
+
+    Parameters
+    ----------
+    model : fmpy's FMU2Model or FMU3Model
+        Just initialized, at time 0.
+    states, indicators : int
+        Numbers of them.
+
+    Attributes
+    ----------
+    time, next_event : float
+        [s]
+    ends : bool
+        Whether it asked to end the simulation.
+    """
+
+    def __init__(self, model: Any, states: int, indicators: int) -> None:
+        self._model = model
+        three = hasattr(model, "updateDiscreteStates")
+        self._update = model.updateDiscreteStates if three else model.newDiscreteStates
+        self.time, self.next_event, self.ends = 0.0, math.inf, False
+        self._settle()
+        self._solver = _Cvode(
+            nx=states,
+            nz=indicators,
+            get_x=model.getContinuousStates,
+            set_x=model.setContinuousStates,
+            get_dx=model.getContinuousStateDerivatives if three else model.getDerivatives,
+            get_z=model.getEventIndicators,
+            get_nominals=model.getNominalsOfContinuousStates,
+            set_time=model.setTime,
+            input=_Held(),
+            startTime=0.0,
+            relativeTolerance=TOLERANCE,
+        )
+
+    def step(self, end: float) -> None:
+        """Move to a time, or to where the FMU asks to end.
+
+        Raises
+        ------
+        Refused, FMICallException
+        """
+        self._settle()  # what the inputs changed
+        self._resume()
+        left = _MOST_STEPS
+        while not self.ends and not _reached(self.time, end):
+            if not (left := left - 1):
+                raise Refused(f"CVODE is at t = {self.time:g} s after {_MOST_STEPS} steps")
+            until = min(end, self.next_event)
+            changes = False
+            if _reached(self.time, until):
+                self.time = until
+            else:
+                changes, self.time = self._solver.advance(until)
+            asks, self.ends = self._model.completedIntegratorStep()
+            if not self.ends and (changes or asks or _reached(self.time, self.next_event)):
+                self._model.enterEventMode()
+                self._settle()
+                if not self.ends:
+                    self._resume()
+        if not self.ends:
+            self.time = end
+            self._model.enterEventMode()
+            self._settle()
+
+    def _resume(self) -> None:
+        self._model.enterContinuousTimeMode()
+        self._solver.error = None
+        self._solver.reset(self.time)
+
+    def _settle(self) -> None:
+        """Find the discrete states at an event."""
+        again = True
+        while again:
+            again, self.ends, _, _, defined, when = self._update()
+            again = again and not self.ends
+        self.next_event = when if defined else math.inf
+
+
+def _reached(time: float, wanted: float) -> bool:
+    return wanted - time <= _SAME * max(1.0, abs(time))

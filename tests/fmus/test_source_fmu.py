@@ -1,0 +1,118 @@
+"""FMUs that bring sources and no binary for this platform."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import zipfile
+
+import numpy as np
+import pytest
+
+from ballscrew.cli import main
+from ballscrew.fmus import source_fmu
+from ballscrew.orchestration.closed_loop import Study, run_study
+
+
+@pytest.fixture
+def sources_only(native, tmp_path):
+    """``sources_only(name, fmi, change)``: without binaries, each file's bytes as changed."""
+
+    def packed(name, fmi=2, change=lambda name, data: data):
+        path = tmp_path / f"{name}{fmi}.fmu"
+        with zipfile.ZipFile(native(name, fmi)) as good, zipfile.ZipFile(path, "w") as bare:
+            for file in good.namelist():
+                if not file.startswith("binaries/"):
+                    bare.writestr(file, change(file, good.read(file)))
+        return path
+
+    return packed
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_sources_run_as_the_binary_does(native, sources_only, fmi):
+    expected = run_study(Study(str(native("pid", fmi)), str(native("plant", fmi)), stop=0.1)).run
+    study = Study(str(sources_only("pid", fmi)), str(sources_only("plant", fmi)), stop=0.1)
+    found = run_study(study).run
+    np.testing.assert_allclose(found.outputs["x"], expected.outputs["x"], rtol=0, atol=1e-12)
+
+
+def build(old, new):
+    def change(name, data):
+        return re.sub(old, new, data) if name == "sources/buildDescription.xml" else data
+
+    return change
+
+
+def broken(name, data):
+    return data + b"\nthis is no C;\n" if name == "sources/fmi3.c" else data
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (broken, "do not compile: ./sources/fmi3.c:"),
+        (build(b'"C99"', b'"C++17"'), "they are in C++17, expected C"),
+        (build(b'"fmi3.c"', b'"../../fmi3.c"'), "'../../fmi3.c' climbs out of their folder"),
+        (build(b'"fmi3.c"', b'"other.c"'), "./sources/other.c is not there"),
+        (build(b'Identifier="pid"', b'Identifier="other"'), "has no binary for this platform"),
+    ],
+)
+def test_sources_that_give_no_library_are_refused_in_one_line(
+    tmp_path, capsys, sources_only, change, message
+):
+    path = sources_only("pid", 3, change)
+    assert main(["run", "--controller", str(path), "--out", str(tmp_path / "out")]) == 2
+    heard = capsys.readouterr().err
+    assert f"{path}: " in heard
+    assert message in heard
+    assert heard.count("\n") == 1
+
+
+def test_without_a_compiler_the_line_says_what_to_install(
+    tmp_path, capsys, sources_only, monkeypatch
+):
+    monkeypatch.setattr(source_fmu, "compiler_for", lambda name: [])
+    path = sources_only("pid")
+    assert main(["run", "--controller", str(path), "--out", str(tmp_path / "out")]) == 2
+    heard = capsys.readouterr().err
+    assert "no C compiler was found; install one, or the package ziglang" in heard
+    assert heard.count("\n") == 1
+
+
+def test_the_same_sources_are_compiled_once(tmp_path, sources_only, monkeypatch):
+    monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path / "cache"))
+    calls = []
+    monkeypatch.setattr(
+        source_fmu,
+        "compiled_in",
+        lambda *given, own=source_fmu.compiled_in: calls.append(given) or own(*given),
+    )
+    path = sources_only("pid")
+    for copy in (path, shutil.copy(path, tmp_path / "copy.fmu")):
+        run_study(Study(str(copy), stop=0.01))
+    assert len(calls) == 1
+
+
+def test_a_library_that_cannot_be_put_in_its_place_is_refused_in_one_line(
+    tmp_path, capsys, sources_only
+):
+    path = sources_only("pid")
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("binaries", "no folder")
+    assert main(["run", "--controller", str(path), "--out", str(tmp_path / "out")]) == 2
+    heard = capsys.readouterr().err
+    assert "the library cannot be written" in heard
+    assert heard.count("\n") == 1
+
+
+def test_what_was_compiled_crashes_in_its_own_process(sources_only):
+    def crashing(name, data):
+        if name != "sources/fmi3.c":
+            return data
+        changed = re.sub(rb"(fmi3DoStep\)\([^)]*\)\s*\{)", rb"\1 __builtin_trap();", data)
+        assert changed != data
+        return changed
+
+    run = run_study(Study(str(sources_only("pid", 3, crashing)), stop=0.1)).run
+    assert "controller (pid3.fmu) was ended by SIG" in run.stopped

@@ -1,0 +1,205 @@
+"""FMUs that are not FMI 2.0 co-simulation of real signals, as the master takes them."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+
+import numpy as np
+import pytest
+from pythonfmu.builder import FmuBuilder
+
+from ballscrew.cli import main
+from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.fmu_instance import FmuInstance
+from ballscrew.orchestration.loop_run import CouplingError
+from ballscrew.orchestration.reference_signal import Reference
+
+STOP = 0.3
+
+
+def course(plant, controller, **options):
+    run = run_study(Study(str(controller), str(plant), stop=STOP, **options)).run
+    assert not run.stopped
+    return run, run.outputs | run.commands
+
+
+@pytest.mark.parametrize("controller", ["iol", "pid_sampled"])
+@pytest.mark.parametrize("isolate", [False, True])
+def test_fmi_3_runs_as_fmi_2_does(native, controller, isolate):
+    other, expected = course(native("plant"), native(controller))
+    run, found = course(native("plant", 3), native(controller, 3), isolate=isolate)
+    assert run.coupling is other.coupling
+    assert run.verdict.trusted == other.verdict.trusted
+    assert run.step_range == other.step_range
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-12)
+
+
+def test_what_export_writes_as_fmi_3_run_takes(tmp_path, native):
+    parts = ["--plant", str(native("plant", 3)), "--controller", str(native("pid", 3))]
+    assert main(["run", *parts, "--stop", "0.05", "--out", str(tmp_path)]) == 0
+    assert "verdict" in (tmp_path / "metrics.json").read_text()
+
+
+@pytest.fixture
+def described(native, tmp_path):
+    """``described(name, fmi, old, new)``: the native FMU with its description changed."""
+
+    def packed(name, fmi, old, new):
+        path = tmp_path / f"{name}{fmi}.fmu"
+        with zipfile.ZipFile(native(name, fmi)) as given, zipfile.ZipFile(path, "w") as other:
+            for file in given.namelist():
+                data = given.read(file)
+                if file == "modelDescription.xml":
+                    data = re.sub(old, new, data, flags=re.DOTALL)
+                other.writestr(file, data)
+        return path
+
+    return packed
+
+
+@pytest.fixture
+def exchanged(described):
+    """``exchanged(name, fmi)`` is the native FMU for model exchange only."""
+    element = rb"<CoSimulation[^>]*/>|<CoSimulation.*?</CoSimulation>"
+    return lambda name, fmi=2: described(name, fmi, element, b"")
+
+
+def test_a_clock_is_refused_in_one_line(tmp_path, capsys, described):
+    start = b"<ModelVariables>"
+    clock = b'<Clock name="tick" valueReference="9999" causality="input" intervalDecimal="0.1"/>'
+    path = described("pid", 3, start, start + clock)
+    assert main(["run", "--controller", str(path), "--out", str(tmp_path / "out")]) == 2
+    heard = capsys.readouterr().err
+    assert "tick is a clock, expected scalar signals without clocks" in heard
+    assert heard.count("\n") == 1
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("plant", ["plant", "plant_classical"])
+def test_model_exchange_runs_as_co_simulation_does(native, exchanged, fmi, plant):
+    """A sampled controller by its time events, dry friction by its state events."""
+    _, expected = course(native(plant), native("pid_sampled"), coupling=Coupling.GAUSS_SEIDEL)
+    _, found = course(exchanged(plant, fmi), exchanged("pid_sampled", fmi))
+    np.testing.assert_allclose(found["x"], expected["x"], rtol=0, atol=1e-8)
+
+
+def test_a_controller_for_model_exchange_reports_its_law(native, exchanged):
+    _, expected = course(native("plant"), native("iol"))
+    run, found = course(native("plant"), exchanged("iol", 3))
+    assert run.coupling is Coupling.INTERFACE_JACOBIAN
+    np.testing.assert_allclose(found["x"], expected["x"], rtol=0, atol=1e-12)
+
+
+def test_a_plant_for_model_exchange_takes_no_law_and_the_verdict_tells_what_that_costs(exchanged):
+    run, _ = course(exchanged("plant"), exchanged("iol"))
+    assert run.coupling is Coupling.GAUSS_SEIDEL
+    assert not run.verdict.trusted
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_model_exchange_goes_on_from_a_saved_state_as_before(exchanged, fmi):
+    plant = FmuInstance(exchanged("plant_classical", fmi), "plant")
+    plant.initialize({}, 1.0)
+    read, write = plant.reader(["x", "v", "i"]), plant.writer(["u"])
+    write(np.array([5.0]))
+    plant.step(0.0, 0.01)
+    state, before = plant.save(), read()
+    courses = []
+    for _ in range(2):
+        write(np.array([3.0]))
+        for k in range(1, 5):
+            plant.step(k * 0.01, 0.01)
+        courses.append(read())
+        plant.restore(state)
+        np.testing.assert_array_equal(read(), before)
+    plant.release(state)
+    plant.close()
+    np.testing.assert_array_equal(*courses)
+
+
+HEATED = """
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Integer, Real
+
+
+class {name}(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.on = {off}
+        self.x = 0.0
+        self.level = 0
+        self.register_variable({relay}("on", causality=Fmi2Causality.input))
+        self.register_variable(Real("x", causality=Fmi2Causality.output))
+        self.register_variable({count}("level", causality=Fmi2Causality.output))
+
+    def do_step(self, current_time, step_size):
+        self.x += step_size * (float(self.on) - 0.5 * self.x)
+        self.level = int(100 * self.x)
+        return True
+"""
+RELAY = """
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Integer, Real
+
+
+class {name}(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.level = 0
+        self.x_d = 0.0
+        self.on = {off}
+        self.register_variable({count}("level", causality=Fmi2Causality.input))
+        self.register_variable(Real("x_d", causality=Fmi2Causality.input))
+        self.register_variable({relay}("on", causality=Fmi2Causality.output))
+
+    def do_step(self, current_time, step_size):
+        self.on = type(self.on)(self.level < 100 * self.x_d)
+        return True
+"""
+
+
+@pytest.fixture(scope="module")
+def relays(tmp_path_factory):
+    """``relays(whole, saves)``: a heated plant and its relay, of Integer and Boolean signals."""
+    folder = tmp_path_factory.mktemp("relays")
+
+    def made(text, whole, saves):
+        name = f"{'Heated' if text is HEATED else 'Relay'}{'Whole' * whole}{'Saving' * saves}"
+        words = {"relay": "Boolean", "count": "Integer", "off": "False"}
+        if not whole:
+            words = {"relay": "Real", "count": "Real", "off": "0.0"}
+        script = folder / f"script_{name.lower()}.py"
+        script.write_text(text.format(name=name, **words))
+        FmuBuilder.build_FMU(script, dest=folder / f"{name}.fmu", canGetAndSetFMUstate=saves)
+        return str(folder / f"{name}.fmu")
+
+    return lambda whole, saves: (made(RELAY, whole, saves), made(HEATED, whole, saves))
+
+
+@pytest.mark.parametrize("saves", [False, True])
+@pytest.mark.parametrize("isolate", [False, True])
+def test_integer_and_boolean_signals_are_the_numbers_they_are(relays, saves, isolate):
+    reference = Reference.constant(0.3)
+    options = {"stop": 2.0, "step": 0.01, "coupling": Coupling.GAUSS_SEIDEL}
+    expected = run_study(Study(*relays(False, saves), reference, **options)).run
+    found = run_study(Study(*relays(True, saves), reference, isolate=isolate, **options)).run
+    assert not found.stopped
+    assert set(found.commands["on"]) == {0.0, 1.0}
+    for name, values in expected.outputs.items():
+        np.testing.assert_array_equal(found.outputs[name], values)
+    np.testing.assert_array_equal(found.commands["on"], expected.commands["on"])
+
+
+def test_boolean_commands_are_not_corrected(relays):
+    study = Study(*relays(True, True), stop=0.1, step=0.01, corrections=1)
+    with pytest.raises(CouplingError, match="corrections need real commands"):
+        run_study(study)
+
+
+def test_a_value_between_whole_numbers_ends_the_run_in_words(relays):
+    relay, _ = relays(True, False)
+    study = Study(relay, mapping={"level": "x", "on": "u"}, stop=0.1)
+    stopped = run_study(study).run.stopped
+    assert "level is of type Integer and was given" in stopped
+    assert "expected a whole number in its range" in stopped

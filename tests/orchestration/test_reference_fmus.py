@@ -1,0 +1,194 @@
+"""The official Reference FMUs, compiled from their sources, against their published results."""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+import numpy as np
+import pytest
+from reference_fmus import reference_fmu, reference_result
+from scipy.integrate import solve_ivp
+
+from ballscrew.cli import main
+from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
+from ballscrew.orchestration.isolated import IsolatedInstance
+
+MODELS = ("BouncingBall", "Dahlquist", "VanDerPol", "Stair", "Resource", "Feedthrough")
+
+
+def course(path, times, values=None):
+    """Outputs at the times, by name."""
+    instance = IsolatedInstance(path, "instance")
+    try:
+        instance.initialize(values or {}, times[-1])
+        read = instance.reader(instance.outputs)
+        rows = [read()]
+        for t, end in itertools.pairwise(times):
+            instance.step(t, end - t)
+            rows.append(read())
+    finally:
+        instance.close()
+    return dict(zip(instance.outputs, np.array(rows).T, strict=True))
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("name", MODELS)
+def test_co_simulation_of_a_reference_fmu_gives_its_published_result(tmp_path, name, fmi):
+    """Their solver is Euler's, and so are their results: the same to the last bits."""
+    path = reference_fmu(tmp_path, name, fmi)
+    expected = reference_result(name)
+    found = course(path, expected["time"])
+    assert found.keys() == expected.keys() - {"time"} or fmi == 2
+    for output, values in found.items():
+        np.testing.assert_allclose(values, expected[output], rtol=1e-12, atol=1e-12)
+
+
+def falling(times, g=9.81, e=0.7, v_min=0.1):
+    """Height of the ball of the reference model, bounce by bounce."""
+    heights, t, h, v = [], 0.0, 1.0, 0.0
+    for time in times:
+        while g and (hit := (v + np.sqrt(v * v + 2 * g * h)) / g) <= time - t:
+            t, h, v = t + hit, 0.0, e * (g * hit - v)
+            if v < v_min:
+                g = v = 0.0
+        heights.append(h + v * (time - t) - g * (time - t) ** 2 / 2)
+    return np.array(heights)
+
+
+def van_der_pol(times):
+    def slope(_, x):
+        return [x[1], (1 - x[0] ** 2) * x[1] - x[0]]
+
+    return solve_ivp(slope, (0, times[-1]), [2, 0], "DOP853", times, rtol=1e-12, atol=1e-12).y[0]
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize(
+    ("name", "output", "exact", "euler"),
+    [
+        ("BouncingBall", "h", falling, 0.03),
+        ("Dahlquist", "x", lambda t: np.exp(-t), 0.02),
+        ("VanDerPol", "x0", van_der_pol, 0.4),
+    ],
+)
+def test_model_exchange_of_a_reference_fmu_is_the_exact_solution(
+    tmp_path, name, output, exact, euler, fmi
+):
+    """The published results are Euler's with large steps; exact solutions are as far from them."""
+    published = reference_result(name)
+    times = published["time"]
+    found = course(reference_fmu(tmp_path, name, fmi, exchanges=True), times)[output]
+    np.testing.assert_allclose(found, exact(times), rtol=0, atol=2e-6)
+    np.testing.assert_allclose(found, published[output], rtol=0, atol=euler)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("name", ["Stair", "Resource", "Feedthrough"])
+def test_model_exchange_without_continuous_states_gives_the_published_result(tmp_path, name, fmi):
+    expected = reference_result(name)
+    found = course(reference_fmu(tmp_path, name, fmi, exchanges=True), expected["time"])
+    for output, values in found.items():
+        np.testing.assert_array_equal(values, expected[output])
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize(
+    ("name", "signal", "port"),
+    [("BouncingBall", "h", "Float64_continuous_input"), ("Stair", "counter", "Int32_input")],
+)
+def test_a_run_of_reference_fmus_gives_the_published_result(tmp_path, name, signal, port, fmi):
+    expected = reference_result(name)
+    mapping = {port: signal, "Float64_discrete_input": "x_d"}
+    study = Study(
+        str(reference_fmu(tmp_path, "Feedthrough", fmi)),
+        str(reference_fmu(tmp_path, name, fmi)),
+        mapping=mapping,
+        step=expected["time"][1],
+        stop=expected["time"][-1],
+    )
+    run = run_study(study).run
+    assert not run.stopped
+    assert run.verdict.trusted
+    np.testing.assert_allclose(run.outputs[signal], expected[signal], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("exchanges", [False, True])
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_every_type_of_number_goes_in_and_out(tmp_path, fmi, exchanges):
+    path = reference_fmu(tmp_path, "Feedthrough", fmi, exchanges=exchanges)
+    instance = FmuInstance(path, "feedthrough")
+    instance.initialize({"Float64_fixed_parameter": 2.0}, 1.0)
+    given = {
+        name: {"Boolean_input": 1.0, "Enumeration_input": 2.0}.get(name, 5.0)
+        for name in instance.inputs
+    }
+    instance.writer(list(given))(np.array(list(given.values())))
+    instance.step(0.0, 0.1)
+    outputs = [name.replace("input", "output") for name in given]
+    taken = dict(zip(outputs, instance.reader(outputs)(), strict=True))
+    assert taken == {name.replace("input", "output"): value for name, value in given.items()}
+    instance.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("Int32_input", 0.5, "Int32_input is of type Int32 and was given 0.5, expected a whole"),
+        ("Int32_input", np.nan, "was given nan, expected a whole number in its range"),
+        ("Int8_input", 128.0, "Int8_input is of type Int8 and was given 128, expected a whole"),
+        ("UInt64_input", -1.0, "was given -1, expected a whole number in its range"),
+        ("Int64_input", 2.0**63, "was given 9.22337e+18, expected a whole number in its range"),
+        ("Boolean_input", 2.0, "Boolean_input is of type Boolean and was given 2, expected 0 or 1"),
+    ],
+)
+def test_values_that_a_type_does_not_hold_are_refused(tmp_path, name, value, message):
+    instance = FmuInstance(reference_fmu(tmp_path, "Feedthrough", 3), "feedthrough")
+    instance.initialize({}, 1.0)
+    with pytest.raises(StepFailed, match=re.escape(message)):
+        instance.writer([name])(np.array([value]))
+    instance.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Clocks", "is for scheduled execution only, expected co-simulation or model exchange"),
+        ("StateSpace", "is an array and an input, expected scalar signals without clocks"),
+    ],
+)
+def test_scheduled_execution_and_arrays_are_refused_in_one_line(tmp_path, capsys, name, message):
+    path = reference_fmu(tmp_path, name, 3)
+    assert main(["run", "--plant", str(path), "--controller", "pid", "--out", str(tmp_path)]) == 2
+    heard = capsys.readouterr().err
+    assert message in heard
+    assert heard.count("\n") == 1
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize(
+    ("slope", "message"),
+    [
+        ('logError(comp, "no slope"); return Error;', "failed with status 3 (error): no slope"),
+        ("return Discard;", "failed with status 2 (discard)"),
+        ("dx[0] = 0.0 / 0.0; return OK;", "CVODE gives up: At t = 0.5"),
+        ("dx[0] = M(x) * M(x) * 1e9; return OK;", "CVODE "),
+    ],
+)
+def test_equations_that_fail_end_the_run_in_words_and_print_nothing(
+    tmp_path, capfd, slope, message, fmi
+):
+    old = b"dx[0] = M(der_x);"
+    change = (old, f"if (comp->time > 0.5) {{ {slope} }} {old.decode()}".encode())
+    path = reference_fmu(tmp_path, "Dahlquist", fmi, exchanges=True, change=change)
+    instance = FmuInstance(path, "part")
+    instance.initialize({}, 1.0)
+    for k in range(5):
+        instance.step(k * 0.1, 0.1)
+    with pytest.raises(StepFailed) as failed:
+        instance.step(0.5, 0.1)
+    assert message in str(failed.value)
+    assert "\n" not in str(failed.value)
+    instance.close()
+    assert capfd.readouterr() == ("", "")
