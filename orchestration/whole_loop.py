@@ -51,18 +51,28 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
 
 
 def held_loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
-    """As `loop_kernel`, with discrete states among the states, see `with_held_states`."""
+    """As `loop_kernel`, with discrete states and delayed signals among the states.
+
+    See `with_held_states` and `with_delay_states`.
+
+    Raises
+    ------
+    UnsupportedComponent
+        For a loop that has both.
+    """
     kernel = loop_kernel(plant, controller)
-    if not kernel.discrete:
+    if not (kernel.discrete or kernel.delays):
         return kernel
     from ..fmus.catalogue import component, module_of
 
     def make() -> Component:
         from ..solver.connect import connect
+        from ..solver.delay_states import with_delay_states
         from ..solver.held_states import with_held_states
 
         sides = (component(c) if isinstance(c, str) else c for c in (plant, controller))
-        return with_held_states(_with_ramps(connect(*sides)))
+        loop = _with_ramps(connect(*sides))
+        return with_delay_states(loop) if loop.delays else with_held_states(loop)
 
     if not (isinstance(plant, str) and isinstance(controller, str)):
         from ..solver.codegen import generate
