@@ -80,6 +80,7 @@ def _law_values(
     value = sp.sympify(mode.outputs.get(command.name, command.value) if mode else command.value)
     derivatives = {s.name: controller.derivative(s.name) for s in controller.all_states}
     derivatives |= dict(mode.derivatives) if mode else {}
+    derivatives |= {d.name: symbol(d.rate) for d in controller.delays}
     rate = slope(value, TIME) + sum(
         slope(value, symbol(name)) * derivative for name, derivative in derivatives.items()
     )

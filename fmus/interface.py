@@ -69,6 +69,7 @@ class Layout:
     model: str
     inputs: int
     discrete: int
+    delays: int
     modes: int
     held: int
     parameters: int
@@ -105,7 +106,8 @@ class Interface:
 
 def interface_of(kernel: Kernel, model: str) -> Interface:
     """The FMI variables of a component and their places."""
-    held = len(kernel.inputs) + len(kernel.discrete) + bool(kernel.modes)
+    late = 2 * len(kernel.delays)  # delayed signals and their rates
+    held = len(kernel.inputs) + len(kernel.discrete) + late + bool(kernel.modes)
     n, parameters = len(kernel.states), held
     states = parameters + len(kernel.parameters)
     outputs = states + n
@@ -124,7 +126,7 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
         *_parameters(kernel, parameters),
         *_starts(kernel, starts),
     ]
-    if n:
+    if n or late:
         variables.append(_tolerance(tolerance))
     initial = [0.0] * size
     for v in variables:
@@ -135,6 +137,7 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
         model=model,
         inputs=len(kernel.inputs),
         discrete=len(kernel.discrete),
+        delays=len(kernel.delays),
         modes=len(kernel.modes),
         held=held,
         parameters=parameters,
@@ -191,9 +194,10 @@ def _inputs(kernel: Kernel) -> Iterator[Variable]:
 def _outputs(kernel: Kernel, first: int) -> Iterator[Variable]:
     held_states = {s.name for s in (*kernel.states, *kernel.discrete)}
     internal = {i.name for i in kernel.inputs if i.role == "internal"}
-    unnamed = internal | {TIME}  # no FMI variables
+    delayed = {d.name for d in kernel.delays} | {f"{d.name}_rate_" for d in kernel.delays}
+    unnamed = internal | delayed | {TIME}  # no FMI variables
     # what changes between events
-    moving = {s.name for s in kernel.states} | {i.name for i in kernel.inputs} | {TIME}
+    moving = {s.name for s in kernel.states} | {i.name for i in kernel.inputs} | delayed | {TIME}
     for k, o in enumerate(kernel.outputs):
         discrete = bool(kernel.sample_time) and moving.isdisjoint(o.uses)
         yield Variable(

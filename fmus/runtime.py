@@ -10,6 +10,7 @@ its process down: they are logged, kept in the String output ``message``, and fa
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import unquote, urlparse
@@ -18,11 +19,20 @@ import numpy as np
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
-from ..solver.core import CHATTER, DONE, NOT_FINITE, REACHED, TOO_MANY_STEPS, System
+from ..solver.core import (
+    CHATTER,
+    DONE,
+    NO_DELAY,
+    NOT_FINITE,
+    REACHED,
+    TOO_MANY_STEPS,
+    System,
+)
 from ..solver.stepper import PlainSystem
 from .process_end import end_cleanly
 
 MAX_STEPS = 200_000
+_Saved = tuple[Any, Any, str, bool]  # memory, delayed signals, failure, whether it has started
 ROUND_OFF = 1e-9  # share of a sampling period within which two times are the same
 
 
@@ -125,7 +135,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self, start_time: float, stop_time: float | None = None, tolerance: float | None = None
     ) -> None:
         self.memory[self.layout["time"]] = start_time
-        if tolerance and self._x.size:
+        if tolerance and (self._x.size or self.layout["delays"]):
             self.memory[self.layout["tolerance"]] = tolerance
         self._stale = True
 
@@ -152,6 +162,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._discrete[:] = self.memory[first + n : first + n + len(self._discrete)]
         self._scale_tolerances()
         self._info[:] = 0.0
+        self._system.forget()
         if at["modes"]:
             self._held[-1] = 0.0
             self._settle()
@@ -201,6 +212,8 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         status = self._instance.advance(t0, t1, tolerance, MAX_STEPS)
         if status == NOT_FINITE:
             self._fail(f"the state is not finite at t = {t1:.9g} s")
+        elif status == NO_DELAY:
+            self._fail("a delay lasts no time, expected a duration of more than 0 s")
         elif status != DONE:
             reached = self._info[REACHED]
             what = {
@@ -227,29 +240,35 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             self._discrete[:] = self._update
             index += 1
         self.memory[at["samples"]] = index
-        return self._advance(now, end) if self._x.size else True
+        return self._advance(now, end) if self._x.size or at["delays"] else True
 
     # -- state -------------------------------------------------------------------------------
 
-    def _get_fmu_state(self) -> tuple[Any, str, bool]:
-        return self.memory.copy(), self.failure, self.started
+    def _get_fmu_state(self) -> _Saved:
+        return self.memory.copy(), self._system.history.copy(), self.failure, self.started
 
-    def _set_fmu_state(self, state: tuple[Any, str, bool]) -> None:
-        memory, self.failure, self.started = state
+    def _set_fmu_state(self, state: _Saved) -> None:
+        memory, history, self.failure, self.started = state
         self.memory[:] = memory
+        self._system.remember(history)
         self._scale_tolerances()
         self._stale = True
 
     @staticmethod
-    def _fmu_state_to_bytes(state: tuple[Any, str, bool]) -> bytes:
-        memory, failure, started = state
-        numbers: bytes = memory.tobytes()
-        return bytes([started]) + len(numbers).to_bytes(8, "little") + numbers + failure.encode()
+    def _fmu_state_to_bytes(state: _Saved) -> bytes:
+        memory, history, failure, started = state
+        parts = memory.tobytes(), history.tobytes(), failure.encode()
+        sizes = (len(part).to_bytes(8, "little") for part in parts)
+        return b"".join([bytes([started]), *sizes, *parts])
 
     @staticmethod
-    def _fmu_state_from_bytes(data: bytes) -> tuple[Any, str, bool]:
-        end = 9 + int.from_bytes(data[1:9], "little")
-        return np.frombuffer(data[9:end]).copy(), data[end:].decode(), bool(data[0])
+    def _fmu_state_from_bytes(data: bytes) -> _Saved:
+        ends = [25]
+        for k in range(3):
+            ends.append(ends[-1] + int.from_bytes(data[1 + 8 * k : 9 + 8 * k], "little"))
+        memory, history, failure = (data[a:b] for a, b in pairwise(ends))
+        numbers = np.frombuffer(memory).copy(), np.frombuffer(history).copy()
+        return *numbers, failure.decode(), bool(data[0])
 
     # -- errors ------------------------------------------------------------------------------
 

@@ -1,21 +1,13 @@
-"""A command that arrives late, in equations that the solver has: no memory but states.
-
-The delay is Padé's approximation with a numerator of one degree less, so that nothing of a jump
-arrives at once. Up to an angular frequency of some 4/delay it is late by the delay and nothing
-else; a jump arrives late on average, over about the delay's own length.
-"""
+"""A command that arrives late: all of it after a delay, or smeared by a filter."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import factorial
 
 import sympy as sp
 
-from ..solver.component import Component, Parameter, State, symbol
-
-ORDER = 5
+from ..solver.component import Component, Delay, Parameter, State, symbol
 
 
 def with_late_command(plant: Component, delay: Parameter) -> Component:
@@ -28,21 +20,11 @@ def with_late_command(plant: Component, delay: Parameter) -> Component:
     delay : Parameter
         Its minimum is more than 0.
     """
-    u, duration = symbol("u"), symbol(delay.name)
-    unit = next(i.unit for i in plant.inputs if i.name == "u")
-    names = [f"u_late{k}" for k in range(1, ORDER + 1)]
-    parts = [symbol(n) for n in names]
-    below = _coefficients(ORDER, ORDER - 1)
-    above = _coefficients(ORDER - 1, ORDER)
-    late = sp.Add(*[(-1) ** k * c * q for k, (c, q) in enumerate(zip(above, parts, strict=False))])
-    left = u - sp.Add(*[c * q for c, q in zip(below, parts, strict=False)])
-    rates = [*parts[1:], left / below[-1]]
-    on_its_way = (
-        State(n, unit, f"command on its way, part {k}", rate / duration, nominal=10.0)
-        for k, (n, rate) in enumerate(zip(names, rates, strict=True), start=1)
-    )
-    held = plant.equations_with({u: late})
-    held["states"] = (*held["states"], *on_its_way)
+    u = symbol("u")
+    given = next(i for i in plant.inputs if i.name == "u")
+    late = Delay("u_late", u, symbol(delay.name), given.unit, nominal=given.nominal)
+    held = plant.equations_with({u: symbol(late.name)})
+    held["delays"] = (*held["delays"], late)
     return replace(plant, **held, parameters=(*plant.parameters, delay))
 
 
@@ -82,15 +64,3 @@ def with_command_behind(
     held = plant.equations_with({u: parts[0]})
     held["states"] = (*held["states"], *behind)
     return replace(plant, **held, parameters=(*plant.parameters, time))
-
-
-def _coefficients(own: int, other: int) -> list[sp.Rational]:
-    """Of Padé's polynomial of degree `own`, the other being of degree `other`, lowest first."""
-    both = own + other
-    return [
-        sp.Rational(
-            factorial(both - k) * factorial(own),
-            factorial(both) * factorial(k) * factorial(own - k),
-        )
-        for k in range(own + 1)
-    ]

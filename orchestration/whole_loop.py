@@ -53,21 +53,29 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
 def held_loop_kernel(
     plant: str | Component, controller: str | Component, averaged: bool = False
 ) -> Kernel:
-    """As `loop_kernel`, with discrete states among the states, see `with_held_states`.
+    """As `loop_kernel`, with discrete states and delayed signals among the states.
+
+    See `with_held_states` and `with_delay_states`.
 
     Parameters
     ----------
     averaged : bool
         Whether quantizers are replaced by their mean, see `dithered_average`.
+
+    Raises
+    ------
+    UnsupportedComponent
+        For a loop that has both.
     """
     kernel = loop_kernel(plant, controller)
     averaged = averaged and kernel.quantized
-    if not (kernel.discrete or averaged):
+    if not (kernel.discrete or kernel.delays or averaged):
         return kernel
     from ..fmus.catalogue import component, module_of
 
     def make() -> Component:
         from ..solver.connect import connect
+        from ..solver.delay_states import with_delay_states
         from ..solver.held_states import with_held_states
         from ..solver.staircase import dithered_average
 
@@ -75,6 +83,8 @@ def held_loop_kernel(
         loop = _with_ramps(connect(*sides))
         if averaged:
             loop = dithered_average(loop)
+        if loop.delays:
+            return with_delay_states(loop)
         return with_held_states(loop) if loop.discrete else loop
 
     if not (isinstance(plant, str) and isinstance(controller, str)):

@@ -111,7 +111,15 @@ def _matrix(name: str, entries: sp.Matrix) -> dict[str, sp.Expr]:
 def _linearized(component: Component, mode: Mode | None) -> tuple[sp.Matrix, sp.Matrix]:
     states = [symbol(s.name) for s in component.all_states]
     f = _derivatives(component, mode)
-    return slopes(f, states), slopes(f, [TIME])
+    return slopes(f, states), _rates_by_time(component, f)
+
+
+def _rates_by_time(component: Component, expressions: Sequence[sp.Expr]) -> sp.Matrix:
+    """Partial derivatives by time, with delayed signals as what they are: functions of time."""
+    rates = slopes(expressions, [TIME])
+    for delay in component.delays:
+        rates += slopes(expressions, [symbol(delay.name)]) * symbol(delay.rate)
+    return rates
 
 
 def _derivatives(component: Component, mode: Mode | None) -> list[sp.Expr]:
@@ -175,6 +183,7 @@ def _spread(component: Component, event: Event) -> sp.Expr:
     """How far an indicator moves where states and inputs move by their nominals, time by 1 s."""
     nominals = {symbol(s.name): s.nominal for s in component.all_states}
     nominals |= {symbol(i.name): i.nominal for i in component.inputs}
+    nominals |= {symbol(d.name): d.nominal for d in component.delays}
     nominals[TIME] = 1.0
     rates = slopes([event.indicator], list(nominals))
     return sp.Add(*(abs(rate) * size for rate, size in zip(rates, nominals.values(), strict=True)))
@@ -188,11 +197,11 @@ def _slopes(component: Component, event: Event, unpack: dict[str, list[str]]) ->
     names = [s.name for s in component.all_states]
     states = [symbol(n) for n in names]
     after = [event.reset.get(n, symbol(n)) for n in names]
-    *gradient, rate = slopes([event.indicator], [*states, TIME])
+    gradient = slopes([event.indicator], states)
     targets = {f"g[{k}]": e for k, e in enumerate(gradient)}
     targets |= _matrix("R", slopes(after, states))
-    targets |= {f"rt[{k}]": e for k, e in enumerate(slopes(after, [TIME]))}
-    targets["rate"] = rate
+    targets |= {f"rt[{k}]": e for k, e in enumerate(_rates_by_time(component, after))}
+    targets["rate"] = _rates_by_time(component, [event.indicator])[0]
     return [*_assignments(unpack, targets, 2 * _INDENT), f"{2 * _INDENT}return rate"]
 
 
@@ -200,7 +209,12 @@ def _places(component: Component) -> dict[str, list[str]]:
     """Which symbol stands where in the vectors x, u and p."""
     return {
         "x": [s.name for s in component.all_states],
-        "u": [*(i.name for i in component.inputs), *(d.name for d in component.discrete)],
+        "u": [
+            *(i.name for i in component.inputs),
+            *(d.name for d in component.discrete),
+            *(d.name for d in component.delays),
+            *(d.rate for d in component.delays),
+        ],
         "p": [p.name for p in component.all_parameters],
     }
 
@@ -211,12 +225,9 @@ def generate(component: Component) -> Kernel:
     Raises
     ------
     UnsupportedComponent
-        If it has delays.
+        If a delay's duration is not constant.
     """
-    if component.delays:
-        raise UnsupportedComponent(
-            f"{component.name} has delays; this version solves components without them"
-        )
+    _check_durations(component)
     inputs = [i.name for i in component.inputs]
     unpack = _places(component)
     most = max((len(m.events) for m in component.modes), default=0)
@@ -266,7 +277,17 @@ def generate(component: Component) -> Kernel:
         equations=_readable(component),
         module=hashed_name(f"equations_{component.name}", source),
         source=source,
-        tapes=b64encode(recorded(source, len(component.all_states), held, most)).decode(),
+        delays=[StateInfo(d.name, d.unit, "", d.start, d.nominal) for d in component.delays],
+        tapes=b64encode(
+            recorded(
+                source,
+                len(component.all_states),
+                held,
+                most,
+                len(component.delays),
+                len(inputs) + len(component.discrete),
+            )
+        ).decode(),
     )
 
 
@@ -298,9 +319,36 @@ def _source(component: Component, unpack: dict[str, list[str]], most: int) -> st
             ),
             _function("def sample(t, x, u, p, d):", unpack, [updates]),
             _events(component, most),
+            *(_delayed(component, unpack) if component.delays else []),
         ]
     )
     return f"{_HEAD.format(name=component.name)}\n{body}"
+
+
+def _check_durations(component: Component) -> None:
+    constant = {symbol(p.name) for p in component.all_parameters}
+    for delay in component.delays:
+        moving = sorted(s.name for s in symbols_in(sp.sympify(delay.duration)) - constant)
+        if moving:
+            raise UnsupportedComponent(
+                f"{component.name}: the duration of delay {delay.name!r} depends on {moving[0]!r}; "
+                "this version solves constant delays"
+            )
+
+
+def _delayed(component: Component, unpack: dict[str, list[str]]) -> list[str]:
+    """What delayed signals are now, how late they are, what they start from, their nominals.
+
+    And how many there are, the place of the first in u, and the length of u.
+    """
+    rows = [d.expression for d in component.delays]
+    rows += [d.duration for d in component.delays]
+    rows += [d.start for d in component.delays]
+    rows += [d.nominal for d in component.delays]
+    targets = {f"e[{k}]": sp.sympify(e) for k, e in enumerate(rows)}
+    count, width = len(rows) // 4, len(unpack["u"])
+    places = count, width - 2 * count, width + bool(component.modes)
+    return [f"DELAYS = {places}\n", _function("def delayed(t, x, u, p, e):", unpack, [targets])]
 
 
 def _symbols_of(component: Component, output: Output) -> set[str]:
@@ -324,6 +372,10 @@ def _readable(component: Component) -> list[list[str]]:
         for s, e in zip(component.all_states, component.derivatives, strict=True)
     ]
     rows += [[formula(symbol(o.name)), *writer.line(o.value)] for o in component.all_outputs]
+    rows += [
+        [formula(symbol(d.name)) + label(" later"), *writer.line(d.expression)]
+        for d in component.delays
+    ]
     rows += [
         [formula(symbol(d.name)) + label(" next"), *writer.line(d.update)]
         for d in component.discrete

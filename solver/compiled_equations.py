@@ -44,8 +44,9 @@ def compile_equations(module: str, source: str, states: int) -> bool:
     if not platform or not compiler_for(platform):
         return False
     written = functions(source)
-    parts = [in_c(written[name], states) for name in FUNCTIONS]
-    filled = "\n".join(f"    s->{name} = {name};" for name in FUNCTIONS)
+    names = [name for name in FUNCTIONS if name in written]
+    parts = [in_c(written[name], states) for name in names]
+    filled = "\n".join(f"    s->{name} = {name};" for name in names)
     head = resources.files(__package__).joinpath("c", "system.h").read_text(encoding="utf-8")
     text = "\n".join(['#include "system.h"\n', *parts, _TAIL % filled])
     try:

@@ -193,13 +193,32 @@ class Mode:
 
 @dataclass(frozen=True)
 class Delay:
-    """A symbol `name` that is `expression` as it was `duration` seconds ago."""
+    """A symbol `name` that is `expression` as it was `duration` seconds ago, and `start` before.
+
+    Parameters
+    ----------
+    name : str
+    expression : expression
+    duration : expression
+        Of parameters and numbers only; more than 0 [s].
+    unit : str
+    start : float
+        What the signal is until `duration` has passed.
+    nominal : float
+        Typical magnitude, which scales the tolerance of what is kept of the signal.
+    """
 
     name: str
     expression: sp.Expr
     duration: sp.Expr
     unit: str = "1"
     start: float = 0.0
+    nominal: float = 1.0
+
+    @property
+    def rate(self) -> str:
+        """Name of the delayed signal's derivative by time in generated equations."""
+        return f"{self.name}_rate_"
 
 
 @dataclass(frozen=True)
@@ -403,6 +422,7 @@ class Component:
             "state": [s.name for s in self.all_states],
             "discrete state": [d.name for d in self.discrete],
             "delayed signal": [d.name for d in self.delays],
+            "rate of a delayed signal": [d.rate for d in self.delays],
         }
         seen: dict[str, str] = {TIME.name: "time"}
         for kind, names in kinds.items():

@@ -44,6 +44,8 @@ def connect(plant: Component, controller: Component) -> Component:
         raise ContractError(
             f"{controller.name} has no output {missing[0]!r}, {plant.name} needs it"
         )
+    _check_delays(p, c)
+    _check_delays(c, p)
     ours = p.equations_with({symbol(i.name): commands[i.name] for i in p.inputs})
     return Component(
         name=f"{plant.name}_with_{controller.name}",
@@ -56,7 +58,19 @@ def connect(plant: Component, controller: Component) -> Component:
         discrete=ours["discrete"] + theirs["discrete"],
         sample_time=c.sample_time or p.sample_time,
         modes=_modes(p, c) if p.modes or c.modes else (),
+        delays=ours["delays"] + theirs["delays"],
     )
+
+
+def _check_delays(component: Component, other: Component) -> None:
+    """A delayed signal has one expression, whatever the mode."""
+    moded = {symbol(n) for mode in other.modes for n in mode.outputs}
+    for delay in component.delays:
+        if moded & symbols_in(sp.sympify(delay.expression)):
+            raise ContractError(
+                f"{component.name}: {delay.name!r} delays a signal that modes change; give it a "
+                "state of its own"
+            )
 
 
 def _modes(plant: Component, controller: Component) -> tuple[Mode, ...]:

@@ -15,15 +15,23 @@ import numpy as np
 
 # how an integration ends
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, DIVERGED, STIFF, NO_MEMORY, NOT_FINITE = range(8)
+NO_ROOM, NO_DELAY = 8, 9
 # what it leaves, see ``Info`` in ``c/stepper.h``
 NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = range(7)
 INFO_SIZE = 7
-FUNCTIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react", "slopes")
+FUNCTIONS = (
+    *("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react", "slopes"),
+    "delayed",  # of components with delays
+)
+# a history of delayed signals, see ``c/delays.h``
+ROOM, COUNT, END, DISTURBED, DURATIONS = range(5)
+PIECES = 5
+FIRST_ROOM = 32  # steps
 STAGES = 8  # of the stiff stepper
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 LIBRARY = f"libcore{SUFFIX}"
 _OPERATION_SIZE = 10  # bytes
-_HEAD = 4 + 2 * len(FUNCTIONS)  # numbers
+_HEAD = 6 + 2 * len(FUNCTIONS)  # numbers
 
 _At = ct.c_void_p
 
@@ -43,6 +51,16 @@ class _System(ct.Structure):
         ("events", ct.c_int32),
         ("equations", _At),
         *((name, _At) for name in FUNCTIONS),
+        ("delays", _At),
+    )
+
+
+class _Delays(ct.Structure):
+    _fields_ = (
+        ("count", ct.c_int32),
+        ("first", ct.c_int32),
+        ("plain", _System),
+        *((name, _At) for name in ("history", "told", "node")),
     )
 
 
@@ -107,6 +125,7 @@ _NUMBER, _WHOLE = ct.c_double, ct.c_int
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "play_tapes": (_At, _At),
     "lay_work": (_At, _WHOLE, _WHOLE, _At),
+    "lay_delays": (_At, _At, _WHOLE, _WHOLE, _At),
     "settle": (_At, _NUMBER, *[_At] * 5),
     "integrate": (_At, _NUMBER, _NUMBER, *[_At] * 4, _NUMBER, _At, _At, _WHOLE),
     "step": (_At, _NUMBER, _NUMBER, _NUMBER, _WHOLE),
@@ -133,7 +152,8 @@ def library() -> Any:
     for name, types in _SIGNATURES.items():
         function = getattr(loaded, f"core_{name}")
         function.argtypes = types
-        function.restype = None if name in ("play_tapes", "lay_work", "output") else _WHOLE
+        silent = ("play_tapes", "lay_work", "lay_delays", "output")
+        function.restype = None if name in silent else _WHOLE
     return loaded
 
 
@@ -155,6 +175,26 @@ def at(array: Any) -> int:
             if array.flags.c_contiguous:
                 return int(array.ctypes.data)
     raise TypeError(f"the core takes floats without gaps, not {array.dtype}, {array.strides}")
+
+
+def new_history(delays: int, held: int) -> Any:
+    """A history in which nothing has been, with room for some steps."""
+    history = np.zeros(DURATIONS + delays + held + FIRST_ROOM * step_size(delays))
+    history[ROOM] = FIRST_ROOM
+    return history
+
+
+def roomier(history: Any, delays: int, held: int) -> Any:
+    """The same history with room for twice as many steps."""
+    more = np.zeros(len(history) + int(history[ROOM]) * step_size(delays))
+    more[: len(history)] = history
+    more[ROOM] = 2 * history[ROOM]
+    return more
+
+
+def step_size(delays: int) -> int:
+    """Numbers that a step leaves in a history."""
+    return 2 + (PIECES + 1) * delays
 
 
 class System:
@@ -182,8 +222,8 @@ class System:
         data = np.frombuffer(tapes + bytes(-len(tapes) % 8)).copy()  # numbers stand at whole eights
         start = data.ctypes.data
         head = data.view(np.int32)[:_HEAD].tolist()
-        self.states, self.held, self.events = head[:3]
-        sizes = list(zip(head[3:-1:2], head[4::2], strict=True))
+        self.states, self.held, self.events, self.delays, first = head[:5]
+        sizes = list(zip(head[5:-1:2], head[6::2], strict=True))
         constants = start + 4 * _HEAD
         operations = constants + 8 * sum(count for _, count in sizes)
         parts = []
@@ -197,15 +237,38 @@ class System:
         if equations:
             _compiled(equations).fill_system(self.address)
         n = self.states
+        self._delays = _Delays()
+        signals = np.zeros(4 * self.delays + n)
+        self.history: Any = np.zeros(0)
+        if self.delays:
+            self._core.core_lay_delays(
+                self.address, ct.addressof(self._delays), self.delays, first, at(signals)
+            )
+            self.forget()
         memory = np.zeros(4 * n * n + (STAGES + 11) * n + 3 * self.events + 2)
         self._work = _Work()
         self._work_address = ct.addressof(self._work)
         self._core.core_lay_work(self._work_address, n, self.events, at(memory))
-        self._read_by_the_core = (data, memory)
+        self._read_by_the_core = (data, memory, signals)
         self._rhs, self._out, self._sample, self._indicate = (
             _EVALUATED(getattr(self._system, name)) for name in ("rhs", "out", "sample", "indicate")
         )
         self._jac = _LINEARIZED(self._system.jac)
+
+    def forget(self) -> None:
+        """Let nothing have been before: delayed signals have their start values."""
+        if self.delays:
+            self.remember(new_history(self.delays, self.held))
+
+    def remember(self, history: Any) -> None:
+        """Let delayed signals be what a copy of `history` says."""
+        if self.delays:
+            self.history = history.copy()
+            self._delays.history = at(self.history)
+
+    def make_room(self) -> None:
+        """Let the history hold twice as many steps."""
+        self.remember(roomier(self.history, self.delays, self.held))
 
     def rhs(self, t: float, x: Any, u: Any, p: Any, dx: Any) -> None:
         """Write the derivatives, shape (states,)."""
@@ -271,28 +334,35 @@ class System:
         Returns
         -------
         int
-            `DONE`, `TOO_MANY_STEPS`, `STEP_TOO_SMALL` or `CHATTER`.
+            `DONE`, `TOO_MANY_STEPS`, `STEP_TOO_SMALL`, `CHATTER` or `NO_DELAY`.
         """
-        return int(
-            self._core.core_integrate(
-                self.address,
-                t0,
-                t1,
-                at(x),
-                at(u),
-                at(p),
-                at(atol),
-                rtol,
-                self._work_address,
-                at(info),
-                max_steps,
+        while True:
+            status = int(
+                self._core.core_integrate(
+                    self.address,
+                    t0,
+                    t1,
+                    at(x),
+                    at(u),
+                    at(p),
+                    at(atol),
+                    rtol,
+                    self._work_address,
+                    at(info),
+                    max_steps,
+                )
             )
-        )
+            if status != NO_ROOM:
+                return status
+            self.make_room()
+            t0 = float(info[REACHED])
 
     def instance(self, x: Any, u: Any, p: Any, y: Any, atol: Any, info: Any) -> Instance:
         """The system with memory that stays where it is; see `advance` and `out`."""
         return Instance(
-            self, _Instance(self.address, self._work_address, *map(at, (x, u, y, p, atol, info)))
+            self,
+            _Instance(self.address, self._work_address, *map(at, (x, u, y, p, atol, info))),
+            info,
         )
 
     # Many arguments: those of the compiled function that it calls.
@@ -355,14 +425,18 @@ class System:
 class Instance:
     """A system with its memory: what an FMU steps, twice as soon as by arrays."""
 
-    def __init__(self, system: System, given: _Instance) -> None:
-        self._kept = system, given
+    def __init__(self, system: System, given: _Instance, info: Any) -> None:
+        self._system, self._given, self._info = system, given, info
         self._at = ct.addressof(given)
         self._step, self._output = system._core.core_step, system._core.core_output
 
     def advance(self, t0: float, t1: float, rtol: float, max_steps: int) -> int:
         """As `System.advance`; `NOT_FINITE` where it ends with a state that is no number."""
-        return int(self._step(self._at, t0, t1, rtol, max_steps))
+        status = int(self._step(self._at, t0, t1, rtol, max_steps))
+        while status == NO_ROOM:
+            self._system.make_room()
+            status = int(self._step(self._at, float(self._info[REACHED]), t1, rtol, max_steps))
+        return status
 
     def out(self, t: float) -> None:
         """Write the outputs."""

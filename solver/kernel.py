@@ -83,8 +83,8 @@ class Kernel:
     """A component as tables and source text; plain data, so it can be stored and compared.
 
     ``events`` are those of the mode that has most. ``module`` is the name of the equations' module,
-    ending in a hash of its text, ``source``; ``tapes`` are the same equations for the compiled
-    core, see `tape.recorded`, in base 64.
+    ending in a hash of its text, ``source``; ``delays`` are the delayed signals; ``tapes`` are the
+    same equations for the compiled core, see `tape.recorded`, in base 64.
     """
 
     name: str
@@ -100,6 +100,7 @@ class Kernel:
     equations: list[list[str]]
     module: str
     source: str = field(repr=False)
+    delays: list[StateInfo]
     tapes: str = field(repr=False)
 
     def to_json(self) -> str:
@@ -113,6 +114,7 @@ class Kernel:
             "inputs": InputInfo,
             "states": StateInfo,
             "discrete": StateInfo,
+            "delays": StateInfo,
             "outputs": OutputInfo,
         }
         for key, record in tables.items():
@@ -209,7 +211,9 @@ class Model:
         self.stiff = False
         self.p = np.array([p.default for p in kernel.parameters])
         self.x = np.array([s.start for s in kernel.states])
+        self.system.forget()
         held = [i.start for i in kernel.inputs] + [d.start for d in kernel.discrete]
+        held += [0.0] * (2 * len(kernel.delays))  # what delayed signals are, and their rates
         self.u = np.array(held + [0.0] * bool(kernel.modes), dtype=float)
         parameters = {p.name: k for k, p in enumerate(kernel.parameters)}
         starts = {f"{s.name}_start": k for k, s in enumerate(kernel.states)}
@@ -317,6 +321,8 @@ class Model:
             If the tolerance cannot be met somewhere.
         """
         grid = np.ascontiguousarray(times, dtype=float)
+        if self.kernel.delays:
+            return self._simulated_by_rows(grid, given)
         states = np.empty((len(grid), len(self.x)))
         states[0] = self.x
         outputs = np.empty((len(grid), len(self.kernel.outputs)))
@@ -338,6 +344,24 @@ class Model:
                 describe_failure(self.kernel.name, status, self.info, grid[done])
             )
         self.x[:] = states[-1]
+        return self._trajectory(grid, states, outputs)
+
+    def _simulated_by_rows(self, grid: Vector, given: tuple[Matrix, Matrix] | None) -> Trajectory:
+        """As `simulate`: a history may need more room between two steps."""
+        states = np.empty((len(grid), len(self.x)))
+        outputs = np.empty((len(grid), len(self.kernel.outputs)))
+        for row, t in enumerate(grid):
+            if given and row > 0:
+                self.u[: given[0].shape[1]] = given[0][row]
+            if row > 0 and t > grid[row - 1]:
+                self.advance(grid[row - 1], t)
+            if given:
+                self.u[: given[1].shape[1]] = given[1][row]
+            states[row] = self.x
+            self.system.out(t, self.x, self.u, self.p, outputs[row])
+        return self._trajectory(grid, states, outputs)
+
+    def _trajectory(self, grid: Vector, states: Matrix, outputs: Matrix) -> Trajectory:
         return Trajectory(
             grid,
             {s.name: states[:, k] for k, s in enumerate(self.kernel.states)},
@@ -363,6 +387,8 @@ def describe_failure(
             f"{name}: events follow each other without end at t = {reached:.9g} s; two modes lead "
             "to each other there, or a reset leaves its own condition true"
         )
+    if status == core.NO_DELAY:
+        return f"{name}: a delay lasts no time, expected a duration of more than 0 s"
     return (
         f"{name}: the internal step fell to {info[core.NEXT_STEP]:.3g} s at "
         f"t = {reached:.9g} s; the solution leaves every bound, or the parameters make no sense"

@@ -93,10 +93,10 @@ def follow_tangents(
     Raises
     ------
     ValueError
-        For a count or frame that does not fit the states, or discrete states that are none of the
-        states; see `with_held_states`.
+        For a count or frame that does not fit the states, or for discrete states or delayed signals
+        that are none of the states; see `with_held_states` and `with_delay_states`.
     """
-    _check_no_discrete(model)
+    _check_all_are_states(model)
     n = len(model.x)
     count = n if count is None else count
     if not 1 <= count <= n:
@@ -130,12 +130,18 @@ def follow_tangents(
     return run
 
 
-def _check_no_discrete(model: Model) -> None:
+def _check_all_are_states(model: Model) -> None:
     held = model.kernel.discrete
     if held:
         raise ValueError(
             f"{model.kernel.name} has the discrete state {held[0].name}, expected it among the "
             "states, by with_held_states"
+        )
+    late = model.kernel.delays
+    if late:
+        raise ValueError(
+            f"{model.kernel.name} has the delayed signal {late[0].name}, expected it among the "
+            "states, by with_delay_states"
         )
 
 
@@ -289,9 +295,10 @@ def follow_returns(
     Raises
     ------
     ValueError
-        For discrete states that are none of the states; see `with_held_states`.
+        For discrete states or delayed signals that are none of the states; see `with_held_states`
+        and `with_delay_states`.
     """
-    _check_no_discrete(model)
+    _check_all_are_states(model)
     n = len(model.x)
     bound = RUNAWAY * model.kernel.nominal
     times, states = np.empty(most), np.empty((most, n))

@@ -2,8 +2,8 @@
 """The compiled core's stiff stepper, written a second time in plain Python.
 
 It is the fallback of an FMU where the core's library cannot be loaded, and the core's oracle: both
-give the same numbers. It is some hundred times slower. This file stands alone but for `core`: both
-go into every exported FMU.
+give the same numbers. It is some hundred times slower. This file stands alone but for `core` and
+`plain_delays`: all go into every exported FMU.
 
 The method is Rodas5P (G. Steinebach, BIT Numer. Math. 63, 27 (2023)): eight stages, order five
 with an embedded fourth-order solution, stiffly accurate, L-stable, one matrix factorization a
@@ -16,6 +16,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from .core import (
     ACCEPTED,
     CHATTER,
@@ -23,13 +25,16 @@ from .core import (
     EVENTS,
     LAST_ERROR,
     NEXT_STEP,
+    NO_DELAY,
     NOT_FINITE,
     REACHED,
     REJECTED,
     STAGES,
     STEP_TOO_SMALL,
     TOO_MANY_STEPS,
+    new_history,
 )
+from .plain_delays import PlainDelays
 
 GAMMA = 0.21193756319429014
 _A6 = (
@@ -104,6 +109,22 @@ TIME = (
     0.0,
 )
 
+# of the dense output, of order four
+WITHIN = (
+    (
+        *(25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204),
+        *(0.524948541321073, 1.1241088310450404, 0.4272876194431874, -0.17202221070155493),
+    ),
+    (
+        *(-9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796),
+        *(20.176138334709044, 15.98066361424651, -6.789040303419874, -6.710236069923372),
+    ),
+    (
+        *(11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643),
+        *(-52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722),
+    ),
+)
+
 # kinds of events: a crossing either way; one that changes the mode; one that only resets the state
 EITHER, CHANGES_MODE, RESETS = 0, 1, 2
 MOST_AT_ONCE = 64  # events at one instant
@@ -172,8 +193,25 @@ class PlainSystem:
     """
 
     def __init__(self, functions: Any, states: int, events: int) -> None:
-        self.f = functions
         self.states, self.events = states, events
+        layout = getattr(functions, "DELAYS", None)
+        self.f = PlainDelays(functions, *layout) if layout else functions
+        self._late: PlainDelays | None = self.f if layout else None
+
+    @property
+    def history(self) -> Any:
+        """As that of `core.System`."""
+        return self._late.history if self._late else np.zeros(0)
+
+    def forget(self) -> None:
+        """As `core.System.forget`."""
+        if self._late:
+            self._late.history = new_history(self._late.count, self._late.held)
+
+    def remember(self, history: Any) -> None:
+        """As `core.System.remember`."""
+        if self._late:
+            self._late.history = history.copy()
 
     def out(self, t: float, x: Any, u: Any, p: Any, y: Any) -> None:
         """Write the outputs."""
@@ -243,7 +281,23 @@ class PlainSystem:
             scale = self._atol[i] + self._rtol * max(abs(x[i]), abs(new[i]))
             share = k[-1][i] / scale
             total += share * share  # pow(share, 2.0) may be off by a last digit
-        return math.sqrt(total / n), new
+        self._taken = x, new, k
+        return math.sqrt(total / (n or 1)), new
+
+    def _dense(self, q: float) -> Row:
+        """The state at the share `q` of the step that was attempted last."""
+        x, new, k = self._taken
+        if q in (0.0, 1.0):
+            return new if q else x
+        found = []
+        for i in range(self.states):
+            bends = [0.0, 0.0, 0.0]
+            for order, weights in enumerate(WITHIN):
+                for weight, row in zip(weights, k, strict=True):
+                    bends[order] += weight * row[i]
+            within = bends[0] + q * (bends[1] + q * bends[2])
+            found.append((1.0 - q) * x[i] + q * (new[i] + (1.0 - q) * within))
+        return found
 
     # Long: one loop over steps, each part of which changes what the others work on.
     # Many arguments: those of `core.System.advance`, for which it stands in.
@@ -260,11 +314,15 @@ class PlainSystem:
         max_steps: int,
     ) -> int:
         """As `core.System.advance`."""
+        late = self._late
+        info[REACHED] = t0
+        if late and not late.begin(t0, x, u, p):
+            return NO_DELAY
         if self.settle(t0, x, u, p, info) != DONE:
             return CHATTER
         info[REACHED] = t1
         span = t1 - t0
-        if self.states == 0 or span == 0.0:
+        if (self.states == 0 and not late) or span == 0.0:
             return DONE
         self._u, self._p, self._atol, self._rtol = u, p, list(atol), rtol
         h = float(info[NEXT_STEP])
@@ -278,7 +336,10 @@ class PlainSystem:
         rejected_before = False
         still = 0  # events since time last moved on
         for _ in range(max_steps):
-            remaining = t1 - t
+            if late and not late.has_room():
+                late.make_room()
+            goal = late.latest_end(t, t1) if late else t1
+            remaining = goal - t
             if h < smallest and h < remaining:
                 info[NEXT_STEP], info[REACHED] = h, t
                 return STEP_TOO_SMALL
@@ -295,16 +356,23 @@ class PlainSystem:
                 self._linearize(t, before)
                 fresh = False
             error, new = self._attempt(t, h, before)
+            if late and error <= 1.0:
+                error = max(error, late.follow(t, h, self._dense, u, p, rtol))
             if error <= 1.0:  # false for NaN, too
                 taken, found = h, -1
                 if self.events > 0:
                     taken, new, found = self._locate(t, h, before, new)
+                if late and taken > 0.0:
+                    if taken != h:
+                        late.follow(t, taken, self._dense, u, p, rtol)
+                    end = goal if final and taken == h else t + taken
+                    late.keep(t, end, before, u, p)
                 x[:] = new
                 info[ACCEPTED] += 1
                 fresh = True
                 if found >= 0:
                     earlier = t
-                    t = t1 if final and taken == h else t + taken
+                    t = goal if final and taken == h else t + taken
                     still = 0 if t > earlier else still + 1
                     self.f.react(t, x, u, p, found)
                     info[EVENTS] += 1
@@ -318,7 +386,7 @@ class PlainSystem:
                         info[NEXT_STEP] = h
                         return DONE
                     continue
-                t = t1 if final else t + h
+                t = goal if final else t + h
                 error = max(error, 1e-10)
                 # proportional-integral control (Gustafsson) keeps rejections rare
                 growth = 0.9 * error**-0.17 * last_error**0.06
@@ -327,10 +395,10 @@ class PlainSystem:
                     growth = min(growth, 1.0)
                 last_error = max(error, 1e-4)
                 rejected_before = False
-                if final:
-                    info[NEXT_STEP] = max(planned, h * growth) if growth >= 1.0 else h * growth
+                h = max(planned, h * growth) if final and growth >= 1.0 else h * growth
+                if t >= t1:
+                    info[NEXT_STEP] = h
                     return DONE
-                h *= growth
             else:
                 info[REJECTED] += 1
                 rejected_before = True
@@ -416,6 +484,8 @@ class PlainSystem:
                     break
         if high < 0.0:
             if self._due_at(t + h, end, before) < 0:
+                if self._late:  # shorter attempts have taken the place of its stages
+                    self._attempt(t, h, x)
                 return h, end, -1
             high = h
         low = 0.0

@@ -51,7 +51,7 @@ _VECTORS = {
     "x": 0,
     "u": 1,
     "p": 2,
-    **dict.fromkeys(("dx", "J", "y", "d", "g", "s"), 3),
+    **dict.fromkeys(("dx", "J", "y", "d", "g", "s", "e"), 3),
     **dict.fromkeys(("ft", "R"), 4),
     "rt": 5,
 }
@@ -81,7 +81,12 @@ class Tape:
     constants: npt.NDArray[np.float64]
 
 
-def recorded(source: str, states: int, held: int, events: int) -> bytes:
+_NO_TAPE = Tape(np.zeros(0, _OPERATION), np.zeros(0))
+
+
+def recorded(
+    source: str, states: int, held: int, events: int, delays: int = 0, first: int = 0
+) -> bytes:
     """All functions of a system, as `core.System` reads them.
 
     Parameters
@@ -90,15 +95,17 @@ def recorded(source: str, states: int, held: int, events: int) -> bytes:
         Text with the functions.
     states, held, events : int
         See `core.System`.
+    delays, first : int
+        Delayed signals, and the place of the first in u.
 
     Raises
     ------
     UnsupportedComponent
     """
     written = functions(source)
-    tapes = [record(written[name], states) for name in FUNCTIONS]
+    tapes = [record(written[name], states) if name in written else _NO_TAPE for name in FUNCTIONS]
     sizes = [size for t in tapes for size in (len(t.operations), len(t.constants))]
-    parts = [np.array([states, held, events, *sizes, 0], np.int32).tobytes()]
+    parts = [np.array([states, held, events, delays, first, *sizes, 0], np.int32).tobytes()]
     parts += [t.constants.tobytes() for t in tapes]
     parts += [t.operations.tobytes() for t in tapes]
     return b"".join(parts)

@@ -24,6 +24,7 @@ _HEADS = {
     "kind": "int kind(const System *self, const double *u, int k)",
     "react": "void react(const System *self, double t, double *x, double *u, const double *p, "
     "int k)",
+    "delayed": f"void delayed({_GIVEN}, double *e)",
     "slopes": f"double slopes({_GIVEN}, int k, double *g, double *R, double *rt)",
 }
 _SAME_NAMES = (

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..orchestration.whole_loop import held_loop_kernel
+from ..orchestration.whole_loop import held_loop_kernel, loop_kernel
+from ..solver.delay_states import NODES
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.spectrum import Spectrum
 
@@ -86,9 +88,13 @@ def loop_lyapunov(
     order = loop_order(kernel)
     names = [c if isinstance(c, str) else c.name for c in (controller, plant)]
     label = " on ".join(names)
-    return lyapunov(
+    run = lyapunov(
         make, stop, tolerance, order=order, label=label, progress=progress, average=average
     )
+    if loop_kernel(plant, controller).delays:
+        text = f"{run.method}; {NODES} nodes along each delay, whose own exponents come last"
+        return replace(run, method=text)
+    return run
 
 
 def loop_lyapunov_over_fmus(

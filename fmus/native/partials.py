@@ -72,6 +72,7 @@ def partials(component: Component) -> Component:
         outputs=tuple(outputs),
         discrete=tuple(replace(d, update=sp.Integer(0)) for d in component.discrete),
         sample_time=component.sample_time,
+        delays=component.delays,
         modes=tuple(
             Mode(m.name, outputs=own) for m, own in zip(component.modes, moded, strict=False)
         ),

@@ -23,7 +23,7 @@ from ..variational import variational
 from .partials import Entry, entry_of, partials
 
 MAIN = {2: "fmi2.c", 3: "fmi3.c"}
-_CORE = ("system.h", "factorize.h", "stepper.h", "stepper.c")
+_CORE = ("system.h", "factorize.h", "delays.h", "delays.c", "stepper.h", "stepper.c")
 _PARTS = ("component.h", "exported.h")
 _EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react")
 
@@ -72,8 +72,11 @@ class NativeModel:
 
     @property
     def exchanges(self) -> bool:
-        """Whether it can be for model exchange: not where inputs set states."""
-        return not self.interface.layout.frame
+        """Whether it can be for model exchange: not where inputs set states, nor with delays.
+
+        A host that solves for the states does not say what they were within its steps.
+        """
+        return not (self.interface.layout.frame or self.kernel.delays)
 
 
 def native_model(component: Component) -> NativeModel:
@@ -230,7 +233,9 @@ def sources(model: NativeModel, fmi: int, token: str) -> dict[str, str]:
 def _equations(model: NativeModel) -> str:
     states = len(model.kernel.states)
     written = functions(model.kernel.source)
-    parts = [in_c(written[name], states) for name in _EQUATIONS]
+    names = [*_EQUATIONS, *(["delayed"] if "delayed" in written else [])]
+    parts = [in_c(written[name], states) for name in names]
+    delayed = "delayed" if "delayed" in written else "NULL"
     parts.append(in_c(functions(model.partials.source)["out"], states, "partial"))
     head = (
         f"/* The equations of {model.kernel.name}, generated: derivatives dx, their partial\n"
@@ -241,7 +246,7 @@ def _equations(model: NativeModel) -> str:
     system = (
         "static const System SYSTEM = {\n"
         "    N, HELD_SIZE, EVENTS, NULL,\n"
-        "    rhs, jac, out, sample, indicate, spread, kind, react, NULL,\n"
+        f"    rhs, jac, out, sample, indicate, spread, kind, react, NULL, {delayed}, NULL,\n"
         "};\n"
     )
     return "\n".join([head, *parts, system])
@@ -254,6 +259,7 @@ def _tables(model: NativeModel, token: str) -> str:
         "N": n,
         "INPUTS": layout.inputs,
         "DISCRETE": layout.discrete,
+        "DELAYS": layout.delays,
         "MODES": layout.modes,
         "EVENTS": model.events,
         "HELD_SIZE": layout.held,

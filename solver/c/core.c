@@ -21,6 +21,11 @@ API void core_lay_work(Work *work, int n, int events, double *memory)
     lay_work(work, n, events, memory);
 }
 
+API void core_lay_delays(System *s, Delays *delays, int count, int first, double *memory)
+{
+    lay_delays(s, delays, count, first, memory);
+}
+
 API int core_settle(const System *s, double t, double *x, double *u, const double *p, Work *work,
                     Info *info)
 {

@@ -41,6 +41,16 @@ static const double BY_TIME[STAGES] = {
     0.0, 0.0, 0.0,
 };
 
+/* of the dense output, of order four */
+static const double WITHIN[3][STAGES] = {
+    {25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204,
+     0.524948541321073, 1.1241088310450404, 0.4272876194431874, -0.17202221070155493},
+    {-9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796,
+     20.176138334709044, 15.98066361424651, -6.789040303419874, -6.710236069923372},
+    {11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643,
+     -52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722},
+};
+
 static void lay_work(Work *work, int n, int events, double *memory)
 {
     double *next = memory;
@@ -67,6 +77,23 @@ static void lay_work(Work *work, int n, int events, double *memory)
     work->known = 0;
     work->note = NULL;
 }
+
+/* The state at the share q of the step that was attempted last, from x. */
+static void dense_output(int n, double q, const double *x, const Work *work, double *at)
+{
+    for (int i = 0; i < n; i++) {
+        double bends[3];
+        for (int order = 0; order < 3; order++) {
+            bends[order] = 0.0;
+            for (int r = 0; r < STAGES; r++)
+                bends[order] += WITHIN[order][r] * work->k[r * n + i];
+        }
+        at[i] = (1.0 - q) * x[i] +
+                q * (work->stage[i] + (1.0 - q) * (bends[0] + q * (bends[1] + q * bends[2])));
+    }
+}
+
+#include "delays.c"
 
 /* As `attempt`, for n states. */
 INLINED double attempt_of(const System *s, double t, double h, const double *x, const double *u,
@@ -278,6 +305,8 @@ static double locate(const System *s, double t, double h, const double *x, const
     if (high < 0.0) {
         if (due_at(s, t + h, work->end, u, p, work) < 0) {
             memcpy(work->stage, work->end, size);
+            if (s->delays) /* shorter attempts have overwritten its stages */
+                attempt(s, t, h, x, u, p, atol, rtol, work);
             work->found = -1;
             return h;
         }
@@ -324,13 +353,16 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
               const Watcher *watcher)
 {
     const int n = s->states;
+    info->reached = t0;
+    if (s->delays && !begin_history(s, t0, x, u, p))
+        return NO_DELAY;
     if (s->events > 0 && settle(s, t0, x, u, p, work, info) != DONE)
         return CHATTER;
     info->reached = t1;
     const double span = t1 - t0;
     if (span == 0.0)
         return DONE;
-    if (n == 0) {
+    if (n == 0 && !s->delays) {
         if (watcher)
             watcher->end(watcher->owner, t1, t1);
         return DONE;
@@ -346,7 +378,14 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
     int rejected_before = 0;
     int still = 0; /* events since time last moved on */
     for (int count = 0; count < max_steps; count++) {
-        const double remaining = t1 - t;
+        if (s->delays && !has_room(s)) {
+            info->next_step = h;
+            info->reached = t;
+            info->last_error = last_error;
+            return NO_ROOM;
+        }
+        const double goal = s->delays ? latest_end(s, t, t1) : t1;
+        const double remaining = goal - t;
         if (h < smallest && h < remaining) {
             info->next_step = h;
             info->reached = t;
@@ -368,17 +407,24 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
             find_alone(n, work);
         }
         double error = attempt(s, t, h, x, u, p, atol, rtol, work);
+        if (s->delays && error <= 1.0)
+            error = larger(error, follow_signals(s, t, h, x, u, p, rtol, work));
         if (error <= 1.0) { /* false for NaN, too */
             double taken = h;
             work->found = -1;
             if (s->events > 0)
                 taken = locate(s, t, h, x, u, p, atol, rtol, work);
+            if (s->delays && taken > 0.0) {
+                if (taken != h)
+                    follow_signals(s, t, taken, x, u, p, rtol, work);
+                keep_step(s, t, final && taken == h ? goal : t + taken, u);
+            }
             memcpy(x, work->stage, (size_t)n * sizeof *x);
             info->accepted += 1.0;
             fresh = 1;
             if (work->found >= 0) {
                 const double before = t;
-                t = final && taken == h ? t1 : t + taken;
+                t = final && taken == h ? goal : t + taken;
                 still = t > before ? 0 : still + 1;
                 react_to(s, t, x, u, p, work->found, work, info);
                 if (still > MOST_AT_ONCE || settle(s, t, x, u, p, work, info) != DONE) {
@@ -396,7 +442,7 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
                 }
                 continue;
             }
-            t = final ? t1 : t + h;
+            t = final ? goal : t + h;
             error = larger(error, 1e-10);
             /* proportional-integral control (Gustafsson) keeps rejections rare */
             double growth = 0.9 * pow(error, -0.17) * pow(last_error, 0.06);
@@ -411,7 +457,7 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
                 info->next_step = growth >= 1.0 ? larger(planned, h * growth) : h * growth;
                 return DONE;
             }
-            h *= growth;
+            h = final && growth >= 1.0 ? larger(planned, h * growth) : h * growth;
         } else {
             info->rejected += 1.0;
             rejected_before = 1;

@@ -4,12 +4,17 @@
 #ifndef STEPPER_H
 #define STEPPER_H
 
+#include "delays.h"
 #include "factorize.h"
 
 #define STAGES 8
 #define MOST_AT_ONCE 64 /* events at one instant */
 
-enum { DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, DIVERGED, STIFF, NO_MEMORY, NOT_FINITE };
+enum {
+    DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, DIVERGED, STIFF, NO_MEMORY, NOT_FINITE,
+    NO_ROOM, /* in a history; the call can go on from where it ended, with more room */
+    NO_DELAY /* a delay lasts no time */
+};
 enum { EITHER, CHANGES_MODE, RESETS }; /* kinds of events */
 
 /* What an integration leaves for the next, and what it has counted. */

@@ -8,6 +8,7 @@
 #include <string.h>
 
 typedef struct System System;
+typedef struct Delays Delays;
 
 /* Sizes, and the functions that are generated for a component. All vectors are owned by the caller.
  *
@@ -37,6 +38,10 @@ struct System {
     /* gradient of an indicator, slopes of its reset by x and by t; returns the indicator's by t */
     double (*slopes)(const System *s, double t, const double *x, const double *u, const double *p,
                      int k, double *gradient, double *R, double *Rt);
+    /* of each delayed signal: the expression, how late it is, its start and its nominal value */
+    void (*delayed)(const System *s, double t, const double *x, const double *u, const double *p,
+                    double *e);
+    Delays *delays; /* null without */
 };
 
 /* The number of states is a constant to the compiler where it is small: short loops unroll. */

@@ -107,6 +107,12 @@ static double play_slopes(const System *s, double t, const double *x, const doub
     return play(&TAPES->slopes, t, k, VECTORS_OF(x, u, p, gradient, R, Rt));
 }
 
+static void play_delayed(const System *s, double t, const double *x, const double *u,
+                         const double *p, double *e)
+{
+    play(&TAPES->delayed, t, 0, VECTORS_OF(x, u, p, e));
+}
+
 static void play_tapes(System *s, const Equations *equations)
 {
     s->equations = equations;
@@ -119,4 +125,5 @@ static void play_tapes(System *s, const Equations *equations)
     s->kind = play_kind;
     s->react = play_react;
     s->slopes = play_slopes;
+    s->delayed = play_delayed;
 }

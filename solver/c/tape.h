@@ -35,7 +35,7 @@ typedef struct {
 
 /* The tapes of a system's functions, in the order of `System`. */
 typedef struct {
-    Tape rhs, jac, out, sample, indicate, spread, kind, react, slopes;
+    Tape rhs, jac, out, sample, indicate, spread, kind, react, slopes, delayed;
 } Equations;
 
 /* Make a system of tapes, which must stay where they are as long as it is used. */

@@ -1,53 +1,55 @@
-"""A command on its way against an exact delay, by frequency and by moment."""
+"""A command on its way: whole, after the delay, and not before."""
 
 import numpy as np
 import pytest
-import sympy as sp
 
-from ballscrew.instruments.late_command import ORDER, with_late_command
+from ballscrew.instruments.late_command import with_late_command
 from ballscrew.plant.ball_screw import ball_screw
+from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Parameter, symbol
+from ballscrew.solver.kernel import Model
 
 DELAY = 3e-4
 PARAMETER = Parameter("delay", DELAY, "s", "of the command", "example value", minimum=1e-7)
+JUMPS = ((0.0, 5.0), (2e-3, -3.0), (2.2e-3, 8.0), (2.4e-3, 0.0))
 
 
-@pytest.fixture(scope="module")
-def line():
-    """The linear system from the command to what arrives, as matrices."""
-    plain = ball_screw()
-    late = with_late_command(plain, PARAMETER)
-    parts = [symbol(f"u_late{k}") for k in range(1, ORDER + 1)]
-    rates = sp.Matrix([late.derivative(s.name) for s in parts]).subs(symbol("delay"), DELAY)
-    per_volt = sp.diff(plain.derivative("i"), symbol("u"))
-    arrives = (late.derivative("i") - plain.derivative("i").subs(symbol("u"), 0)) / per_volt
-    a = np.array(rates.jacobian(parts), dtype=float)
-    b = np.array(rates.jacobian([symbol("u")]), dtype=float)
-    c = np.array(sp.Matrix([sp.expand(arrives)]).jacobian(parts), dtype=float)
-    return a, b, c
+def moved(component, late):
+    """The axis after jumps of the command, which come so much late."""
+    model, start = Model(generate(component), tolerance=1e-11), late
+    if late:
+        model.advance(0.0, late)
+    for (_, u), (end, _) in zip(JUMPS, (*JUMPS[1:], (6e-3, 0.0)), strict=True):
+        model.set_input("u", u)
+        model.advance(start, end + late)
+        start = end + late
+    return model.x
 
 
-def response(line, frequency):
-    a, b, c = line
-    return (c @ np.linalg.solve(1j * frequency * np.eye(ORDER) - a, b))[0, 0]
+def test_the_plant_moves_as_under_a_command_that_is_given_later():
+    late = with_late_command(ball_screw(), PARAMETER)
+    model = Model(generate(late), tolerance=1e-11)
+    for (start, u), (end, _) in zip(JUMPS, (*JUMPS[1:], (6e-3 + DELAY, 0.0)), strict=True):
+        model.set_input("u", u)
+        model.advance(start, end)
+    expected = moved(ball_screw(), DELAY)
+    assert model.x == pytest.approx(expected, rel=1e-8)
+    assert np.abs(expected).max() > 0.0
 
 
-@pytest.mark.parametrize(("angle", "wrong"), [(0.0, 1e-12), (1.0, 1e-8), (2.0, 1e-5), (4.0, 2e-3)])
-def test_it_is_late_by_the_delay_and_nothing_else(line, angle, wrong):
-    exact = np.exp(-1j * angle)
-    assert abs(response(line, angle / DELAY) - exact) < wrong
+def test_nothing_arrives_before_the_delay_has_passed():
+    model = Model(generate(with_late_command(ball_screw(), PARAMETER)))
+    model.set_input("u", 10.0)
+    model.advance(0.0, DELAY)
+    assert model.x.tolist() == [0.0] * len(model.x)
+    model.advance(DELAY, 1.1 * DELAY)
+    assert model.x[[s.name for s in model.kernel.states].index("i")] > 0.0
 
 
-def test_a_jump_arrives_on_average_after_the_delay(line):
-    a, b, c = line
-    moment = (c @ np.linalg.solve(a @ a, b))[0, 0]  # of the impulse response
-    assert moment == pytest.approx(DELAY, rel=1e-9)
-
-
-def test_nothing_arrives_at_once_and_the_line_forgets(line):
+def test_the_command_acts_through_its_delay_only():
     late = with_late_command(ball_screw(), PARAMETER)
     assert symbol("u") not in late.derivative("i").free_symbols
-    assert np.linalg.eigvals(line[0]).real.max() < -1 / DELAY
+    assert [d.expression for d in late.delays] == [symbol("u")]
 
 
 def test_a_feedback_law_stays_at_the_command():

@@ -61,6 +61,7 @@ typedef struct {
 typedef struct Kept {
     struct Kept *next;
     Saved saved;
+    double *history; /* null without delays */
 } Kept;
 
 typedef struct Instance {
@@ -70,6 +71,10 @@ typedef struct Instance {
     int derived;  /* derivatives belong to the present outputs */
     double derivatives[AT_LEAST_1(N)];
     double atol[AT_LEAST_1(N)];
+    System system; /* with delays: the equations, which look into the history */
+    Delays delays;
+    double signals[DELAYS_DOUBLES(N, DELAYS) + 1];
+    double *history; /* null without delays */
     Work work;
     double work_memory[WORK_DOUBLES(N, EVENTS)];
     Kept *kept; /* saved states that are not freed yet */
@@ -143,6 +148,48 @@ static int allowed(Instance *c, int phases, const char *call)
         return 1;
     refuse(c, "%s was called %s, where it is not allowed", call, phase_name(c->now.phase));
     return 0;
+}
+
+/* -- delayed signals ---------------------------------------------------------------------- */
+
+#define EQUATIONS(c) (DELAYS > 0 ? (const System *)&(c)->system : &SYSTEM)
+#define FIRST_ROOM 32 /* steps */
+#define HISTORY_BYTES(room)                                                                        \
+    ((HISTORY_HEAD(DELAYS, HELD_SIZE) + (size_t)(room) * STEP_SIZE(DELAYS)) * sizeof(double))
+
+static size_t bytes_of(const double *history)
+{
+    return DELAYS > 0 ? HISTORY_BYTES(history[ROOM]) : 0;
+}
+
+/* Let the history, with room for so many steps, hold what `from` does; nothing, if it is null. 0 if
+ * there is no memory. */
+static int take_history(double **history, const double *from, double room)
+{
+    double *taken;
+    if (DELAYS == 0)
+        return 1;
+    if (from && *history && (*history)[ROOM] == room) {
+        memcpy(*history, from, HISTORY_BYTES(room));
+        return 1;
+    }
+    taken = calloc(1, HISTORY_BYTES(room));
+    if (!taken)
+        return 0;
+    if (from)
+        memcpy(taken, from, bytes_of(from));
+    taken[ROOM] = room;
+    free(*history);
+    *history = taken;
+    return 1;
+}
+
+/* As above, for the instance's own. */
+static int remember(Instance *c, const double *from, double room)
+{
+    const int done = take_history(&c->history, from, room);
+    c->delays.history = c->history;
+    return done;
 }
 
 /* -- parts of the memory ------------------------------------------------------------------ */
@@ -301,9 +348,12 @@ static void initialize_states(Instance *c)
     memcpy(HELD(c) + INPUTS, memory + AT_STARTS + N, DISCRETE * sizeof *memory);
     scale_tolerances(c);
     memset(INFO(c), 0, sizeof(Info));
+    if (DELAYS > 0)
+        c->history[COUNT] = 0.0;
     if (MODES > 0) {
         memory[HELD_SIZE - 1] = 0.0;
-        if (settle(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), &c->work, INFO(c)) != DONE)
+        if (settle(EQUATIONS(c), TIME(c), STATES(c), HELD(c), PARAMETERS(c), &c->work, INFO(c)) !=
+            DONE)
             fail(c, "events follow each other without end at t = %.9g s", TIME(c));
     }
     if (AT_SAMPLE_TIME >= 0) /* samples count from t = 0, wherever the run begins */
@@ -318,7 +368,7 @@ static void refresh(Instance *c)
     if (!c->now.started)
         initialize_states(c);
     take_frame(c);
-    out(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), OUTPUTS(c));
+    EQUATIONS(c)->out(EQUATIONS(c), TIME(c), STATES(c), HELD(c), PARAMETERS(c), OUTPUTS(c));
     c->stale = 0;
     c->derived = 0;
 }
@@ -327,7 +377,7 @@ static const double *derivatives(Instance *c)
 {
     refresh(c);
     if (!c->derived)
-        rhs(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->derivatives);
+        EQUATIONS(c)->rhs(EQUATIONS(c), TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->derivatives);
     c->derived = 1;
     return c->derivatives;
 }
@@ -353,6 +403,15 @@ static Instance *make_instance(const char *name, int exchange)
     }
     strcpy(c->name, name);
     c->exchange = exchange;
+    if (!remember(c, NULL, FIRST_ROOM)) {
+        free(c->name);
+        free(c);
+        return NULL;
+    }
+    if (DELAYS > 0) {
+        c->system = SYSTEM;
+        lay_delays(&c->system, &c->delays, DELAYS, INPUTS + DISCRETE, c->signals);
+    }
     back_to_start(c);
     return c;
 }
@@ -363,9 +422,11 @@ static void free_instance(Instance *c)
         return;
     while (c->kept) {
         Kept *next = c->kept->next;
+        free(c->kept->history);
         free(c->kept);
         c->kept = next;
     }
+    free(c->history);
     free(c->name);
     free(c);
 }
@@ -375,7 +436,7 @@ static Status begin(Instance *c, int has_tolerance, double tolerance, double sta
     if (!isfinite(start) || (has_tolerance && !isfinite(tolerance)))
         return refuse(c, "the start time %g and the tolerance %g make no sense", start, tolerance);
     set_time(c, start);
-    if (has_tolerance && tolerance != 0.0 && N > 0)
+    if (has_tolerance && tolerance != 0.0 && N + DELAYS > 0)
         c->now.memory[AT_TOLERANCE] = tolerance;
     return OK;
 }
@@ -489,9 +550,15 @@ static double watch(void *instance, double t, double t1)
 static Status advance(Instance *c, double t0, double t1)
 {
     const Watcher watcher = {watch, c};
-    const int status = integrate(&SYSTEM, t0, t1, STATES(c), HELD(c), PARAMETERS(c), c->atol,
-                                 c->now.memory[AT_TOLERANCE], &c->work, INFO(c), MAX_STEPS,
-                                 c->update ? &watcher : NULL);
+    int status = NO_ROOM;
+    for (double from = t0; status == NO_ROOM; from = INFO(c)->reached) {
+        status = integrate(EQUATIONS(c), from, t1, STATES(c), HELD(c), PARAMETERS(c), c->atol,
+                           c->now.memory[AT_TOLERANCE], &c->work, INFO(c), MAX_STEPS,
+                           c->update ? &watcher : NULL);
+        t1 = smaller(t1, c->end);
+        if (status == NO_ROOM && !remember(c, c->history, 2.0 * c->history[ROOM]))
+            return fail(c, "there is no memory for what delayed signals were");
+    }
     const double reached = INFO(c)->reached;
     const char *rest = "the solution leaves every bound";
     switch (status) {
@@ -502,6 +569,8 @@ static Status advance(Instance *c, double t0, double t1)
                     rest);
     case CHATTER:
         return fail(c, "events follow each other without end at t = %.9g s", reached);
+    case NO_DELAY:
+        return fail(c, "a delay lasts no time, expected a duration of more than 0 s");
     default:
         return fail(c, "the internal step became too small at t = %.9g s; %s", reached, rest);
     }
@@ -511,7 +580,7 @@ static Status advance(Instance *c, double t0, double t1)
 static void take_sample(Instance *c, double t)
 {
     double update[AT_LEAST_1(DISCRETE)] = {0.0};
-    sample(&SYSTEM, t, STATES(c), HELD(c), PARAMETERS(c), update);
+    EQUATIONS(c)->sample(EQUATIONS(c), t, STATES(c), HELD(c), PARAMETERS(c), update);
     memcpy(HELD(c) + INPUTS, update, DISCRETE * sizeof *update);
     c->now.memory[AT_SAMPLES] += 1.0;
 }
@@ -538,7 +607,7 @@ static Status advance_sampled(Instance *c, double t0)
         take_sample(c, now);
         tell(c, now);
     }
-    if (N > 0)
+    if (N + DELAYS > 0)
         return advance(c, now, c->end);
     if (now < c->end)
         tell(c, c->end);
@@ -776,6 +845,8 @@ static Status save_state(Instance *c, void **state)
     k = *state ? find_kept(c, *state) : keep(c);
     if (!k)
         return ERROR;
+    if (!take_history(&k->history, c->history, DELAYS > 0 ? c->history[ROOM] : 0.0))
+        return refuse(c, "there is no memory for a saved state");
     k->saved = c->now;
     *state = k;
     return OK;
@@ -786,6 +857,8 @@ static Status restore_state(Instance *c, const void *state)
     const Kept *k = find_kept(c, state);
     if (!k)
         return ERROR;
+    if (!remember(c, k->history, DELAYS > 0 ? k->history[ROOM] : 0.0))
+        return refuse(c, "there is no memory for what delayed signals were");
     c->now = k->saved;
     scale_tolerances(c);
     c->stale = 1;
@@ -808,6 +881,7 @@ static Status forget_state(Instance *c, void **state)
             break;
         }
     }
+    free(found->history);
     free(found);
     *state = NULL;
     return OK;
@@ -815,11 +889,12 @@ static Status forget_state(Instance *c, void **state)
 
 static Status serialized_size(Instance *c, const void *state, size_t *size)
 {
-    if (!find_kept(c, state))
+    const Kept *k = find_kept(c, state);
+    if (!k)
         return ERROR;
     if (!size)
         return refuse(c, "a null pointer was given for a size");
-    *size = sizeof(Header) + sizeof(Saved);
+    *size = sizeof(Header) + sizeof k->saved + bytes_of(k->history);
     return OK;
 }
 
@@ -827,18 +902,22 @@ static Status serialize_state(Instance *c, const void *state, void *bytes, size_
 {
     const Kept *k = find_kept(c, state);
     Header header;
+    char *body;
     if (!k)
         return ERROR;
-    if (!bytes || size < sizeof header + sizeof k->saved)
+    header.size = sizeof k->saved + bytes_of(k->history);
+    if (!bytes || size < sizeof header + header.size)
         return refuse(c, "%lu bytes were given for a state%s, expected %lu", (unsigned long)size,
                       bytes ? "" : " by a null pointer",
-                      (unsigned long)(sizeof header + sizeof k->saved));
+                      (unsigned long)(sizeof header + header.size));
     memcpy(header.mark, MARK, sizeof header.mark);
     header.model = model_hash(c);
-    header.check = hash(&k->saved, sizeof k->saved);
-    header.size = sizeof k->saved;
+    body = (char *)bytes + sizeof header;
+    memcpy(body, &k->saved, sizeof k->saved);
+    if (DELAYS > 0)
+        memcpy(body + sizeof k->saved, k->history, bytes_of(k->history));
+    header.check = hash(body, header.size);
     memcpy(bytes, &header, sizeof header);
-    memcpy((char *)bytes + sizeof header, &k->saved, sizeof k->saved);
     return OK;
 }
 
@@ -847,20 +926,29 @@ static Status deserialize_state(Instance *c, const void *bytes, size_t size, voi
     Header header;
     const char *body;
     Kept *k;
+    const size_t least = sizeof k->saved + (DELAYS > 0 ? HISTORY_BYTES(0) : 0);
+    double room = 0.0;
     if (!bytes || !state)
         return refuse(c, "a null pointer was given for a serialized state");
     body = (const char *)bytes + sizeof header;
-    if (size < sizeof header + sizeof k->saved)
+    if (size < sizeof header + least)
         return refuse(c, "%lu bytes are no serialized state of this FMU, which has %lu",
-                      (unsigned long)size, (unsigned long)(sizeof header + sizeof k->saved));
+                      (unsigned long)size, (unsigned long)(sizeof header + least));
     memcpy(&header, bytes, sizeof header);
     if (memcmp(header.mark, MARK, sizeof header.mark) || header.model != model_hash(c) ||
-        header.size != sizeof k->saved || header.check != hash(body, sizeof k->saved))
+        header.size < least || header.size > size - sizeof header ||
+        header.check != hash(body, header.size))
         return refuse(c, "these bytes are no serialized state of this FMU, or are damaged");
     k = *state ? find_kept(c, *state) : keep(c);
     if (!k)
         return ERROR;
+    if (DELAYS > 0)
+        memcpy(&room, body + sizeof k->saved + ROOM * sizeof room, sizeof room);
+    if (!take_history(&k->history, NULL, room))
+        return refuse(c, "there is no memory for a saved state");
     memcpy(&k->saved, body, sizeof k->saved);
+    if (DELAYS > 0)
+        memcpy(k->history, body + sizeof k->saved, bytes_of(k->history));
     *state = k;
     return OK;
 }

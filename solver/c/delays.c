@@ -1,0 +1,289 @@
+#include "delays.h"
+
+#include <string.h>
+
+static double *step_at(const Delays *d, const System *s, int k)
+{
+    return d->history + HISTORY_HEAD(d->count, s->held) + (size_t)k * STEP_SIZE(d->count);
+}
+
+/* By how much two times near t may differ and be one. */
+static double same_instant(const Delays *d, double t)
+{
+    return SAME_TIME * (fabs(t) + fabs(d->history[END]));
+}
+
+/* The last of the steps that began before t, or at it; -1 if none did. */
+static int step_of(const System *s, double t)
+{
+    const Delays *const d = s->delays;
+    int low = -1, high = (int)d->history[COUNT];
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (step_at(d, s, middle)[0] <= t)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* The polynomial through equally distant values, z of their distances behind the first; its
+ * derivative by z goes to `slope`. Newton's form. */
+static double through(const double *values, double z, double *slope)
+{
+    double c[PIECES + 1];
+    memcpy(c, values, sizeof c);
+    for (int order = 1; order <= PIECES; order++)
+        for (int k = PIECES; k >= order; k--)
+            c[k] -= c[k - 1];
+    double value = c[PIECES], rate = 0.0;
+    for (int k = PIECES - 1; k >= 0; k--) {
+        rate = (value + (z - k) * rate) / (k + 1);
+        value = c[k] + (z - k) / (k + 1) * value;
+    }
+    *slope = rate;
+    return value;
+}
+
+static void look_back(const System *s, double t, const double *x, const double *held,
+                      const double *p)
+{
+    Delays *const d = s->delays;
+    double *const u = (double *)held + d->first; /* this part of u is written by nobody else */
+    const int count = (int)d->history[COUNT];
+    int asked = 0;
+    const double end = d->history[END], same = same_instant(d, t);
+    /* where a step begins, signals are as they go on from there; within it, as they were before */
+    const double side = t <= end + same ? same : -same;
+    for (int j = 0; j < d->count; j++) {
+        const double then = t - d->history[DURATIONS + j];
+        const int k = count > 0 ? step_of(s, then + side) : -1;
+        if (k < 0) {
+            if (!asked++)
+                d->plain.delayed(s, t, x, held, p, d->told);
+            u[j] = d->told[2 * d->count + j];
+            u[d->count + j] = 0.0;
+            continue;
+        }
+        const double *const step = step_at(d, s, k);
+        const double next = k + 1 < count ? step_at(d, s, k + 1)[0] : end;
+        const double share = (smaller(then, next) - step[0]) / (next - step[0]);
+        double slope;
+        u[j] = through(step + 2 + (PIECES + 1) * j, PIECES * share, &slope);
+        u[d->count + j] = PIECES * slope / (next - step[0]);
+    }
+}
+
+static int begin_history(const System *s, double t0, const double *x, const double *u,
+                         const double *p)
+{
+    Delays *const d = s->delays;
+    double *const h = d->history;
+    d->plain.delayed(s, t0, x, u, p, d->told); /* durations and starts do not ask for signals */
+    for (int j = 0; j < d->count; j++) {
+        h[DURATIONS + j] = d->told[d->count + j];
+        if (!(h[DURATIONS + j] > 0.0 && h[DURATIONS + j] < HUGE_VAL))
+            return 0;
+    }
+    if (h[COUNT] == 0.0 || fabs(t0 - h[END]) > same_instant(d, t0)) {
+        h[COUNT] = 0.0;
+        h[END] = t0;
+        h[DISTURBED] = 1.0;
+    }
+    return 1;
+}
+
+static int has_room(const System *s)
+{
+    Delays *const d = s->delays;
+    double *const h = d->history;
+    const int count = (int)h[COUNT];
+    if (count < (int)h[ROOM])
+        return 1;
+    double longest = 0.0;
+    for (int j = 0; j < d->count; j++)
+        longest = larger(longest, h[DURATIONS + j]);
+    const int kept = step_of(s, h[END] - longest - 2.0 * same_instant(d, h[END]));
+    if (2 * kept < count)
+        return 0;
+    memmove(step_at(d, s, 0), step_at(d, s, kept),
+            (size_t)(count - kept) * STEP_SIZE(d->count) * sizeof(double));
+    h[COUNT] = count - kept;
+    return 1;
+}
+
+static double latest_end(const System *s, double t, double t1)
+{
+    const Delays *const d = s->delays;
+    const double same = 2.0 * same_instant(d, t);
+    const int count = (int)d->history[COUNT];
+    double end = t1;
+    for (int j = 0; j < d->count; j++) {
+        const double duration = d->history[DURATIONS + j];
+        end = smaller(end, t + duration);
+        for (int k = step_of(s, t - duration + same) + 1; k < count; k++) {
+            const double *const step = step_at(d, s, k);
+            if (step[1] <= SMOOTH) {
+                end = smaller(end, step[0] + duration);
+                break;
+            }
+        }
+    }
+    return end < t1 - same ? end : t1; /* round-off leaves no sliver of a step */
+}
+
+/* Order of the derivative that jumps where a step begins now, as the steps before it tell. */
+static double level_from_before(const System *s, double t)
+{
+    const Delays *const d = s->delays;
+    const double same = 2.0 * same_instant(d, t);
+    double level = NO_JUMP;
+    for (int j = 0; j < d->count; j++) {
+        const double then = t - d->history[DURATIONS + j];
+        for (int k = step_of(s, then + same); k >= 0; k--) {
+            const double *const step = step_at(d, s, k);
+            if (step[0] < then - same)
+                break;
+            if (step[1] <= SMOOTH)
+                level = smaller(level, step[1] + 1.0);
+        }
+    }
+    return level;
+}
+
+/* Write the signals of a step from t by h behind the known steps, with the stepper's memory of it.
+ * Returns how far the polynomials are from a signal between, in units of the tolerance. */
+static double follow_signals(const System *s, double t, double h, const double *x, const double *u,
+                             const double *p, double rtol, const Work *work)
+{
+    Delays *const d = s->delays;
+    double *const step = step_at(d, s, (int)d->history[COUNT]);
+    const double *const nominal = d->told + 3 * d->count;
+    double apart = 0.0, shortest = HUGE_VAL;
+    for (int j = 0; j < d->count; j++)
+        shortest = smaller(shortest, d->history[DURATIONS + j]);
+    for (int k = 0; k <= PIECES + 1; k++) {
+        /* the last is a place where the polynomials are tried */
+        const double share = k <= PIECES ? (double)k / PIECES : 0.5 / PIECES;
+        dense_output(s->states, share, x, work, d->node);
+        s->delayed(s, t + share * h, k == 0 ? x : k == PIECES ? work->stage : d->node, u, p,
+                   d->told);
+        for (int j = 0; j < d->count; j++) {
+            double *const values = step + 2 + (PIECES + 1) * j;
+            if (k <= PIECES) {
+                values[k] = d->told[j];
+                continue;
+            }
+            double slope, size = nominal[j];
+            for (int i = 0; i <= PIECES; i++)
+                size = larger(size, fabs(values[i]));
+            apart = larger(apart, fabs(through(values, 0.5, &slope) - d->told[j]) / (rtol * size));
+        }
+    }
+    return h > UNRESOLVED * shortest ? apart : 0.0;
+}
+
+/* Count the step that `follow_signals` has written last among the known ones. */
+static void keep_step(const System *s, double t, double end, const double *u)
+{
+    Delays *const d = s->delays;
+    double *const history = d->history, *const last = history + DURATIONS + d->count;
+    const int count = (int)history[COUNT];
+    double *const step = step_at(d, s, count);
+    double level = level_from_before(s, t);
+    const int behind = d->first + 2 * d->count; /* in u, where the mode is */
+    if (history[DISTURBED] != 0.0 || memcmp(last, u, (size_t)d->first * sizeof *u) != 0 ||
+        memcmp(last + behind, u + behind, (size_t)(s->held - behind) * sizeof *u) != 0)
+        level = smaller(level, 1.0);
+    for (int j = 0; j < d->count; j++) {
+        const int at = 2 + (PIECES + 1) * j;
+        const double before =
+            count > 0 ? (step - STEP_SIZE(d->count))[at + PIECES] : d->told[2 * d->count + j];
+        if (before != step[at])
+            level = 0.0;
+    }
+    memcpy(last, u, (size_t)s->held * sizeof *u);
+    step[0] = t;
+    step[1] = level;
+    history[DISTURBED] = 0.0;
+    history[COUNT] = count + 1;
+    history[END] = end;
+}
+
+#define FOUND look_back(s, t, x, u, p)
+#define PLAIN s->delays->plain
+
+static void late_rhs(const System *s, double t, const double *x, const double *u, const double *p,
+                     double *dx)
+{
+    FOUND;
+    PLAIN.rhs(s, t, x, u, p, dx);
+}
+
+static void late_jac(const System *s, double t, const double *x, const double *u, const double *p,
+                     double *J, double *ft)
+{
+    FOUND;
+    PLAIN.jac(s, t, x, u, p, J, ft);
+}
+
+static void late_out(const System *s, double t, const double *x, const double *u, const double *p,
+                     double *y)
+{
+    FOUND;
+    PLAIN.out(s, t, x, u, p, y);
+}
+
+static void late_sample(const System *s, double t, const double *x, const double *u,
+                        const double *p, double *d)
+{
+    FOUND;
+    PLAIN.sample(s, t, x, u, p, d);
+}
+
+static void late_indicate(const System *s, double t, const double *x, const double *u,
+                          const double *p, double *g)
+{
+    FOUND;
+    PLAIN.indicate(s, t, x, u, p, g);
+}
+
+static void late_spread(const System *s, double t, const double *x, const double *u,
+                        const double *p, double *g)
+{
+    FOUND;
+    PLAIN.spread(s, t, x, u, p, g);
+}
+
+static void late_react(const System *s, double t, double *x, double *u, const double *p, int k)
+{
+    FOUND;
+    PLAIN.react(s, t, x, u, p, k);
+    s->delays->history[DISTURBED] = 1.0;
+}
+
+static void late_delayed(const System *s, double t, const double *x, const double *u,
+                         const double *p, double *e)
+{
+    FOUND;
+    PLAIN.delayed(s, t, x, u, p, e);
+}
+
+static void lay_delays(System *s, Delays *delays, int count, int first, double *memory)
+{
+    delays->count = count;
+    delays->first = first;
+    delays->plain = *s;
+    delays->told = memory;
+    delays->node = memory + 4 * count;
+    s->delays = delays;
+    s->rhs = late_rhs;
+    s->jac = late_jac;
+    s->out = late_out;
+    s->sample = late_sample;
+    s->indicate = late_indicate;
+    s->spread = late_spread;
+    s->react = late_react;
+    s->delayed = late_delayed;
+}

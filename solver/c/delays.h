@@ -1,0 +1,55 @@
+/* Delayed signals: what each was along the accepted steps.
+ *
+ * A delayed signal stands in u, and behind all of them stand their rates; both are written there
+ * before any function of the equations is called. A step leaves a piece of each signal: its values
+ * at equal distances, from the stepper's dense output of order four, with a polynomial through them.
+ * No step is longer than the shortest delay, so that what is asked for is always known; and the
+ * stepper's order is kept, which is five.
+ *
+ * Where a derivative of order L of a signal jumps, a step begins, and one delay later another, where
+ * that of order L + 1 of the states does: steps end at all such instants up to L = SMOOTH. */
+#ifndef DELAYS_H
+#define DELAYS_H
+
+#include "system.h"
+
+#define PIECES 5      /* equal parts of a step, at whose ends a signal's values are kept */
+#define SMOOTH 5      /* orders above this one disturb no step */
+#define NO_JUMP 99.0  /* level of a step that begins where nothing jumps */
+#define SAME_TIME 1e-12 /* share of the time by which two instants may differ and be one */
+#define UNRESOLVED 1e-4 /* share of the shortest delay: shorter steps need not follow a signal */
+
+/* Parts of a history: four numbers, each delay's duration, the held values of the last step, and
+ * then per step its beginning, its level and the values of each signal. */
+enum { ROOM, COUNT, END, DISTURBED, DURATIONS };
+#define STEP_SIZE(count) (2 + (PIECES + 1) * (count))
+#define HISTORY_HEAD(count, held) (DURATIONS + (count) + (held))
+
+struct Delays {
+    int32_t count, first; /* of them; place of the first in u */
+    System plain;         /* the equations, to which u is given */
+    double *history;      /* belongs to a motion, as its state does */
+    double *told;         /* scratch: 4 count; what `delayed` writes */
+    double *node;         /* scratch: as many as states */
+};
+
+/* Put delayed signals into the equations of s. */
+static void lay_delays(System *s, Delays *delays, int count, int first, double *memory);
+#define DELAYS_DOUBLES(n, count) (4 * (count) + (n))
+
+/* Write delayed signals and their rates as they are at t into u. */
+static void look_back(const System *s, double t, const double *x, const double *u,
+                      const double *p);
+
+/* Make ready for steps from t0; 0 if a delay lasts no time. A motion that does not go on where the
+ * last step ended begins anew. */
+static int begin_history(const System *s, double t0, const double *x, const double *u,
+                         const double *p);
+
+/* Whether there is room for one more step; what lies further back than any delay makes room. */
+static int has_room(const System *s);
+
+/* Where a step from t has to end at the latest. */
+static double latest_end(const System *s, double t, double t1);
+
+#endif

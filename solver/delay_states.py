@@ -1,0 +1,82 @@
+"""Delayed signals as states at nodes along each delay, for tangents, exponents and returns.
+
+A component with delays has as many tangent directions as there are functions. Here what a signal
+was within its delay is the polynomial through its values at Chebyshev's nodes, which change as the
+signal travels: the pseudospectral discretization (D. Breda et al., SIAM J. Appl. Dyn. Syst. 15, 1
+(2016)). Of signals without jumps the leading exponents converge with the number of nodes faster
+than any power of it; those behind them are of the nodes and not of the delay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import sympy as sp
+
+from .component import Component, State, symbol
+from .tape import UnsupportedComponent
+
+NODES = 16
+
+
+def with_delay_states(component: Component, nodes: int = NODES) -> Component:
+    """The same component with what its delayed signals were among the states, and no delays.
+
+    Parameters
+    ----------
+    component : Component
+        The new states are named after the delayed signals, ``<name>_1`` being the youngest value
+        and ``<name>_<nodes>`` the delayed signal itself.
+    nodes : int
+        Per delay. Exponents and frequencies up to some ``nodes / 4`` over the delay are right.
+
+    Raises
+    ------
+    UnsupportedComponent
+        For discrete states, whose jumps no polynomial follows.
+    """
+    if component.delays and component.discrete:
+        raise UnsupportedComponent(
+            f"{component.name} has delays and is sampled; tangents of both together are not "
+            "computed"
+        )
+    names = {d.name: [f"{d.name}_{k}" for k in range(1, nodes + 1)] for d in component.delays}
+    fields = component.equations_with({symbol(n): symbol(own[-1]) for n, own in names.items()})
+    slopes = _slopes(nodes)
+    states = [
+        State(
+            name,
+            delay.unit,
+            f"{delay.name}, {k} of {nodes} nodes on its way",
+            sp.Add(
+                *(
+                    weight * value
+                    for weight, value in zip(
+                        slopes[k],
+                        [delay.expression, *map(symbol, names[delay.name])],
+                        strict=True,
+                    )
+                )
+            )
+            / delay.duration,
+            delay.start,
+            delay.nominal,
+        )
+        for delay in fields["delays"]
+        for k, name in enumerate(names[delay.name], start=1)
+    ]
+    fields["states"] = (*fields["states"], *states)
+    return replace(component, **{**fields, "delays": ()})
+
+
+def _slopes(nodes: int) -> list[list[sp.Float]]:
+    """Minus the slopes, by the age over the delay, of polynomials through values at the nodes."""
+    k = np.arange(nodes + 1)
+    age = 0.5 * (1.0 - np.cos(np.pi * k / nodes))
+    weights = (-1.0) ** k * np.where((k == 0) | (k == nodes), 0.5, 1.0)
+    apart = age[:, None] - age[None, :] + np.eye(nodes + 1)
+    slopes = weights[None, :] / weights[:, None] / apart
+    np.fill_diagonal(slopes, 0.0)
+    np.fill_diagonal(slopes, -slopes.sum(axis=1))
+    return [[sp.Float(-v) for v in row] for row in slopes.tolist()]

@@ -1,0 +1,133 @@
+"""Exponents of delays against Lambert's W, and verdicts against what is known of the equations."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.special import lambertw
+
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import (
+    Component,
+    Delay,
+    DiscreteState,
+    Input,
+    Output,
+    Parameter,
+    State,
+    symbol,
+)
+from ballscrew.solver.delay_states import NODES, with_delay_states
+from ballscrew.solver.kernel import Model
+from ballscrew.solver.spectrum import follow_returns, follow_tangents
+from ballscrew.solver.tape import UnsupportedComponent
+
+X, LATE = symbol("x"), symbol("late")
+
+
+def scalar(rate, tau, start=1.0):
+    return Component(
+        "scalar",
+        "one state with a delay",
+        parameters=(Parameter("tau", tau, "s", "delay", "made up"),),
+        states=(State("x", "1", "x", sp.sympify(rate), start=start),),
+        outputs=(Output("x", "1", "x", X),),
+        delays=(Delay("late", X, symbol("tau"), start=start),),
+    )
+
+
+def real_parts(a, b, tau, count):
+    """The largest real parts of the roots of s = a + b exp(-s tau), by Lambert's W."""
+    branches = range(-30, 31)
+    roots = [lambertw(b * tau * np.exp(-a * tau), k) / tau + a for k in branches]
+    return np.sort(np.real(roots))[::-1][:count]
+
+
+CASES = [(0.0, -1.0, 1.0), (-1.0, 0.5, 2.0), (0.3, -0.8, 0.5), (-0.4, -7.0, 0.3), (0.2, 0.3, 4.0)]
+
+
+@pytest.mark.parametrize(("a", "b", "tau"), CASES)
+def test_leading_eigenvalues_are_those_of_lamberts_w(a, b, tau):
+    model = Model(generate(with_delay_states(scalar(a * X + b * LATE, tau))))
+    found = np.sort(np.linalg.eigvals(model.jacobian(0.0, model.x)).real)[::-1]
+    assert found[:3] * tau == pytest.approx(real_parts(a, b, tau, 3) * tau, abs=1e-7)
+
+
+@pytest.mark.parametrize(("a", "b", "tau"), CASES[:3])
+def test_more_nodes_are_nearer_faster_than_any_power(a, b, tau):
+    exact, errors = real_parts(a, b, tau, 3), []
+    for nodes in (6, 12, 24):
+        model = Model(generate(with_delay_states(scalar(a * X + b * LATE, tau), nodes)))
+        found = np.sort(np.linalg.eigvals(model.jacobian(0.0, model.x)).real)[::-1][:3]
+        errors.append(float(np.abs(found - exact).max()) * tau)
+    assert errors[1] < 3e-5 or errors[1] < 1e-3 * errors[0]
+    assert errors[2] < 1e-10
+
+
+@pytest.mark.parametrize(("a", "b", "tau"), CASES[:3])
+def test_tangents_grow_as_lamberts_w_says(a, b, tau):
+    """The three leading exponents; those of a pair swing about what is said of both."""
+    model = Model(generate(with_delay_states(scalar(a * X + b * LATE, tau))), tolerance=1e-9)
+    run = follow_tangents(model, np.linspace(0.0, 160.0 * tau, 161))
+    assert not run.failure
+    rates = np.sort((run.growth[-1] - run.growth[40]) / (120.0 * tau))[::-1][:3] * tau
+    exact = real_parts(a, b, tau, 4) * tau
+    assert rates == pytest.approx(exact[:3], abs=0.02)
+    if exact[0] == exact[1]:
+        assert rates[:2].mean() == pytest.approx(exact[0], abs=1e-4)
+    else:
+        assert rates[0] == pytest.approx(exact[0], abs=1e-6)
+
+
+def test_the_motion_is_that_of_the_delay_once_the_jump_at_the_start_has_gone():
+    component = scalar(-1.8 * LATE * (1 + X), 1.0, start=0.4)
+    late, noded = Model(generate(component)), Model(generate(with_delay_states(component, 24)))
+    late.advance(0.0, 30.0)
+    noded.advance(0.0, 30.0)
+    seen = []
+    for model in (late, noded):  # the same cycle, at a phase that the start has shifted
+        course = model.simulate(np.linspace(30.0, 50.0, 4001))
+        x, t = course.outputs["x"], course.time
+        up = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
+        times = t[up] - x[up] * (t[1] - t[0]) / (x[up + 1] - x[up])
+        seen.append([np.diff(times).mean(), x.max(), x.min()])
+    assert seen[0] == pytest.approx(seen[1], abs=2e-4)
+
+
+def test_all_delays_of_a_component_become_states():
+    late, u = symbol("late"), symbol("u")
+    component = Component(
+        "two",
+        "a delay of a delay",
+        inputs=(Input("u", "1", "u"),),
+        outputs=(Output("y", "1", "y", symbol("later")),),
+        delays=(Delay("late", u, sp.Float(0.2)), Delay("later", late, sp.Float(0.1), start=0.5)),
+    )
+    noded = with_delay_states(component)
+    assert not noded.delays
+    assert len(noded.states) == 2 * NODES
+    model = Model(generate(noded))
+    assert model.outputs(0.0, model.x)["y"] == 0.5
+    model.set_input("u", 3.0)
+    model.advance(0.0, 0.8)
+    assert model.outputs(0.8, model.x)["y"] == pytest.approx(3.0, abs=0.02)
+
+
+def test_what_has_delays_is_not_followed_as_if_it_had_none():
+    model = Model(generate(scalar(-LATE, 1.0)))
+    told = "scalar has the delayed signal late, expected it among the states, by with_delay_states"
+    with pytest.raises(ValueError, match=told):
+        follow_tangents(model, [0.0, 1.0])
+    with pytest.raises(ValueError, match=told):
+        follow_returns(model, 0.0, 1.0, 0, 0.0, 3)
+
+
+def test_samples_and_delays_together_are_refused():
+    component = Component(
+        "both",
+        "both",
+        discrete=(DiscreteState("h", "1", "held", LATE),),
+        sample_time=Parameter("T", 0.1, "s", "period", "made up"),
+        delays=(Delay("late", symbol("h"), sp.Float(0.3)),),
+    )
+    with pytest.raises(UnsupportedComponent, match=r"^both has delays and is sampled; .*$"):
+        with_delay_states(component)

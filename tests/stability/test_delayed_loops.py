@@ -1,0 +1,104 @@
+"""Verdicts and exponents of systems and loops with delays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.special import lambertw
+
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import (
+    Component,
+    Delay,
+    Input,
+    Output,
+    Parameter,
+    State,
+    symbol,
+)
+from ballscrew.solver.delay_states import with_delay_states
+from ballscrew.solver.kernel import Kernel, Model
+from ballscrew.stability.attractor import Kind
+from ballscrew.stability.loop_lyapunov import loop_lyapunov
+from ballscrew.stability.lyapunov import LyapunovRun, lyapunov
+
+X, LATE, GAIN = map(symbol, ("x", "late", "r"))
+
+
+@pytest.fixture(scope="module")
+def wright() -> Kernel:
+    """x' = -r x(t - 1) (1 + x): at rest up to r = pi / 2, then a cycle."""
+    return generate(
+        with_delay_states(
+            Component(
+                "wright",
+                "Wright's equation.",
+                parameters=(Parameter("r", 1.0, "1", "parameter", "test"),),
+                states=(State("x", "1", "x", -GAIN * LATE * (1 + X), 0.1),),
+                outputs=(Output("x", "1", "x", X),),
+                delays=(Delay("late", X, sp.Float(1.0), start=0.1),),
+            )
+        )
+    )
+
+
+def judged(kernel: Kernel, stop: float, **values: float) -> LyapunovRun:
+    return lyapunov(lambda tolerance: Model(kernel, values, tolerance), stop, 1e-9)
+
+
+def test_below_the_border_it_comes_to_rest_as_lamberts_w_says(wright: Kernel) -> None:
+    run = judged(wright, 40.0, r=1.4)
+    assert run.motion.kind is Kind.FIXED_POINT
+    assert run.motion.limit is not None
+    exact = np.sort([lambertw(-1.4, k).real for k in range(-5, 6)])[::-1]
+    assert run.motion.limit[:4] == pytest.approx(exact[:4], abs=1e-6)
+
+
+def test_beyond_the_border_it_is_a_cycle_with_one_exponent_of_zero(wright: Kernel) -> None:
+    run = judged(wright, 60.0, r=1.8)
+    assert run.motion.kind is Kind.CYCLE
+    assert run.motion.limit is not None
+    assert run.motion.period == pytest.approx(4.1, abs=0.2)
+    assert abs(run.motion.limit[0]) < 1e-4
+    assert run.motion.limit[1] < -0.05
+
+
+def parts() -> tuple[Component, Component]:
+    """An integrator that hears its command late, under a gain."""
+    u = symbol("u")
+    plant = Component(
+        "plant",
+        "integrator",
+        parameters=(Parameter("tau", 0.7, "s", "delay", "made up"),),
+        inputs=(Input("u", "1", "command", law=("x",)),),
+        states=(State("x", "1", "x", symbol("heard"), start=0.3),),
+        outputs=(Output("x", "1", "x", X),),
+        delays=(Delay("heard", u, symbol("tau")),),
+    )
+    controller = Component(
+        "gain",
+        "gain",
+        parameters=(Parameter("K", 1.0, "1", "gain", "made up"),),
+        inputs=(
+            Input("x", "1", "x", role="measurement"),
+            Input("x_d", "1", "set-point", role="reference"),
+        ),
+        outputs=(Output("u", "1", "command", symbol("K") * (symbol("x_d") - X)),),
+    )
+    return plant, controller
+
+
+@pytest.mark.parametrize("gain", [1.0, 2.0, 2.4])
+def test_a_loop_with_a_delay_is_stable_up_to_its_gain(gain: float) -> None:
+    """s = -K exp(-0.7 s): stable while 0.7 K is less than pi / 2, which is K = 2.244."""
+    plant, controller = parts()
+    run = loop_lyapunov(controller, 20.0, 0.0, plant, controller_values={"K": gain}, tolerance=1e-9)
+    if gain > np.pi / 1.4:
+        assert run.motion.kind is Kind.DIVERGES
+        return
+    assert run.motion.kind is Kind.FIXED_POINT
+    assert run.motion.limit is not None
+    exact = np.sort([lambertw(-0.7 * gain, k).real / 0.7 for k in range(-5, 6)])[::-1]
+    assert run.motion.limit[:3] == pytest.approx(exact[:3], abs=1e-6)
+    assert run.method == "one solver; 16 nodes along each delay, whose own exponents come last"
