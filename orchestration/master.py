@@ -92,22 +92,20 @@ def run_loop(
         If the rows of all steps do not fit.
     """
     wiring = wiring or wire(plant, controller, mapping)
-    corrigible = all(plant.is_real(theirs) for _, theirs in wiring.commands)
-    reversible = plant.can_save and controller.can_save and corrigible
+    missing = _missing(plant, controller, wiring)
     names, commands = _names(plant, wiring, mapping or {})
     values = (dict(plant_values or {}), dict(controller_values or {}))
     start = np.full(len(wiring.references), reference.at(0.0))
     chosen, reason = _choose(wiring, plant, controller, coupling)
     tangent = chosen is Coupling.INTERFACE_JACOBIAN
-    needed = "both FMUs to save and restore their state" if corrigible else "real commands"
-    corrected = _corrects(corrections, adaptive, tangent, "" if reversible else needed)
+    corrected = _corrects(corrections, adaptive, tangent, missing)
     parts = _Parts(plant, controller, wiring, values, stop, start, chosen)
     main = parts.loop(corrected, averaged=tangent or corrected, fresh=False)
     if coupling is None and tangent:
         reason = _tangent_reason(main.loop, wiring)
     step, reason = _meet_samples(main.loop, step, reason)
-    co_runs = parts.co_runs(corrected, reversible)
-    check_room(len(names), len(commands), 1 if reversible else 2, stop / step)
+    co_runs = parts.co_runs(corrected, not missing)
+    check_room(len(names), len(commands), 1 if not missing else 2, stop / step)
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
     course = RunLog(reference, len(start), main.loop.outputs, nominal, len(commands))
     try:
@@ -116,7 +114,7 @@ def run_loop(
     finally:
         for co_run in co_runs:
             co_run.close()
-    ended = _Ended(main, co_runs, course, time, why, reversible)
+    ended = _Ended(main, co_runs, course, time, why, not missing)
     return _concluded(ended, names, commands, chosen, reason)
 
 
@@ -160,6 +158,14 @@ def _names(
     """What results call the plant's outputs and the commands."""
     ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
     return [ours[n] for n in plant.outputs], [ours[theirs] for _, theirs in wiring.commands]
+
+
+def _missing(plant: Instance, controller: Instance, wiring: Wiring) -> str:
+    """What a loop would need to take its steps back; empty where it has it."""
+    if not all(plant.is_real(theirs) for _, theirs in wiring.commands):
+        return "real commands"
+    can = plant.can_save and controller.can_save
+    return "" if can else "both FMUs to save and restore their state"
 
 
 def _corrects(wanted: int | None, adaptive: bool, tangent: bool, missing: str) -> bool:

@@ -1,3 +1,4 @@
+# Long file: goes into every FMU as one file, beside the library that it loads.
 """The compiled core: one library for all systems, which plays their equations from tapes.
 
 This file stands alone: it also goes into every exported FMU, which carries the library, too.
