@@ -47,6 +47,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/tro2021.py
 	$(BIN)/python proofs/own_records.py
 	$(BIN)/python proofs/interrupts.py
+	$(BIN)/python proofs/practice.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/start.py

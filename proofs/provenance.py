@@ -38,6 +38,7 @@ DEPENDS_ON = {
     "emps": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/emps.py"),
     "tro2021": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/tro2021.py"),
     "own_records": ("ballscrew", *LOOP, "rig", *ESTIMATED, "diagnosis", "proofs/own_records.py"),
+    "practice": (*LOOP, "instruments", "stability", "proofs/practice.py"),
     "exchange": (
         *("solver", "plant", "fmus", "proofs/exchange.py"),
         *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),
@@ -60,6 +61,7 @@ SHOWS = {
     "emps": "effects hidden in the record of a real machine are named",
     "tro2021": "friction of two measured drives by direction, judged on speeds left out",
     "own_records": "what is named on records of this program, its parameters believed",
+    "practice": "longest sampling periods and delays of the controllers; where they hunt",
     "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
     "interrupts": "interrupted and killed commands end in time and leave the run before whole",
 }

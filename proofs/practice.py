@@ -1,0 +1,138 @@
+"""Proof: where sampled, late and hunting loops stop working, for ``docs/stability.md``.
+
+Writes ``docs/proof/practice.json`` and the maps' pictures into ``docs/images/``. Longest sampling
+periods and delays are halved to a twentieth; the maps are those of the commands that stand beside
+them.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from provenance import provenance
+
+from ballscrew.cli import main as command
+from ballscrew.fmus.catalogue import component
+from ballscrew.instruments.late_command import with_late_command
+from ballscrew.orchestration.whole_loop import held_loop_kernel, loop_kernel
+from ballscrew.solver.component import Parameter
+from ballscrew.solver.kernel import IntegrationError, Kernel, Model
+from ballscrew.solver.spectrum import follow_returns
+
+ROOT = Path(__file__).resolve().parents[1]
+TARGET = ROOT / "docs" / "proof" / "practice.json"
+IMAGES = ROOT / "docs" / "images"
+
+GOAL, BAND = 0.08, 0.02  # set-point [m]; share of it within which the position has to stay
+NAMES = ("iol", "nctf", "pid")
+SETTLED = 10.0  # s: more than twice the longest of their settling times
+RATIO = 1.05  # of what is borne and what is not, where a search ends
+SHORTEST = 2e-6  # s
+MAPS = {
+    "hunting_of_the_sampled_pid": (
+        *("map", "--controller", "pid_encoder", "--plant", "plant_classical"),
+        *("--x", "Ki=0:4000:21", "--y", "counts=1:41:21", "--stop", "60"),
+        *("--set", "plant.Fc=5", "--set", "plant.Fs=25", "--set", "controller.sample_time=0.005"),
+    ),
+    "hunting_over_friction": (
+        *("map", "--controller", "pid", "--plant", "plant_classical", "--stop", "60"),
+        *("--x", "plant.Fc=0.5:10:20", "--y", "plant.Fs=10:60:21", "--set", "controller.Ki=3000"),
+    ),
+}
+
+
+def stays(low: float, high: float) -> bool:
+    return max(abs(low - GOAL), abs(high - GOAL)) <= BAND * GOAL
+
+
+def bears_period(name: str, period: float) -> bool:
+    """Whether a sampled controller brings the axis to its set-point, and keeps it there."""
+    kernel = held_loop_kernel("plant", f"{name}_sampled")
+    model = Model(kernel, {"controller_sample_time": period}, 1e-6)
+    model.set_input("x_d", GOAL)
+    place = [s.name for s in kernel.states].index("plant_x")
+    seen = [
+        follow_returns(model, a, b, 0, np.inf, 0)
+        for a, b in ((0.0, SETTLED - 1), (SETTLED - 1, SETTLED))
+    ]
+    if any(s.failure for s in seen):
+        return False
+    return stays(float(seen[1].low[place]), float(seen[1].high[place]))
+
+
+@cache
+def late_loop(name: str) -> Kernel:
+    delay = Parameter("delay", 1e-3, "s", "delay of the command", "varied", minimum=1e-9)
+    kernel = loop_kernel(with_late_command(component("plant"), delay), component(name))
+    kernel.compile()
+    return kernel
+
+
+def bears_delay(name: str, delay: float) -> bool:
+    """Whether a continuous controller does so with its command late."""
+    model = Model(late_loop(name), {"plant_delay": delay}, 1e-6)
+    model.set_input("x_d", GOAL)
+    times = np.linspace(0.0, SETTLED, round(200 * SETTLED) + 1)
+    try:
+        x = model.simulate(times).outputs["x"][times >= SETTLED - 1.0]
+    except IntegrationError:
+        return False
+    return stays(float(x.min()), float(x.max()))
+
+
+def longest(bears: Any, name: str) -> dict[str, float | None]:
+    """The longest time that is borne [s], and the shortest that is not."""
+    borne, not_borne = 0.0, SHORTEST
+    while bears(name, not_borne):
+        borne, not_borne = not_borne, 4.0 * not_borne
+        if not_borne > 10.0:
+            return {"borne_s": borne, "not_borne_s": None}
+    if borne == 0.0:
+        return {"borne_s": None, "not_borne_s": not_borne}
+    while not_borne > RATIO * borne:
+        middle = float(np.sqrt(borne * not_borne))
+        borne, not_borne = (middle, not_borne) if bears(name, middle) else (borne, middle)
+    return {"borne_s": borne, "not_borne_s": not_borne}
+
+
+def mapped(name: str, arguments: tuple[str, ...]) -> dict[str, Any]:
+    """The summary of a map, whose picture goes to the documentation."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "map"
+        if command([*arguments, "--out", str(out)]) not in (0, 1):
+            raise SystemExit(f"{' '.join(arguments)} failed")
+        shutil.copyfile(out / "map.png", IMAGES / f"{name}.png")
+        summary = json.loads((out / "map.json").read_text(encoding="utf-8"))
+    return {"command": " ".join(("ballscrew", *arguments)), "verdicts": summary["verdicts"]}
+
+
+def main() -> int:
+    limits: dict[str, dict[str, Any]] = {}
+    for name in NAMES:
+        limits[name] = {
+            "sampling_period": longest(bears_period, name),
+            "delay": longest(bears_delay, name),
+        }
+        print(name, limits[name], file=sys.stderr, flush=True)
+    report = {
+        **provenance("practice"),
+        "set_point_m": GOAL,
+        "band": BAND,
+        "within_s": SETTLED,
+        "limits": limits,
+        "maps": {name: mapped(name, arguments) for name, arguments in MAPS.items()},
+    }
+    TARGET.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(report, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
