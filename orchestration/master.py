@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -26,8 +26,9 @@ from .coupling import Answer, Coupling, Loop
 from .fmu_instance import Instance
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
 from .reference_signal import Reference
+from .second_look import Setting, around_jumps, delayed, finer, jumps
 from .structs import struct
-from .verdict import verdict_of
+from .verdict import asks_again, second_verdict, verdict_of
 from .wiring import PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
@@ -97,14 +98,20 @@ def run_loop(
     commands = [ours[theirs] for _, theirs in wiring.commands]
     values = (dict(plant_values or {}), dict(controller_values or {}))
 
-    def opened(fresh: bool, corrected: bool, averaged: bool, parts: int = 1) -> RecordedLoop:
+    def opened(
+        fresh: bool,
+        corrected: bool,
+        averaged: bool,
+        parts: int = 1,
+        other: Coupling | None = None,
+    ) -> RecordedLoop:
         p, c = (plant.reopened(), controller.reopened()) if fresh else (plant, controller)
         p.initialize(values[0], stop)
         c.initialize(values[1], stop)
         whole = struct(PAIR)
         part = whole.part("loop")
         return RecordedLoop(
-            whole, Loop(p, c, wiring, chosen, corrected, averaged, start, part), parts
+            whole, Loop(p, c, wiring, other or chosen, corrected, averaged, start, part), parts
         )
 
     start = np.full(len(wiring.references), reference.at(0.0))
@@ -134,7 +141,46 @@ def run_loop(
         for co_run in co_runs:
             co_run.loop.plant.close()
             co_run.loop.controller.close()
-    return _concluded(course, why, main, co_runs, reversible, names, commands, chosen, reason, time)
+    first = _concluded(
+        course, why, main, co_runs, reversible, names, commands, chosen, reason, time
+    )
+    if adaptive or why.reason or any(pair.failure for pair in co_runs):
+        return first
+
+    def opened_again(parts: int) -> RecordedLoop:
+        return opened(True, reversible, averaged=tangent or reversible, parts=parts)
+
+    def opened_late() -> RecordedLoop:
+        late = chosen is Coupling.JACOBI
+        other = Coupling.GAUSS_SEIDEL if late else Coupling.JACOBI
+        return opened(True, False, averaged=False, other=other)
+
+    setting = Setting(opened_again, march_on, reference, start, nominal, len(commands), stop, step)
+    follows = tangent and main.loop.answer is Answer.DIRECT
+    others = None if reversible or follows else opened_late
+    return _looked_at_again(first, main, co_runs, setting, others)
+
+
+def _looked_at_again(
+    first: LoopRun,
+    main: RecordedLoop,
+    co_runs: list[RecordedLoop],
+    setting: Setting,
+    opened_late: Callable[[], RecordedLoop] | None,
+) -> LoopRun:
+    """The run with the verdict of a second look, where the first left it open."""
+    outputs, *others = (np.concatenate(pair.outputs) for pair in (main, *co_runs))
+    blind = len(others) > 1 or bool(jumps(outputs).any())
+    if not asks_again(first.verdict, outputs, others[0], _safety(main.loop), blind):
+        return first
+    found = (others[0], others[1]) if len(others) > 1 else finer(setting, first.time)
+    if found is None:
+        return first
+    half, quarter = found
+    late = delayed(setting, first.time, opened_late()) if opened_late else None
+    around = around_jumps(setting, outputs, np.abs(outputs - quarter) + np.abs(half - quarter))
+    verdict = second_verdict(first.verdict, outputs, half, quarter, late, around)
+    return replace(first, verdict=verdict)
 
 
 def _choose(
@@ -275,7 +321,7 @@ def _concluded(
         others[0],
         contraction,
         smaller,
-        safety=1.0 if main.loop.corrected and main.loop.averaged else 2.0,
+        safety=_safety(main.loop),
         failure=failure,
         advice=why.advice,
     )
@@ -297,6 +343,11 @@ def _concluded(
         verdict=verdict,
         stopped=why.reason,
     )
+
+
+def _safety(loop: Loop) -> float:
+    """Factor on the first estimate: whether the run is the better of the two."""
+    return 1.0 if loop.corrected and loop.averaged else 2.0
 
 
 def _grid_contraction(coarse: Vector, half: Vector, quarter: Vector) -> float:
