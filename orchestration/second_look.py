@@ -30,7 +30,8 @@ PARTS = 4096  # of a step, in which times close to a jump are told
 MISTIMED = 3.0  # times the measured distance in time of two runs' jumps
 CLOSEST, FARTHEST = 2, PARTS // 8  # parts; jumps known no better than an eighth of a step: unknown
 SLOWEST = 0.1  # of the fastest output's speed: what is slower does not tell times
-NEAR = 4  # places within a step whose jump is known better than that
+EVENLY = 8  # parts of a step whose jump is known no better than that
+NEAR = 6  # places in any other, its ends among them
 STEADY = 2.0  # times what an output moves next to a place: the most that is no jump at it
 SHARP = 0.6  # of what an output moves in a step, in an eighth of it, from which on it is a jump
 BENT = 0.5  # of a change: difference to that of a step beside it, from which on it is a jump
@@ -130,18 +131,26 @@ def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
     found = np.flatnonzero(jumps(run)).tolist()
     if not found:
         return around
-    offsets = {k: _offsets(_parts(k, run, distance)) for k in found}
+    last = round(setting.stop / setting.step * PARTS)
+    rows = {}
+    for k in found:
+        start, end = k * PARTS, min((k + 1) * PARTS, last)
+        rows[k] = [
+            start,
+            *(start + o for o in _offsets(_parts(k, run, distance), end - start)),
+            end,
+        ]
     loop = setting.opened(1)
     try:
-        seen = _seen_within(setting, loop, len(run), offsets)
+        seen = _seen_within(setting, loop, len(run), last, rows)
     finally:
         _close(loop)
-    for k, within in offsets.items():
+    for k, looked_at in rows.items():
         if k not in seen:
             beside = np.abs(run[k + 1] - run[k])[None]
         else:
             moved = np.abs(np.diff(seen[k], axis=0))
-            if len(within) == NEAR:
+            if len(looked_at) == NEAR:
                 beside = np.array([moved[0] - STEADY * moved[1], moved[-1] - STEADY * moved[-2]])
             else:
                 beside = np.where(moved.max(0) > SHARP * moved.sum(0), moved.max(0), 0.0)[None]
@@ -162,26 +171,22 @@ def _parts(k: int, run: Vector, distance: Vector) -> int:
     return int(np.clip(np.ceil(MISTIMED * late * PARTS), CLOSEST, PARTS))
 
 
-def _offsets(parts: int) -> list[int]:
+def _offsets(parts: int, length: int) -> list[int]:
     """Where to look within a step: close to its ends, or evenly where nothing tells how close."""
-    if parts <= FARTHEST:
-        return [parts, 2 * parts, PARTS - 2 * parts, PARTS - parts]
-    return [FARTHEST * place for place in range(1, PARTS // FARTHEST)]
+    if parts <= length * FARTHEST // PARTS:
+        return [parts, 2 * parts, length - 2 * parts, length - parts]
+    return [length * k // EVENLY for k in range(1, EVENLY)]
 
 
 def _seen_within(
-    setting: Setting, loop: RecordedLoop, points: int, offsets: dict[int, list[int]]
+    setting: Setting, loop: RecordedLoop, points: int, last: int, rows: dict[int, list[int]]
 ) -> dict[int, Vector]:
-    """Outputs at the start of each of these steps, within it and at its end."""
+    """Outputs at the given rows of each step, or nothing where the loop fails."""
     clock = Clock(setting.stop, setting.step / PARTS, adaptive=False)
     log, nobody = setting.log(loop), struct(PAIR)
-    last = round(setting.stop / setting.step * PARTS)
-    rows: list[int] = [0]
-    for k in range(points - 1):
-        end = min((k + 1) * PARTS, last)
-        rows += [k * PARTS + o for o in offsets.get(k, []) if end == (k + 1) * PARTS]
-        rows.append(end)
-    for begin, end in pairwise(rows):
+    all_rows = [min(k * PARTS, last) for k in range(points)]
+    all_rows = sorted({*all_rows, *(row for within in rows.values() for row in within)})
+    for begin, end in pairwise(all_rows):
         clock.next_ticks(end - begin)
         why = library().master_march(
             loop.address, nobody.address, nobody.address, clock.address, log.address, 1
@@ -190,12 +195,7 @@ def _seen_within(
         if why != GOES_ON:
             return {}
     table = np.concatenate(loop.outputs)
-    place = {row: k for k, row in enumerate(rows)}
-    return {
-        k: table[place[k * PARTS] : place[(k + 1) * PARTS] + 1]
-        for k in offsets
-        if (k + 1) * PARTS in place
-    }
+    return {k: table[np.searchsorted(all_rows, within)] for k, within in rows.items()}
 
 
 def _close(*loops: RecordedLoop) -> None:
