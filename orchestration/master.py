@@ -156,8 +156,9 @@ def run_loop(
         return opened(True, False, averaged=False, other=other)
 
     setting = Setting(opened_again, march_on, reference, start, nominal, len(commands), stop, step)
-    follows = tangent and main.loop.answer is Answer.DIRECT
-    others = None if reversible or follows else opened_late
+    # a sampled command comes when it comes; one within the law follows all that moves
+    in_time = main.loop.answer is Answer.SAMPLED or (tangent and main.loop.answer is Answer.DIRECT)
+    others = None if reversible or in_time else opened_late
     return _looked_at_again(first, main, co_runs, setting, others)
 
 

@@ -178,10 +178,10 @@ def second_verdict(
         side.
     """
     names = list(first.error_estimate)
-    rest = STEP_RATIO_ERROR * np.abs(half - quarter)
-    if delayed is not None:
-        rest = np.maximum(rest, np.abs(delayed - quarter))
-    error = np.abs(run - quarter) + rest + around
+    error = np.abs(run - quarter) + STEP_RATIO_ERROR * np.abs(half - quarter)
+    if delayed is not None:  # the run's commands may be late by four times as much
+        error = np.maximum(error, 4 * np.abs(delayed - quarter))
+    error += around
     worst_error = error.max(axis=0)
     share = worst_error / scales(run)
     worst = int(np.argmax(share))

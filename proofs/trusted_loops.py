@@ -28,6 +28,8 @@ WRONG, RIGHT = 0.01, 0.01 / 3
 CONFIDENCE = 0.95
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "trusted_loops.json"
 
+_SHOWN = "wrong", "wrong_called_trusted", "right", "right_called_trusted"
+
 Row = dict[str, Any]
 
 
@@ -86,7 +88,9 @@ def _outcomes(
     for done, result in enumerate(pool.map(made, seeds, chunksize=10), start=1):
         rows.append(plain(result))
         if done % 50 == 0:
-            print(f"{kind}: {done} of {len(seeds)}", file=sys.stderr)
+            found = summary(rows)
+            counts = ", ".join(f"{k} {found[k]}" for k in _SHOWN)
+            print(f"{kind}: {done} of {len(seeds)}: {counts}", file=sys.stderr)
     return rows
 
 
@@ -102,8 +106,8 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with ProcessPoolExecutor() as pool:
         rows = {
-            "linear": _outcomes(pool, linear_loops.outcome, "linear", linear),
             "nonlinear": _outcomes(pool, nonlinear_loops.outcome, "nonlinear", nonlinear),
+            "linear": _outcomes(pool, linear_loops.outcome, "linear", linear),
         }
     report = {
         **provenance("trusted_loops"),

@@ -41,7 +41,7 @@ def test_wrong_results_of_loops_that_stick_hit_switch_or_sample_are_not_trusted(
 def test_a_jump_that_all_runs_have_on_the_same_wrong_side_is_seen():
     """The velocity at one communication point is that before the impact, and the truth's is not;
     a plain run, a corrected one and two with finer steps all agree."""
-    o = nonlinear_loops.outcome(DECEIVING)
+    o = nonlinear_loops.outcome(45)
     assert o.error > WRONG
     assert not o.trusted
 
