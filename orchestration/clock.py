@@ -44,6 +44,10 @@ class Clock:
         """Its length [s]: a multiple of the tick, but for a last, shorter one."""
         return float(library().clock_step_to_come(self.address))
 
+    def next_ticks(self, count: int) -> None:
+        """Make the next step of a clock that is not adaptive so many of its ticks long."""
+        self._whole.set(stride=count)
+
     @property
     def used(self) -> tuple[float, float]:
         """Shortest and longest step so far [s]."""

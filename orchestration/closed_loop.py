@@ -102,9 +102,9 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
     """
     notes: tuple[str, ...] = ()
 
-    def run_at(step: float) -> LoopRun:
+    def run_at(step: float, look_again: bool = True) -> LoopRun:
         nonlocal notes
-        run, notes = _run_once(replace(study, step=step), progress)
+        run, notes = _run_once(replace(study, step=step), progress, look_again)
         return run
 
     first = min(FIRST, study.stop)
@@ -128,7 +128,9 @@ def _own_step(study: Study) -> float:
         return 0.0 if about.steps_vary else about.step_size or 0.0
 
 
-def _run_once(study: Study, progress: Progress | None) -> tuple[LoopRun, tuple[str, ...]]:
+def _run_once(
+    study: Study, progress: Progress | None, look_again: bool
+) -> tuple[LoopRun, tuple[str, ...]]:
     """A run with the study's step, and notes on it."""
     assert study.step is not None
     if study.coupling is Coupling.MONOLITHIC:
@@ -160,6 +162,7 @@ def _run_once(study: Study, progress: Progress | None) -> tuple[LoopRun, tuple[s
             mapping=study.mapping,
             wiring=wiring,
             progress=progress,
+            look_again=look_again,
         )
         limits = study.plant_values or {}
         notes += amplifier_notes(run, plant.parameters, limits, "--limit-voltage ")

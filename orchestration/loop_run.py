@@ -139,13 +139,21 @@ class RunLog:
         Of the plant: at the start, and nominal values.
     m : int
         Number of commands.
+    keeps_commands : bool
+        Whether the commands at the end of each step are asked for and kept.
     """
 
     def __init__(
-        self, reference: Reference, width: int, outputs: Vector, nominal: Vector, m: int
+        self,
+        reference: Reference,
+        width: int,
+        outputs: Vector,
+        nominal: Vector,
+        m: int,
+        keeps_commands: bool = True,
     ) -> None:
         self._whole = struct(COURSE)
-        self._rows = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m))
+        self._rows = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m * keeps_commands))
         self.nominal = nominal
         self.residual, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
         self._whole.set(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -26,8 +26,9 @@ from .coupling import Answer, Coupling, Loop
 from .fmu_instance import Instance
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
 from .reference_signal import Reference
+from .second_look import Setting, around_jumps, delayed, finer, jumps
 from .structs import struct
-from .verdict import Verdict, verdict_of
+from .verdict import Verdict, asks_again, second_verdict, verdict_of
 from .wiring import PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
@@ -52,6 +53,7 @@ def run_loop(
     mapping: Mapping[str, str] | None = None,
     wiring: Wiring | None = None,
     progress: Progress | None = None,
+    look_again: bool = True,
 ) -> LoopRun:
     """Run a closed loop of two FMU instances.
 
@@ -77,6 +79,8 @@ def run_loop(
         `mapping` only names the results.
     progress : function, optional
         Called with the present time now and then.
+    look_again : bool
+        Whether a verdict that is not clear is looked at again, by runs of finer steps.
 
     Returns
     -------
@@ -115,7 +119,14 @@ def run_loop(
         for co_run in co_runs:
             co_run.close()
     ended = _Ended(main, co_runs, course, time, why, not missing)
-    return _concluded(ended, names, commands, chosen, reason)
+    first = _concluded(ended, names, commands, chosen, reason)
+    if not look_again or adaptive or why.reason or any(pair.failure for pair in co_runs):
+        return first
+    setting = Setting(
+        lambda cut: parts.loop(not missing, averaged=tangent or not missing, cut=cut),
+        *(march_on, reference, start, nominal, len(commands), stop, step),
+    )
+    return _looked_at_again(first, ended, setting, parts.late(main, bool(missing)))
 
 
 @dataclass(frozen=True)
@@ -131,7 +142,12 @@ class _Parts:
     coupling: Coupling
 
     def loop(
-        self, corrected: bool, averaged: bool, cut: int = 1, fresh: bool = True
+        self,
+        corrected: bool,
+        averaged: bool,
+        cut: int = 1,
+        fresh: bool = True,
+        other: Coupling | None = None,
     ) -> RecordedLoop:
         """A loop at its start, of instances of its own if `fresh`; `cut` as in `PAIR`."""
         p, c = self.plant, self.controller
@@ -141,7 +157,9 @@ class _Parts:
         c.initialize(self.values[1], self.stop)
         whole = struct(PAIR)
         part = whole.part("loop")
-        loop = Loop(p, c, self.wiring, self.coupling, corrected, averaged, self.start, part)
+        loop = Loop(
+            p, c, self.wiring, other or self.coupling, corrected, averaged, self.start, part
+        )
         return RecordedLoop(whole, loop, cut)
 
     def co_runs(self, corrected: bool, reversible: bool) -> list[RecordedLoop]:
@@ -150,6 +168,18 @@ class _Parts:
         if reversible:
             return [self.loop(not corrected, averaged=not tangent)]
         return [self.loop(False, averaged=tangent, cut=cut) for cut in (2, 4)]
+
+    def late(self, main: RecordedLoop, blind: bool) -> Callable[[], RecordedLoop] | None:
+        """A loop whose commands come at other times; None where that tells nothing."""
+        tangent = self.coupling is Coupling.INTERFACE_JACOBIAN
+        answer = main.loop.answer
+        # a sampled command comes when it comes; one within the law follows all that moves
+        in_time = answer is Answer.SAMPLED or (tangent and answer is Answer.DIRECT)
+        if in_time or not blind:
+            return None
+        late = self.coupling is Coupling.JACOBI
+        other = Coupling.GAUSS_SEIDEL if late else Coupling.JACOBI
+        return lambda: self.loop(False, averaged=False, other=other)
 
 
 def _names(
@@ -175,6 +205,27 @@ def _corrects(wanted: int | None, adaptive: bool, tangent: bool, missing: str) -
     if adaptive and missing:
         raise CouplingError(f"adaptive steps need {missing}")
     return (tangent and not missing) if wanted is None else bool(wanted)
+
+
+def _looked_at_again(
+    first: LoopRun,
+    ended: _Ended,
+    setting: Setting,
+    opened_late: Callable[[], RecordedLoop] | None,
+) -> LoopRun:
+    """The run with the verdict of a second look, where the first left it open."""
+    outputs, *others = (np.concatenate(pair.outputs) for pair in (ended.main, *ended.co_runs))
+    blind = len(others) > 1 or bool(jumps(outputs).any())
+    if not asks_again(first.verdict, outputs, others[0], _safety(ended.main.loop), blind):
+        return first
+    found = (others[0], others[1]) if len(others) > 1 else finer(setting, first.time)
+    if found is None:
+        return first
+    half, quarter = found
+    late = delayed(setting, first.time, opened_late()) if opened_late else None
+    around = around_jumps(setting, outputs, np.abs(outputs - quarter) + np.abs(half - quarter))
+    verdict = second_verdict(first.verdict, outputs, half, quarter, late, around)
+    return replace(first, verdict=verdict)
 
 
 def _choose(
@@ -315,7 +366,7 @@ class _Ended:
             others[0],
             contraction,
             smaller,
-            safety=1.0 if loop.corrected and loop.averaged else 2.0,
+            safety=_safety(loop),
             failure=self.why.reason or next((p.failure for p in self.co_runs if p.failure), ""),
             advice=self.why.advice,
         )
@@ -344,6 +395,11 @@ def _concluded(
         verdict=ended.verdict(names, coupling),
         stopped=ended.why.reason,
     )
+
+
+def _safety(loop: Loop) -> float:
+    """Factor on the first estimate: whether the run is the better of the two."""
+    return 1.0 if loop.corrected and loop.averaged else 2.0
 
 
 def _grid_contraction(coarse: Vector, half: Vector, quarter: Vector) -> float:

@@ -2,7 +2,8 @@
 
 Each run has a verdict of its own, from its co-run. Where that is not enough, runs of one after the
 other step judge: where a halving moves the outputs by a share q < 0.7 of what the halving before
-moved them, what is still to come adds up to q / (1 - q) of the last difference.
+moved them, what is still to come adds up to q / (1 - q) of the last difference. Where outputs jump, that
+says too little, and the last run is looked at again, see `second_look`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from time import monotonic
 import numpy as np
 
 from .loop_run import UNBOUNDED, LoopRun
+from .second_look import jumps
 from .verdict import ACCURACY, Verdict
 
 FIRST = 1e-3  # s
@@ -41,13 +43,13 @@ class StepChoice:
 
 
 def choose_step(
-    run_at: Callable[[float], LoopRun], first: float = FIRST
+    run_at: Callable[[float, bool], LoopRun], first: float = FIRST
 ) -> tuple[LoopRun, StepChoice]:
     """Run with shorter and shorter steps until a run can be trusted.
 
     Parameters
     ----------
-    run_at : function of a step [s]
+    run_at : function of a step [s], and of whether the run is looked at again by finer ones
     first : float
         The longest step to try [s].
 
@@ -62,13 +64,16 @@ def choose_step(
     tried: list[tuple[float, str]] = []
     while True:
         start = monotonic()
-        run = run_at(step)
+        run = run_at(step, False)
         seconds = monotonic() - start
         if not run.verdict.trusted and before is not None:
             apart = _differences(before, run)
             moved, worst = max((share, name) for name, (_, share) in apart.items())
             verdict = _judged_by_halving(run, apart, moved, worst, moved_before, step)
-            run = replace(run, verdict=verdict)
+            if verdict.trusted and jumps(np.column_stack(list(run.outputs.values()))).any():
+                run = run_at(step, True)
+            else:
+                run = replace(run, verdict=verdict)
         else:
             moved = np.inf
         tried.append((step, run.verdict.word))

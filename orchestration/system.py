@@ -112,7 +112,7 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
         loop = _loop(system, fmus, study)
         reference = study.reference or Reference.constant(loop.set_point(system, values, fmus))
 
-        def run_at(step: float) -> LoopRun:
+        def run_at(step: float, look_again: bool = True) -> LoopRun:
             return run_loop(
                 loop.plant,
                 loop.controller,
@@ -129,6 +129,7 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
                 mapping=loop.names,
                 wiring=loop.wiring,
                 progress=progress,
+                look_again=look_again,
             )
 
         first, choice = min(FIRST, stop), None

@@ -6,6 +6,10 @@ step in different ways. What the two differ by is the effect of the coupling res
 loop itself carries along; divided by one less the measured contraction of the correction it
 estimates the error. Where states cannot be saved, co-runs with a half and a quarter of the step do.
 
+Where this says neither clearly yes nor hopelessly no, or an output jumps, there is a second look:
+corrected co-runs with a half and a quarter of the step, and the outputs close before and after the
+communication points beside each jump (`second_look.py`).
+
 The verdict follows from these numbers alone, never from who is coupled how.
 """
 
@@ -22,6 +26,14 @@ ACCURACY = 0.01
 """Largest share of an output's range that its estimated error may be."""
 WORST_CONTRACTION = 0.5
 """Correcting must at least halve the residual, or its effect says little about the error."""
+CLEAR = 0.1
+"""Share of what is allowed, below which the first estimate is enough: it is of one other run, whose
+error may lie on the same side, as where both switch a relay late."""
+HOPELESS, OFTEN = 10.0, 0.1
+"""Times what is allowed, in that share of all steps, from which on nobody looks again."""
+STEP_RATIO_ERROR = 2.0
+"""What the run with a quarter of the step may be off by: twice what it differs by from that with a
+half. Of a coupling of first order that is double its error."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +94,11 @@ def verdict_of(
         What to do about the failure.
     """
     rows = min(len(run), len(co_run))
-    scale = _scales(run[:rows])
+    scale = scales(run[:rows])
     amplification = 1 / (1 - min(contraction, 0.999)) if np.isfinite(contraction) else 1.0
     with np.errstate(invalid="ignore", over="ignore"):
         difference = np.abs(run[:rows] - co_run[:rows]).max(axis=0) * amplification
-    share = np.where(scale > 0, difference / np.where(scale > 0, scale, 1), 0.0)
+    share = difference / scale
     estimate = dict(zip(names, difference.tolist(), strict=True))
     worst = int(np.argmax(np.where(np.isfinite(share), share, np.inf)))
     if failure:
@@ -119,8 +131,72 @@ def verdict_of(
     )
 
 
-def _scales(run: Vector) -> Vector:
+def asks_again(verdict: Verdict, run: Vector, co_run: Vector, safety: float, blind: bool) -> bool:
+    """Whether the first estimate leaves it open if a run is right.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        The first one, on a run that no part of failed.
+    run, co_run : ndarray, shape (k, n)
+    safety : float
+        As in `verdict_of`.
+    blind : bool
+        Whether both may be wrong in the same way: an output jumps, and may do so on the same wrong
+        side of a step's end; or nothing is corrected, and a relay switches late in both.
+    """
+    share = np.abs(run - co_run) / scales(run)
+    if not np.isfinite(share).all():
+        return False
+    estimate = np.array(list(verdict.error_estimate.values())) / scales(run)
+    clear = verdict.trusted and safety * estimate.max() <= CLEAR * ACCURACY
+    hopeless = np.mean(share.max(axis=1) > HOPELESS * ACCURACY) > OFTEN
+    return bool((blind or not clear) and not hopeless)
+
+
+def second_verdict(
+    first: Verdict,
+    run: Vector,
+    half: Vector,
+    quarter: Vector,
+    delayed: Vector | None,
+    around: Vector,
+) -> Verdict:
+    """The verdict from co-runs with a half and a quarter of the step.
+
+    Parameters
+    ----------
+    first : Verdict
+        The one that left it open.
+    run, half, quarter : ndarray, shape (k, n)
+        Outputs at the run's communication points.
+    delayed : ndarray, shape (k, n), or None
+        With a quarter of the step, too, and commands that come one such step sooner or later;
+        where nothing is corrected.
+    around : ndarray, shape (k, n)
+        How much of a jump is so close to the communication point that it may belong on its other
+        side.
+    """
+    names = list(first.error_estimate)
+    error = np.abs(run - quarter) + STEP_RATIO_ERROR * np.abs(half - quarter)
+    if delayed is not None:  # the run's commands may be late by four times as much
+        error = np.maximum(error, 4 * np.abs(delayed - quarter))
+    error += around
+    worst_error = error.max(axis=0)
+    share = worst_error / scales(run)
+    worst = int(np.argmax(share))
+    estimate = dict(zip(names, worst_error.tolist(), strict=True))
+    found = f"{names[worst]} by {worst_error[worst]:.3g}, {100 * share[worst]:.3g} % of its range"
+    by = "by co-runs with a half and a quarter of the step"
+    if not share[worst] <= ACCURACY:
+        reason = f"the coupling may have moved {found}, {by}; {100 * ACCURACY:g} % is allowed"
+        return Verdict(False, reason, first.advice, estimate, first.contraction)
+    reason = f"the coupling moved no output further than {found}, {by}"
+    return Verdict(True, reason, "", estimate, first.contraction)
+
+
+def scales(run: Vector) -> Vector:
     """Range of each output; one that hardly moves is measured by its size and round-off."""
     span = run.max(axis=0) - run.min(axis=0)
     floor: Vector = np.maximum(span, 1e-6 * np.abs(run).max(axis=0))
-    return floor
+    return np.where(floor > 0, floor, 1.0)

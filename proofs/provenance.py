@@ -20,7 +20,10 @@ PAGE = FOLDER / "README.md"
 LOOP = ("solver", "plant", "controllers", "fmus", "orchestration")
 ESTIMATED = ("records", "identification")
 DEPENDS_ON = {
-    "trusted_loops": ("orchestration", "proofs/linear_loops.py"),
+    "trusted_loops": (
+        *("orchestration", "solver", "plant/classical.py", "plant/lugre.py"),
+        *("fmus/feedback_law.py", "proofs/linear_loops.py", "proofs/nonlinear_loops.py"),
+    ),
     "fuzz": ("ballscrew", *LOOP, "proofs/mutations.py", "proofs/fuzz.py"),
     "identification": (
         "solver",
@@ -50,7 +53,7 @@ DEPENDS_ON = {
     ),
 }
 SHOWS = {
-    "trusted_loops": "random linear loops: no wrong result is called trusted",
+    "trusted_loops": "random loops, linear and not: no wrong result is called trusted",
     "fuzz": "damaged and hostile files: one line and an exit code, nothing else",
     "identification": "intervals of identified parameters hold the truth",
     "criteria": "the features of made-up friction laws are found",

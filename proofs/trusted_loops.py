@@ -1,77 +1,126 @@
-"""Proof: over a thousand random stiff loops, no wrong result is called trusted.
+"""Proof: over random loops, stiff and linear or not linear, no wrong result is called trusted.
 
 Writes ``docs/proof/trusted_loops.json``: provenance, seeds and every outcome. A result is wrong
-where some output is off by more than a percent of its range against the exact solution.
+where some output is off by more than a percent of its range, and right where none is off by more
+than a third of that, against the exact solution or the whole in one solver. A loop on which two
+such solutions differ by a hundredth of a percent is left out, and counted: its truth is not known.
+
+The verdict's constants were chosen on linear seeds below 6000 and nonlinear seeds below 1000.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
-from linear_loops import Outcome, outcome
+import linear_loops
+import nonlinear_loops
 from provenance import provenance
 from scipy.stats import binomtest
 
-WRONG = 0.01
+WRONG, RIGHT = 0.01, 0.01 / 3
+CONFIDENCE = 0.95
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "trusted_loops.json"
 
+_SHOWN = "wrong", "wrong_called_trusted", "right", "right_called_trusted"
 
-def upper_bound(failures: int, trials: int) -> float:
-    """Wilson's upper bound of a rate, one-sided, 95 %."""
-    test = binomtest(failures, trials, alternative="less")
-    return float(test.proportion_ci(0.95, method="wilson").high)
+Row = dict[str, Any]
 
 
-def summary(outcomes: list[Outcome]) -> dict[str, object]:
-    """Counts of right and wrong results, trusted and not."""
-    wrong = [o for o in outcomes if o.error > WRONG]
-    right = [o for o in outcomes if o.error <= WRONG]
-    deceived = [o.seed for o in wrong if o.trusted]
+def upper_bound(found: int, trials: int) -> float:
+    """Clopper and Pearson's upper bound of a rate, one-sided."""
+    return float(binomtest(found, trials, alternative="less").proportion_ci(CONFIDENCE).high)
+
+
+def lower_bound(found: int, trials: int) -> float:
+    """Their lower bound."""
+    return 1.0 - upper_bound(trials - found, trials)
+
+
+def summary(rows: Sequence[Row]) -> Row:
+    """Counts of right and wrong results, trusted and not, with bounds of their rates."""
+    known = [r for r in rows if (r.get("doubt") or 0.0) <= nonlinear_loops.KNOWN * WRONG]
+    wrong = [r for r in known if r["error"] is None or r["error"] > WRONG]
+    right = [r for r in known if r["error"] is not None and r["error"] <= RIGHT]
+    deceived = [r["seed"] for r in wrong if r["trusted"]]
+    trusted = sum(r["trusted"] for r in right)
     return {
-        "loops": len(outcomes),
+        "loops": len(rows),
+        "truth_not_known": len(rows) - len(known),
         "wrong": len(wrong),
         "wrong_called_trusted": deceived,
-        "wrong_called_trusted_rate_upper_95": upper_bound(len(deceived), len(wrong)),
+        "of_wrong_upper_95": upper_bound(len(deceived), len(wrong)),
+        "of_all_upper_95": upper_bound(len(deceived), len(known)),
         "right": len(right),
-        "right_called_trusted": sum(o.trusted for o in right),
-        "far_right": sum(o.error <= WRONG / 3 for o in right),
-        "far_right_called_trusted": sum(o.trusted for o in right if o.error <= WRONG / 3),
+        "right_called_trusted": trusted,
+        "right_called_trusted_rate": trusted / len(right) if right else None,
+        "right_called_trusted_lower_95": lower_bound(trusted, len(right)) if right else None,
+        "between": len(known) - len(wrong) - len(right),
     }
+
+
+def summaries(linear: Sequence[Row], nonlinear: Sequence[Row]) -> dict[str, Row]:
+    """Of all linear loops, of all others, and of each family of these."""
+    families = {f: [r for r in nonlinear if r["family"] == f] for f in nonlinear_loops.FAMILIES}
+    groups = {"linear": linear, "nonlinear": nonlinear, **families}
+    return {name: summary(rows) for name, rows in groups.items()}
+
+
+def plain(o: linear_loops.Outcome | nonlinear_loops.Outcome) -> Row:
+    """An outcome as JSON has it: no reason, and nothing for what is not finite."""
+    row = asdict(o)
+    del row["reason"]
+    return {k: (None if isinstance(v, float) and v - v != 0 else v) for k, v in row.items()}
+
+
+def _outcomes(
+    pool: ProcessPoolExecutor, made: Callable[[int], Any], kind: str, seeds: range
+) -> list[Row]:
+    rows = []
+    for done, result in enumerate(pool.map(made, seeds, chunksize=10), start=1):
+        rows.append(plain(result))
+        if done % 50 == 0:
+            found = summary(rows)
+            counts = ", ".join(f"{k} {found[k]}" for k in _SHOWN)
+            print(f"{kind}: {done} of {len(seeds)}: {counts}", file=sys.stderr)
+    return rows
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--loops", type=int, default=1000)
-    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--linear", type=int, default=1000, help="loops")
+    parser.add_argument("--nonlinear", type=int, default=400, help="loops, a quarter each family")
+    parser.add_argument("--first", type=int, default=30_000, help="first seed of either")
     options = parser.parse_args()
-    seeds = range(options.first, options.first + options.loops)
-    outcomes = []
+    linear, nonlinear = (
+        range(options.first, options.first + count) for count in (options.linear, options.nonlinear)
+    )
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with ProcessPoolExecutor() as pool:
-        for done, result in enumerate(pool.map(outcome, seeds, chunksize=10), start=1):
-            outcomes.append(result)
-            if done % 50 == 0:
-                print(f"{done} of {options.loops}", file=sys.stderr)
+        rows = {
+            "nonlinear": _outcomes(pool, nonlinear_loops.outcome, "nonlinear", nonlinear),
+            "linear": _outcomes(pool, linear_loops.outcome, "linear", linear),
+        }
     report = {
         **provenance("trusted_loops"),
-        "seeds": [seeds.start, seeds.stop],
-        "summary": summary(outcomes),
-        "outcomes": [_plain(o) for o in outcomes],
+        "seeds": {
+            "linear": [linear.start, linear.stop],
+            "nonlinear": [nonlinear.start, nonlinear.stop],
+        },
+        "summary": summaries(**rows),
+        "outcomes": rows,
     }
     TARGET.parent.mkdir(parents=True, exist_ok=True)
     TARGET.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(report["summary"], indent=2))
-    return 1 if summary(outcomes)["wrong_called_trusted"] else 0
-
-
-def _plain(o: Outcome) -> dict[str, object]:
-    row = asdict(o)
-    del row["reason"]
-    return {k: (None if isinstance(v, float) and v - v != 0 else v) for k, v in row.items()}
+    return 1 if any(s["wrong_called_trusted"] for s in report["summary"].values()) else 0
 
 
 if __name__ == "__main__":

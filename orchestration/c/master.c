@@ -189,7 +189,8 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
         const double following = clock_done(clock) ? h : clock_step_to_come(clock);
         const int64_t row = main->rows;
         double *const commands = course->commands.at + row * m;
-        if (!command_now(loop, end, following, after, clock_done(clock), commands)) {
+        if (course->commands.size && /* a step of another length may follow where none are kept */
+            !command_now(loop, end, following, after, clock_done(clock), commands)) {
             release_both(loop, CORRECTION);
             release_both(loop, PROBE);
             why = COMMAND_FAILED;

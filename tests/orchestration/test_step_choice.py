@@ -41,7 +41,7 @@ def made_up(step: float, values: np.ndarray, trusted: bool, stopped: str = "") -
 def with_error(error):
     """Runs of x = t whose error is a function of the step, and no verdict of their own."""
 
-    def run_at(step: float) -> LoopRun:
+    def run_at(step: float, _again: bool) -> LoopRun:
         time = np.linspace(0.0, 1.0, 11)
         return made_up(step, time + error(step) * time, False)
 
@@ -49,7 +49,7 @@ def with_error(error):
 
 
 def test_a_run_that_is_trusted_at_once_is_taken() -> None:
-    run, choice = choose_step(lambda h: made_up(h, np.arange(3.0), True))
+    run, choice = choose_step(lambda h, _again: made_up(h, np.arange(3.0), True))
     assert run.verdict.trusted
     assert choice.step == 1e-3
     assert choice.tried == ((1e-3, "trusted"),)
@@ -76,7 +76,9 @@ def test_differences_that_are_small_but_do_not_shrink_are_not_trusted() -> None:
 
 def test_runs_that_end_at_the_same_time_are_not_refined_on() -> None:
     run, choice = choose_step(
-        lambda h: made_up(h, np.arange(3.0), False, "the loop diverges: x leaves every bound")
+        lambda h, _again: made_up(
+            h, np.arange(3.0), False, "the loop diverges: x leaves every bound"
+        )
     )
     assert not run.verdict.trusted
     assert len(choice.tried) == 2
@@ -108,3 +110,16 @@ def test_the_command_says_which_step_was_taken_and_why(tmp_path, capsys) -> None
     assert figures["steps_tried"][-1][1] == "trusted"
     assert main([*arguments, "--step", "1e-3"]) == 1
     assert json.loads((out / "metrics.json").read_text())["step_reason"] == "as asked"
+
+
+def test_halvings_of_what_jumps_are_looked_at_again() -> None:
+    asked = []
+
+    def run_at(step: float, again: bool) -> LoopRun:
+        asked.append((step, again))
+        values = np.linspace(0.0, 1.0, 11) * (1 + 0.2 * step / 1e-3) + (np.arange(11) > 5)
+        return made_up(step, values, False)
+
+    choose_step(run_at)
+    assert asked[0] == (1e-3, False)
+    assert any(again for _, again in asked)

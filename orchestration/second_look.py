@@ -1,0 +1,204 @@
+"""A second look at a run: finer co-runs, and what the outputs are close to its jumps.
+
+An output that jumps, as a velocity at an impact, has a wrong value at a communication point that
+lies between the true jump and the run's, however close these are; and other runs may jump on the
+same side. How far in time the jumps of two runs can be apart is measured: by the distance between
+the runs just before, over the speed at which the outputs move there. Where a jump is closer than
+that to a communication point, the output there is not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from .clock import Clock
+from .compiled import GOES_ON, PAIR, library
+from .loop_run import RecordedLoop, RunLog
+from .reference_signal import Reference
+from .structs import struct
+from .verdict import ACCURACY, scales
+
+Vector = npt.NDArray[np.float64]
+March = Callable[[RecordedLoop, list[RecordedLoop], Clock, RunLog, Vector], object]
+
+PARTS = 4096  # of a step, in which times close to a jump are told
+MISTIMED = 3.0  # times the measured distance in time of two runs' jumps
+CLOSEST, FARTHEST = 2, PARTS // 8  # parts; jumps known no better than an eighth of a step: unknown
+SLOWEST = 0.1  # of the fastest output's speed: what is slower does not tell times
+EVENLY = 8  # parts of a step whose jump is known no better than that
+NEAR = 6  # places in any other, its ends among them
+STEADY = 2.0  # times what an output moves next to a place: the most that is no jump at it
+SHARP = 0.6  # of what an output moves in a step, in an eighth of it, from which on it is a jump
+BENT = 0.5  # of a change: difference to that of a step beside it, from which on it is a jump
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How the loop of a run is opened again.
+
+    Attributes
+    ----------
+    opened : function
+        A fresh loop, corrected where it can be, each of its steps in so many parts.
+    march : function
+        `master.march_on`.
+    reference : Reference
+    start : ndarray
+        Set-points at the start.
+    nominal : ndarray
+        Of the plant's outputs.
+    commands : int
+        Number of them.
+    stop, step : float
+        [s]
+    """
+
+    opened: Callable[[int], RecordedLoop]
+    march: March
+    reference: Reference
+    start: Vector
+    nominal: Vector
+    commands: int
+    stop: float
+    step: float
+
+    def log(self, loop: RecordedLoop) -> RunLog:
+        """A log that keeps no commands."""
+        width, outputs = len(self.start), loop.loop.outputs
+        return RunLog(self.reference, width, outputs, self.nominal, self.commands, False)
+
+
+def jumps(run: Vector) -> npt.NDArray[np.bool_]:
+    """Steps in which an output changes by more than the tolerance, and not as beside them."""
+    change = np.diff(run, axis=0) / scales(run)
+    bend = np.abs(np.diff(change, axis=0))
+    beside = np.zeros_like(change)
+    beside[1:] = bend
+    beside[:-1] = np.maximum(beside[:-1], bend)
+    size = np.abs(change)
+    return np.asarray(((size > ACCURACY) & (beside > BENT * size)).any(axis=1))
+
+
+def finer(setting: Setting, times: Vector) -> tuple[Vector, Vector] | None:
+    """Outputs at the run's times with a half and a quarter of its step; None where these fail."""
+    half, quarter = setting.opened(1), setting.opened(2)
+    tables = _marched(setting, times, setting.step / 2, half, quarter)
+    return None if tables is None else (tables[0], tables[1])
+
+
+def delayed(setting: Setting, times: Vector, loop: RecordedLoop) -> Vector | None:
+    """Outputs at the run's times of another loop with a quarter of its step; None if it fails."""
+    tables = _marched(setting, times, setting.step / 4, loop)
+    return None if tables is None else tables[0]
+
+
+def _marched(
+    setting: Setting, times: Vector, step: float, loop: RecordedLoop, *others: RecordedLoop
+) -> list[Vector] | None:
+    try:
+        log = setting.log(loop)
+        clock = Clock(setting.stop, step, adaptive=False)
+        setting.march(loop, [*others], clock, log, setting.start)
+    finally:
+        _close(loop, *others)
+    tables = [np.concatenate(pair.outputs) for pair in (loop, *others)]
+    rows = np.searchsorted(np.concatenate(log.times), times - 1e-6 * setting.step)
+    if min(map(len, tables)) <= rows[-1]:
+        return None
+    return [table[rows] for table in tables]
+
+
+def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
+    """How much of each output's jump may belong on the other side of a communication point.
+
+    Parameters
+    ----------
+    run : ndarray, shape (k, n)
+        Outputs at the communication points.
+    distance : ndarray, shape (k, n)
+        How far the run may be from the truth there.
+
+    Returns
+    -------
+    ndarray, shape (k, n)
+    """
+    around = np.zeros_like(run)
+    found = np.flatnonzero(jumps(run)).tolist()
+    if not found:
+        return around
+    last = round(setting.stop / setting.step * PARTS)
+    rows = {}
+    for k in found:
+        start, end = k * PARTS, min((k + 1) * PARTS, last)
+        rows[k] = [
+            start,
+            *(start + o for o in _offsets(_parts(k, run, distance), end - start)),
+            end,
+        ]
+    loop = setting.opened(1)
+    try:
+        seen = _seen_within(setting, loop, len(run), last, rows)
+    finally:
+        _close(loop)
+    for k, looked_at in rows.items():
+        if k not in seen:
+            beside = np.abs(run[k + 1] - run[k])[None]
+        else:
+            moved = np.abs(np.diff(seen[k], axis=0))
+            if len(looked_at) == NEAR:
+                beside = np.array([moved[0] - STEADY * moved[1], moved[-1] - STEADY * moved[-2]])
+            else:
+                beside = np.where(moved.max(0) > SHARP * moved.sum(0), moved.max(0), 0.0)[None]
+        around[k : k + 2] = np.maximum(around[k : k + 2], beside)
+    return around
+
+
+def _parts(k: int, run: Vector, distance: Vector) -> int:
+    """How far from a communication point step `k` may have its jump on the wrong side of it."""
+    if k == 0:
+        return CLOSEST
+    scale = scales(run)
+    speed = np.abs(run[k] - run[k - 1]) / scale
+    fastest = speed.max()
+    if not fastest > 0:
+        return CLOSEST if not distance[k].any() else PARTS
+    late = np.max(distance[k] / scale / np.maximum(speed, SLOWEST * fastest))
+    return int(np.clip(np.ceil(MISTIMED * late * PARTS), CLOSEST, PARTS))
+
+
+def _offsets(parts: int, length: int) -> list[int]:
+    """Where to look within a step: close to its ends, or evenly where nothing tells how close."""
+    if parts <= length * FARTHEST // PARTS:
+        return [parts, 2 * parts, length - 2 * parts, length - parts]
+    return [length * k // EVENLY for k in range(1, EVENLY)]
+
+
+def _seen_within(
+    setting: Setting, loop: RecordedLoop, points: int, last: int, rows: dict[int, list[int]]
+) -> dict[int, Vector]:
+    """Outputs at the given rows of each step, or nothing where the loop fails."""
+    clock = Clock(setting.stop, setting.step / PARTS, adaptive=False)
+    log, nobody = setting.log(loop), struct(PAIR)
+    all_rows = [min(k * PARTS, last) for k in range(points)]
+    all_rows = sorted({*all_rows, *(row for within in rows.values() for row in within)})
+    for begin, end in pairwise(all_rows):
+        clock.next_ticks(end - begin)
+        why = library().master_march(
+            loop.address, nobody.address, nobody.address, clock.address, log.address, 1
+        )
+        loop.collect()
+        if why != GOES_ON:
+            return {}
+    table = np.concatenate(loop.outputs)
+    return {k: table[np.searchsorted(all_rows, within)] for k, within in rows.items()}
+
+
+def _close(*loops: RecordedLoop) -> None:
+    for loop in loops:
+        loop.loop.plant.close()
+        loop.loop.controller.close()
