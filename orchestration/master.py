@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
@@ -26,9 +26,9 @@ from .coupling import Answer, Coupling, Loop
 from .fmu_instance import Instance
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
 from .reference_signal import Reference
-from .second_look import Setting, around_jumps, delayed, finer, jumps
+from .second_look import Setting, with_second_look
 from .structs import struct
-from .verdict import Verdict, asks_again, second_verdict, verdict_of
+from .verdict import Verdict, verdict_of
 from .wiring import PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
@@ -37,6 +37,7 @@ Progress = Callable[[float], None]
 LONGEST_WAIT = 0.05  # s, between them
 
 
+# Long: most of it says what each argument is.
 # Many arguments: what a run can be asked for, all but the first five by name.
 def run_loop(
     plant: Instance,
@@ -126,7 +127,9 @@ def run_loop(
         lambda cut: parts.loop(not missing, averaged=tangent or not missing, cut=cut),
         *(march_on, reference, start, nominal, len(commands), stop, step),
     )
-    return _looked_at_again(first, ended, setting, parts.late(main, bool(missing)))
+    outputs, *others = (np.concatenate(pair.outputs) for pair in (main, *co_runs))
+    late = parts.late(main, bool(missing))
+    return with_second_look(first, outputs, others, _safety(main.loop), setting, late)
 
 
 @dataclass(frozen=True)
@@ -205,27 +208,6 @@ def _corrects(wanted: int | None, adaptive: bool, tangent: bool, missing: str) -
     if adaptive and missing:
         raise CouplingError(f"adaptive steps need {missing}")
     return (tangent and not missing) if wanted is None else bool(wanted)
-
-
-def _looked_at_again(
-    first: LoopRun,
-    ended: _Ended,
-    setting: Setting,
-    opened_late: Callable[[], RecordedLoop] | None,
-) -> LoopRun:
-    """The run with the verdict of a second look, where the first left it open."""
-    outputs, *others = (np.concatenate(pair.outputs) for pair in (ended.main, *ended.co_runs))
-    blind = len(others) > 1 or bool(jumps(outputs).any())
-    if not asks_again(first.verdict, outputs, others[0], _safety(ended.main.loop), blind):
-        return first
-    found = (others[0], others[1]) if len(others) > 1 else finer(setting, first.time)
-    if found is None:
-        return first
-    half, quarter = found
-    late = delayed(setting, first.time, opened_late()) if opened_late else None
-    around = around_jumps(setting, outputs, np.abs(outputs - quarter) + np.abs(half - quarter))
-    verdict = second_verdict(first.verdict, outputs, half, quarter, late, around)
-    return replace(first, verdict=verdict)
 
 
 def _choose(

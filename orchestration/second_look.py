@@ -10,7 +10,7 @@ that to a communication point, the output there is not known.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,10 +18,10 @@ import numpy.typing as npt
 
 from .clock import Clock
 from .compiled import GOES_ON, PAIR, library
-from .loop_run import RecordedLoop, RunLog
+from .loop_run import LoopRun, RecordedLoop, RunLog
 from .reference_signal import Reference
 from .structs import struct
-from .verdict import ACCURACY, scales
+from .verdict import ACCURACY, asks_again, scales, second_verdict
 
 Vector = npt.NDArray[np.float64]
 March = Callable[[RecordedLoop, list[RecordedLoop], Clock, RunLog, Vector], object]
@@ -71,6 +71,28 @@ class Setting:
         """A log that keeps no commands."""
         width, outputs = len(self.start), loop.loop.outputs
         return RunLog(self.reference, width, outputs, self.nominal, self.commands, False)
+
+
+def with_second_look(
+    first: LoopRun,
+    outputs: Vector,
+    others: list[Vector],
+    safety: float,
+    setting: Setting,
+    opened_late: Callable[[], RecordedLoop] | None,
+) -> LoopRun:
+    """The run with the verdict of a second look, where the first left it open."""
+    blind = len(others) > 1 or bool(jumps(outputs).any())
+    if not asks_again(first.verdict, outputs, others[0], safety, blind):
+        return first
+    found = (others[0], others[1]) if len(others) > 1 else finer(setting, first.time)
+    if found is None:
+        return first
+    half, quarter = found
+    late = delayed(setting, first.time, opened_late()) if opened_late else None
+    around = around_jumps(setting, outputs, np.abs(outputs - quarter) + np.abs(half - quarter))
+    verdict = second_verdict(first.verdict, outputs, half, quarter, late, around)
+    return replace(first, verdict=verdict)
 
 
 def jumps(run: Vector) -> npt.NDArray[np.bool_]:

@@ -2,8 +2,8 @@
 
 Each run has a verdict of its own, from its co-run. Where that is not enough, runs of one after the
 other step judge: where a halving moves the outputs by a share q < 0.7 of what the halving before
-moved them, what is still to come adds up to q / (1 - q) of the last difference. Where outputs jump, that
-says too little, and the last run is looked at again, see `second_look`.
+moved them, what is still to come adds up to q / (1 - q) of the last difference. Where outputs jump,
+that says too little, and the last run is looked at again, see `second_look`.
 """
 
 from __future__ import annotations

@@ -97,6 +97,9 @@ class ModelInstance:
     def nominal(self, name: str) -> float:
         return 1.0
 
+    def is_real(self, name: str) -> bool:
+        return True
+
     def follows_at_once(self, name: str) -> bool:
         return not self.answers_in_step
 
