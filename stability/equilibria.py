@@ -68,7 +68,7 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
     # Over nominal magnitudes, so that a state's size does not depend on its unit.
     nominal = model.kernel.nominal
     linearize = _sample_map if model.sample_time else _rates
-    first, _ = linearize(model, time, model.x)
+    first, _ = linearize(model, time, model.x.copy())
     point = model.x.copy()
     for _ in range(_NEWTON):
         change, a = linearize(model, time, point)

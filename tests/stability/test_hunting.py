@@ -22,6 +22,7 @@ from ballscrew.solver.component import (
 from ballscrew.solver.held_states import with_held_states
 from ballscrew.solver.kernel import Model
 from ballscrew.stability.attractor import Attractor, Kind, classify_attractor
+from ballscrew.stability.equilibria import equilibrium_near
 from ballscrew.stability.loop_lyapunov import loop_maker
 
 KP, KI, KD = 20.0, 40.0, 6.0
@@ -151,3 +152,17 @@ def test_a_block_that_sticks_while_its_integral_fills_is_not_at_rest(
     model = loop_maker("plant_classical", "pid", 0.08, *given)(1e-7)
     found = classify_attractor(model, 0.0, 60.0, exponents=False, rounds=3)
     assert found.kind is Kind.CYCLE, found.evidence
+
+
+def test_a_sampled_integral_that_fills_is_a_drift() -> None:
+    """A block that sticks a millimetre from its goal: the integral, and the current, go on."""
+    given = {"Fc": 5.0, "Fs": 25.0}, {"Ki": 100.0, "Kp": 1.0, "Kd": 0.0}
+    model = loop_maker("plant_classical", "pid_sampled", 0.08, *given)(1e-8)
+    names = [s.name for s in model.kernel.states]
+    model.x[names.index("plant_x")] = model.x[names.index("controller_x_last")] = 0.081
+    found = equilibrium_near(model, 0.0)
+    assert found is not None
+    resistance = model.p[[p.name for p in model.kernel.parameters].index("plant_R")]
+    current = 100.0 * 1e-3 / resistance  # A/s, the fastest of all over its nominal value
+    nominal = model.kernel.nominal[names.index("plant_i")]
+    assert found.drift == pytest.approx(current / nominal, rel=1e-6)
