@@ -247,6 +247,11 @@ def test_a_feedback_law_knows_how_fast_a_delayed_signal_moves():
     assert y["u_rate"] == pytest.approx(-1.5)
 
 
+def test_the_documentation_shows_what_is_late_and_by_how_much():
+    rows = [row[0] for row in generate(LOOP).equations]
+    assert "<mi>heard</mi><mtext> after </mtext><mi>&#964;</mi>" in rows
+
+
 def test_tangents_over_fmus_are_refused_in_one_line():
     with pytest.raises(UnsupportedComponent, match=r"^late_loop has delays; only what moves"):
         variational(LOOP, 2)
