@@ -11,7 +11,8 @@ from ..fmus.catalogue import component
 from ..solver.codegen import generate
 from ..solver.component import Component, ContractError, symbol
 from ..solver.connect import connect
-from ..solver.kernel import IntegrationError, Kernel, Model
+from ..solver.delay_states import with_delay_states
+from ..solver.kernel import IntegrationError, Model, Trajectory
 from ..solver.tape import UnsupportedComponent
 from ..stability.attractor import classify_attractor
 
@@ -116,22 +117,28 @@ def closed_loop_effect(prior_model: Component, extended: Component) -> ClosedLoo
         raise NoClosedLoop(f"the solver gets no further: {error}") from error
 
 
-def _loop(plant: Component) -> Kernel:
+def _loop(plant: Component) -> Component:
     controller = component(CONTROLLER)
     # it may have ports for what it makes no use of, and not every plant has bristles or a current
     rates = [*controller.derivatives, *(o.value for o in controller.all_outputs)]
     used = set().union(*(rate.free_symbols for rate in rates))
     wanted = (i for i in controller.inputs if i.role == "reference" or symbol(i.name) in used)
-    return generate(connect(plant, replace(controller, inputs=tuple(wanted))))
+    return connect(plant, replace(controller, inputs=tuple(wanted)))
 
 
-def _course(loop: Kernel, time: Vector) -> LoopCourse:
-    model = Model(loop, tolerance=TOLERANCE)
+def _run(loop: Component, time: Vector) -> tuple[Model, Trajectory]:
+    model = Model(generate(loop), tolerance=TOLERANCE)
     for given in model.kernel.inputs:
         if given.role == "reference":
             model.set_input(given.name, SETPOINT)
     model.settle(0.0)
-    run = model.simulate(time)
+    return model, model.simulate(time)
+
+
+def _course(loop: Component, time: Vector) -> LoopCourse:
+    model, run = _run(loop, time)
+    if loop.delays:  # what becomes of it is told from states only
+        model, _ = _run(with_delay_states(loop), time)
     motion = classify_attractor(model, STOP, STOP, exponents=False, rounds=_ROUNDS)
     x, u = run.outputs["x"], run.outputs["u"]
     rest = motion.equilibrium

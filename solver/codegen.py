@@ -373,7 +373,10 @@ def _readable(component: Component) -> list[list[str]]:
     ]
     rows += [[formula(symbol(o.name)), *writer.line(o.value)] for o in component.all_outputs]
     rows += [
-        [formula(symbol(d.name)) + label(" later"), *writer.line(d.expression)]
+        [
+            formula(symbol(d.name)) + label(" after ") + formula(sp.sympify(d.duration)),
+            *writer.line(d.expression),
+        ]
         for d in component.delays
     ]
     rows += [

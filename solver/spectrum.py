@@ -96,7 +96,7 @@ def follow_tangents(
         For a count or frame that does not fit the states, or for discrete states or delayed signals
         that are none of the states; see `with_held_states` and `with_delay_states`.
     """
-    _check_all_are_states(model)
+    check_all_are_states(model)
     n = len(model.x)
     count = n if count is None else count
     if not 1 <= count <= n:
@@ -130,7 +130,13 @@ def follow_tangents(
     return run
 
 
-def _check_all_are_states(model: Model) -> None:
+def check_all_are_states(model: Model) -> None:
+    """Refuse discrete states and delayed signals, which tangents and returns know nothing of.
+
+    Raises
+    ------
+    ValueError
+    """
     held = model.kernel.discrete
     if held:
         raise ValueError(
@@ -298,7 +304,7 @@ def follow_returns(
         For discrete states or delayed signals that are none of the states; see `with_held_states`
         and `with_delay_states`.
     """
-    _check_all_are_states(model)
+    check_all_are_states(model)
     n = len(model.x)
     bound = RUNAWAY * model.kernel.nominal
     times, states = np.empty(most), np.empty((most, n))

@@ -30,6 +30,7 @@ FEW, CROSSINGS = 12, 64
 CLOSED = 1e-3  # share of the size of a motion that may be left until it closes
 NOISE = 3e3  # times the tolerance, states one period apart are the same
 GROWING = 0.05  # nats in a period: no cycle, whatever seems to close
+LISTED = 14  # states and eigenvalues
 MANY = 400  # returns from which a torus is told from a long cycle
 STEADY = 1.5  # times as far as before a bounded motion may swing when it is watched for longer
 CERTAIN = 4.0  # standard errors
@@ -231,11 +232,11 @@ def _rest(
 ) -> Attractor:
     names = [s.name for s in model.kernel.states]
     line = found.neutral > 0
-    where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(names, found.state, strict=True))
+    where = _listed([f"{n} = {v:.6g}" for n, v in zip(names, found.state, strict=True)])
     text = (
         f"at t = {time:.4g} s it is {left:.2g} nominal magnitudes from the equilibrium {where}, "
         f"after {distance:.2g} of them {wait:.3g} s before; the eigenvalues there are "
-        + ", ".join(_complex(v) for v in found.eigenvalues)
+        + _listed([_complex(v) for v in found.eigenvalues])
         + " 1/s"
     )
     if line:
@@ -248,6 +249,12 @@ def _rest(
         limit=found.eigenvalues.real.copy(),
         limit_error=np.zeros(len(names)),
     )
+
+
+def _listed(texts: list[str]) -> str:
+    """All of them, but for those of the nodes along delays, which are many."""
+    rest = len(texts) - LISTED
+    return ", ".join(texts[:LISTED]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def _complex(value: complex) -> str:

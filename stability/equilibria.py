@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.linalg import expm
 
 from ..solver.kernel import Model
-from ..solver.spectrum import follow_tangents
+from ..solver.spectrum import check_all_are_states, follow_tangents
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -64,7 +64,13 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
         Stays as it is.
     time : float
         [s], for equations that contain it.
+
+    Raises
+    ------
+    ValueError
+        For discrete states or delayed signals that are none of the states.
     """
+    check_all_are_states(model)
     # Over nominal magnitudes, so that a state's size does not depend on its unit.
     nominal = model.kernel.nominal
     linearize = _sample_map if model.sample_time else _rates

@@ -12,6 +12,7 @@ from ..orchestration.whole_loop import held_loop_kernel, loop_kernel
 from ..solver.delay_states import NODES
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.spectrum import Spectrum
+from ..solver.tape import UnsupportedComponent
 
 if TYPE_CHECKING:
     from ..solver.component import Component
@@ -80,7 +81,10 @@ def loop_lyapunov(
     ------
     NoExponents, KeyError, ValueError
     """
-    kernel = held_loop_kernel(plant, controller)
+    try:
+        kernel = held_loop_kernel(plant, controller)
+    except UnsupportedComponent as error:
+        raise NoExponents(str(error)) from error
     kernel.compile()  # two tolerances, and the motion beyond, are worth half a second
     given = plant, controller, setpoint, plant_values, controller_values
     make = loop_maker(*given)
@@ -124,7 +128,6 @@ def loop_lyapunov_over_fmus(
     """
     from ..fmus.catalogue import variational_fmu
     from ..orchestration.fmu_instance import FmuInstance
-    from ..solver.tape import UnsupportedComponent
     from .fmu_with_tangents import TangentsImpossible
     from .tangents_over_fmus import follow_over_fmus
 

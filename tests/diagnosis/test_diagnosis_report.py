@@ -559,6 +559,22 @@ def test_a_closed_loop_with_the_prior_plant_on_both_sides_differs_in_nothing(dia
     assert effect.prior.settling is not None
 
 
+def test_a_late_command_in_the_plant_is_told_from_states_at_its_nodes(diagnosed):
+    """The slowest pair of eigenvalues is near that of the loop without a delay."""
+    from ballscrew.diagnosis.extended_plant import extended_plant
+    from ballscrew.diagnosis.prior_model import read_prior_model
+
+    model = read_prior_model(diagnosed.parameters)
+    late = [("input_delay", {"delay": 1e-3})]
+    effect = closed_loop_effect(extended_plant(model, []), extended_plant(model, late))
+    assert effect.extended.becomes == effect.prior.becomes
+    assert effect.farthest > 1e-7
+    assert effect.extended.slowest == pytest.approx(effect.prior.slowest, rel=0.05)
+    assert effect.extended.slowest != effect.prior.slowest
+    assert "u_late_1 = " in effect.extended.evidence
+    assert " more" in effect.extended.evidence
+
+
 def test_a_plant_that_the_controller_does_not_fit_is_said():
     from ballscrew.fmus.catalogue import component
 

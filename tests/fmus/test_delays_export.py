@@ -5,6 +5,7 @@ import sys
 import fmpy
 import numpy as np
 import pytest
+import sympy as sp
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
@@ -14,6 +15,7 @@ from ballscrew.fmus.variational import variational
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
+    TIME,
     Component,
     Delay,
     DiscreteState,
@@ -227,6 +229,27 @@ def test_fmpy_finds_nothing_wrong(files, kind):
     from fmpy.validation import validate_fmu
 
     assert validate_fmu(str(files["late_loop", kind])) == []
+
+
+def test_a_feedback_law_knows_how_fast_a_delayed_signal_moves():
+    late = Component(
+        "late_gain",
+        "A gain on a late ramp",
+        inputs=(Input("x", "m", "position", role="measurement"),),
+        outputs=(Output("u", "V", "command", X - 3 * HEARD),),
+        delays=(Delay("heard", X + 0.5 * TIME, sp.Float(0.1)),),
+    )
+    model = Model(generate(with_law_ports(late)))
+    model.advance(0.0, 0.25)
+    y = model.outputs(0.25, model.x)
+    assert y["u"] == pytest.approx(-3 * 0.5 * 0.15)
+    assert y["u_gain_x"] == 1.0
+    assert y["u_rate"] == pytest.approx(-1.5)
+
+
+def test_the_documentation_shows_what_is_late_and_by_how_much():
+    rows = [row[0] for row in generate(LOOP).equations]
+    assert "<mi>heard</mi><mtext> after </mtext><mi>&#964;</mi>" in rows
 
 
 def test_tangents_over_fmus_are_refused_in_one_line():

@@ -11,6 +11,7 @@ from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,
     Delay,
+    DiscreteState,
     Input,
     Output,
     Parameter,
@@ -21,7 +22,7 @@ from ballscrew.solver.delay_states import with_delay_states
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
-from ballscrew.stability.lyapunov import LyapunovRun, lyapunov
+from ballscrew.stability.lyapunov import LyapunovRun, NoExponents, lyapunov
 
 X, LATE, GAIN = map(symbol, ("x", "late", "r"))
 
@@ -102,3 +103,19 @@ def test_a_loop_with_a_delay_is_stable_up_to_its_gain(gain: float) -> None:
     exact = np.sort([lambertw(-0.7 * gain, k).real / 0.7 for k in range(-5, 6)])[::-1]
     assert run.motion.limit[:3] == pytest.approx(exact[:3], abs=1e-6)
     assert run.method == "one solver; 16 nodes along each delay, whose own exponents come last"
+
+
+def test_a_loop_that_is_sampled_and_has_delays_is_refused_in_one_line() -> None:
+    plant, controller = parts()
+    (command,) = controller.outputs
+    sampled = Component(
+        "held_gain",
+        "gain, held",
+        parameters=controller.parameters,
+        inputs=controller.inputs,
+        outputs=(Output("u", "1", "command", symbol("held")),),
+        discrete=(DiscreteState("held", "1", "command", command.value),),
+        sample_time=Parameter("T", 0.1, "s", "period", "made up"),
+    )
+    with pytest.raises(NoExponents, match="has delays and is sampled; tangents of both"):
+        loop_lyapunov(sampled, 5.0, 0.0, plant)
