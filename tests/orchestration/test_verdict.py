@@ -8,6 +8,9 @@ import nonlinear_loops
 import pytest
 from trusted_loops import RIGHT, WRONG, lower_bound, plain, summaries, summary, upper_bound
 
+from ballscrew.orchestration.master import run_loop
+from ballscrew.orchestration.reference_signal import Reference
+
 ROOT = Path(__file__).resolve().parents[2]
 LOOPS, PARTS = 40, 2
 OUTCOMES = {"linear": linear_loops.outcome, "nonlinear": nonlinear_loops.outcome}
@@ -38,10 +41,29 @@ def test_wrong_results_of_loops_that_stick_hit_switch_or_sample_are_not_trusted(
     assert found["right_called_trusted"] == found["right"]
 
 
-def test_a_jump_that_all_runs_have_on_the_same_wrong_side_is_seen():
-    """The velocity at one communication point is that before the impact, and the truth's is not;
-    a plain run, a corrected one and two with finer steps all agree."""
-    o = nonlinear_loops.outcome(45)
+@pytest.mark.parametrize(("gap", "trusted"), [(0.55, True), (0.500_01, False), (0.499_99, False)])
+def test_a_jump_closer_to_a_communication_point_than_its_time_is_known_is_not_trusted(gap, trusted):
+    """A mass that nothing drives hits the stop at t = gap; the communication points are tenths."""
+    still = {"k": 0.0, "c": 0.0, "shake": 0.0}
+    plant, controller = (
+        nonlinear_loops.ModelInstance(
+            "plant",
+            nonlinear_loops._plant_kernel("stops", False, False),
+            {**still, "gap": gap, "v_start": 1.0},
+        ),
+        nonlinear_loops.ModelInstance(
+            "controller",
+            nonlinear_loops._controller_kernel("pid", False, False),
+            {"Kp": 0.0, "Kd": 0.0},
+        ),
+    )
+    run = run_loop(plant, controller, Reference.constant(0.0), 1.0, 0.1)
+    assert run.verdict.trusted == trusted
+    assert run.verdict.error_estimate["v"] == pytest.approx(0.0 if trusted else 1.5, abs=1e-9)
+
+
+def test_a_relay_that_switches_late_in_the_run_and_its_first_co_run_does_not_deceive():
+    o = nonlinear_loops.outcome(30066)
     assert o.error > WRONG
     assert not o.trusted
 
