@@ -112,10 +112,18 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
         loop = _loop(system, fmus, study)
         reference = study.reference or Reference.constant(loop.set_point(system, values, fmus))
 
+        sides = [loop.plant, loop.controller]  # one run makes use of them; others open their own
+
         def run_at(step: float, look_again: bool = True) -> LoopRun:
+            if not sides:
+                for side in (loop.plant.reopened(), loop.controller.reopened()):
+                    opened.callback(side.close)
+                    sides.append(side)
+            plant, controller = sides
+            sides.clear()
             return run_loop(
-                loop.plant,
-                loop.controller,
+                plant,
+                controller,
                 reference,
                 stop,
                 step,

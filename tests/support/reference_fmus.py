@@ -18,6 +18,15 @@ SOURCES = Path(
 ALL_C = '#include "fmi2Functions.c"\n#include "model.c"\n#include "cosimulation.c"\n'
 
 
+def _model(name: str) -> Path:
+    if not (SOURCES / name).is_dir():
+        pytest.skip(
+            "the Reference FMUs are not here: get modelica/Reference-FMUs from GitHub, "
+            "and set BALLSCREW_REFERENCE_FMUS to its folder"
+        )
+    return SOURCES / name
+
+
 def reference_fmu(
     folder: Path,
     name: str,
@@ -30,12 +39,7 @@ def reference_fmu(
 
     `change` is what is replaced in its equations, and by what.
     """
-    model = SOURCES / name
-    if not model.is_dir():
-        pytest.skip(
-            "the Reference FMUs are not here: get modelica/Reference-FMUs from GitHub, "
-            "and set BALLSCREW_REFERENCE_FMUS to its folder"
-        )
+    model = _model(name)
     description = (model / f"FMI{fmi}.xml").read_text(encoding="utf-8")
     if exchanges:
         element = r"<CoSimulation[^>]*/>|<CoSimulation.*?</CoSimulation>"
@@ -62,7 +66,7 @@ def reference_fmu(
 
 def reference_result(name: str) -> dict[str, np.ndarray]:
     """The columns of numbers of the result that is published with a model."""
-    with (SOURCES / name / f"{name}_out.csv").open(encoding="utf-8") as stream:
+    with (_model(name) / f"{name}_out.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     truth = {"false": 0.0, "true": 1.0}
     return {
