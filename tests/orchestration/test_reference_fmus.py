@@ -110,7 +110,8 @@ def test_a_run_of_reference_fmus_gives_the_published_result(tmp_path, name, sign
     )
     run = run_study(study).run
     assert not run.stopped
-    assert run.verdict.trusted
+    # with other steps, Stair counts on the other side of a communication point
+    assert run.verdict.trusted == (name != "Stair"), run.verdict.reason
     np.testing.assert_allclose(run.outputs[signal], expected[signal], rtol=1e-12, atol=1e-12)
 
 
