@@ -16,7 +16,7 @@ import numpy as np
 
 from .loop_run import UNBOUNDED, LoopRun
 from .second_look import jumps
-from .verdict import ACCURACY, Verdict
+from .verdict import ACCURACY, Verdict, scales
 
 FIRST = 1e-3  # s
 LONGEST = 60.0  # s of computing that a run may take in all, as far as can be foreseen
@@ -64,8 +64,11 @@ def choose_step(
     tried: list[tuple[float, str]] = []
     while True:
         start = monotonic()
-        run = run_at(step, False)
+        # a verdict that trusts is always that of a run that was looked at again where not clear
+        run = run_at(step, before is None)
         seconds = monotonic() - start
+        if run.verdict.trusted and before is not None:
+            run = run_at(step, True)
         if not run.verdict.trusted and before is not None:
             apart = _differences(before, run)
             moved, worst = max((share, name) for name, (_, share) in apart.items())
@@ -82,7 +85,8 @@ def choose_step(
             return run, StepChoice(step, f"{why}, the first whose run is trusted", tuple(tried))
         ended = _no_further(run, before, moved, moved_before, len(tried))
         foreseen = 2.0 * seconds
-        if not ended and monotonic() - began + foreseen > LONGEST:
+        late = monotonic() - began + foreseen > LONGEST
+        if not ended and before is not None and late:  # the first may have been looked at again
             ended = (
                 f"a step of {step / 2:g} s would take about {foreseen:.0f} s of computing; "
                 f"ask for it with --step {step / 2:g}"
@@ -104,8 +108,7 @@ def _differences(coarse: LoopRun, fine: LoopRun) -> Mapping[str, tuple[float, fl
         there = np.interp(times, fine.time, values)
         with np.errstate(invalid="ignore", over="ignore"):
             apart = float(np.max(np.abs(there - coarse.outputs[name][: len(times)])))
-        size = max(float(np.ptp(there)), 1e-6 * float(np.abs(there).max()))
-        share = apart / size if size > 0.0 else 0.0
+        share = apart / float(scales(there))
         found[name] = apart, share if np.isfinite(share) else np.inf
     return found
 

@@ -121,5 +121,14 @@ def test_halvings_of_what_jumps_are_looked_at_again() -> None:
         return made_up(step, values, False)
 
     choose_step(run_at)
-    assert asked[0] == (1e-3, False)
-    assert any(again for _, again in asked)
+    assert asked[0] == (1e-3, True)
+    assert any(again for _, again in asked[1:])
+
+
+def test_no_run_is_trusted_by_a_first_estimate_alone() -> None:
+    """What only the first estimate trusts, and the second look does not, is refined on."""
+    run, choice = choose_step(
+        lambda h, again: made_up(h, np.arange(3.0) * (1 + h), not again or h < 4e-4)
+    )
+    assert run.verdict.trusted
+    assert choice.tried == ((1e-3, "not converged"), (5e-4, "not converged"), (2.5e-4, "trusted"))
