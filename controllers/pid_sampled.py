@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from ..instruments.sample_and_hold import PERIOD
 from ..plant.axis import axis
-from ..solver.component import Component, DiscreteState, Output, Parameter, symbol
+from ..solver.component import Component, DiscreteState, Output, symbol
 from .linearization import measurements_of
 from .pid import gain_parameters
 
@@ -26,7 +27,5 @@ def pid_sampled() -> Component:
             DiscreteState("u_held", "V", "command since the last sample", command),
         ),
         outputs=(Output("u", "V", "motor terminal voltage", symbol("u_held"), nominal=10.0),),
-        sample_time=Parameter(
-            "sample_time", 1e-3, "s", "sampling period", "a common servo rate", minimum=1e-6
-        ),
+        sample_time=PERIOD,
     )

@@ -184,10 +184,13 @@ class Fmi2:
 
     def start(self, stop: float) -> None:
         """Go through initialization."""
-        self._fmu.enterInitializationMode()
+        self._enter_initialization(stop)
         self._fmu.exitInitializationMode()
         if self._description.exchanges:
             self.integrator = self._integrator()
+
+    def _enter_initialization(self, stop: float) -> None:
+        self._fmu.enterInitializationMode()
 
     def _integrator(self) -> Any:
         from .model_exchange import Integrator
@@ -289,11 +292,8 @@ class Fmi3(Fmi2):
     def set_up(self, stop: float) -> None:
         pass
 
-    def start(self, stop: float) -> None:
+    def _enter_initialization(self, stop: float) -> None:
         self._fmu.enterInitializationMode(startTime=0.0, stopTime=stop)
-        self._fmu.exitInitializationMode()
-        if self._description.exchanges:
-            self.integrator = self._integrator()
 
     def _sizes(self) -> tuple[int, int]:
         return self._fmu.getNumberOfContinuousStates(), self._fmu.getNumberOfEventIndicators()

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..solver.kernel import IntegrationError, Model
 from ..solver.spectrum import Returns, follow_returns, follow_tangents
-from .equilibria import Equilibrium, equilibrium_near
+from .equilibria import Equilibrium, equilibrium_near, sample_after
 
 Vector = npt.NDArray[np.float64]
 
@@ -109,7 +109,7 @@ def classify_attractor(
     rounds : int
         How often to look on, each time `LONGER` times as long, for rest or a cycle.
     """
-    aligned = _sample_after(model, time)
+    aligned = sample_after(model, time)
     if aligned > time:
         seen = follow_returns(model, time, aligned, 0, np.inf, 0)
         if seen.failure:
@@ -156,12 +156,6 @@ def classify_attractor(
     return Attractor(Kind.UNDECIDED, text, "a longer run", amplitude=amplitude)
 
 
-def _sample_after(model: Model, time: float) -> float:
-    """The first sample instant that is not before this time; the time itself without samples."""
-    period = model.sample_time
-    return float(np.ceil(time / period - 1e-6) * period) if period else time
-
-
 def _without_exponents(model: Model, passes: Returns) -> Attractor:
     text = f"{len(passes.time)} returns until t = {passes.end:.4g} s that do not close"
     amplitude = _ranges(model, passes)
@@ -200,7 +194,7 @@ def _resting(model: Model, time: float, until: float, span: float) -> Attractor 
     wait = 3.0 / -before.slowest if before.slowest < 0.0 else 1.0
     if model.sample_time:  # what is gone within a sample takes as many of them as there are states
         wait = max(wait, len(nominal) * model.sample_time)
-        wait = _sample_after(model, time + wait) - time
+        wait = sample_after(model, time + wait) - time
     if distance > NEAR or time + wait > until:
         return None
     state, held = model.x.copy(), model.u.copy()

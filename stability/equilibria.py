@@ -16,6 +16,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 NEUTRAL = 1e-11  # share of the Jacobian's largest entry below which an eigenvalue is zero
+SAME_INSTANT = 1e-6  # share of the sampling period, as in the core
 FALLEN = 40.0  # time constants
 FAST = 1e-6  # share of the map's largest eigenvalue below which one has lost digits
 FOLLOWED = 20  # samples
@@ -51,6 +52,12 @@ class Equilibrium:
         """Real part of the first eigenvalue that is not zero [1/s]; zero if all are."""
         rest = self.eigenvalues[self.eigenvalues != 0.0]
         return float(rest.real.max(initial=-np.inf)) if len(rest) else 0.0
+
+
+def sample_after(model: Model, time: float) -> float:
+    """The first sample instant that is not before this time; the time itself without samples."""
+    period = model.sample_time
+    return float(np.ceil(time / period - SAME_INSTANT) * period) if period else time
 
 
 def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
@@ -123,7 +130,7 @@ def _rates_between_samples(
     rates[~small] = np.log(factors[~small] + 0j) / period
     if small.any():
         kept = model.x.copy(), model.u.copy(), model.info.copy()
-        start = np.ceil(time / period) * period
+        start = sample_after(model, time)
         model.x[:] = point
         grid = start + period * np.array([0.0, FOLLOWED, 2.0 * FOLLOWED])
         run = follow_tangents(model, grid)
@@ -147,7 +154,7 @@ def _sample_map(model: Model, time: float, point: Vector) -> tuple[Vector, Matri
     nominal = model.kernel.nominal
     n = len(nominal)
     period = model.sample_time
-    start = np.ceil(time / period) * period
+    start = sample_after(model, time)
     kept = model.x.copy(), model.u.copy(), model.info.copy()
     columns = []
     for axis in np.eye(n):
