@@ -195,7 +195,8 @@ class Fmi2:
     def _integrator(self) -> Any:
         from .model_exchange import Integrator
 
-        return Integrator(self._fmu, *self._sizes())
+        states, indicators = self._sizes()
+        return Integrator(self._fmu, states, indicators, bool(self._description.names("input")))
 
     def _sizes(self) -> tuple[int, int]:
         """Numbers of states and event indicators."""

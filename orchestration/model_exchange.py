@@ -76,7 +76,9 @@ class _Held:
 class Integrator:
     """A model-exchange FMU as one that does steps. Between them it is in event mode.
 
-    Every step starts CVODE anew, so that it depends on nothing but the FMU's state.
+    Every step starts CVODE anew, so that it depends on nothing but the FMU's state. A time event at
+    the end of a step is left to the next one where the FMU has inputs: these have their values of
+    that time only then, and a sampled controller reads them in its event.
 
     Parameters
     ----------
@@ -84,6 +86,7 @@ class Integrator:
         Just initialized, at time 0.
     states, indicators : int
         Numbers of them.
+    has_inputs : bool
 
     Attributes
     ----------
@@ -93,12 +96,13 @@ class Integrator:
         Whether it asked to end the simulation.
     """
 
-    def __init__(self, model: Any, states: int, indicators: int) -> None:
-        self._model = model
+    def __init__(self, model: Any, states: int, indicators: int, has_inputs: bool) -> None:
+        self._model, self._has_inputs = model, has_inputs
         three = hasattr(model, "updateDiscreteStates")
         self._update = model.updateDiscreteStates if three else model.newDiscreteStates
         self.time, self.next_event, self.ends = 0.0, math.inf, False
-        self._settle()
+        if not has_inputs:
+            self._settle()
         self._solver = _Cvode(
             nx=states,
             nz=indicators,
@@ -133,7 +137,9 @@ class Integrator:
             else:
                 changes, self.time = self._solver.advance(until)
             asks, self.ends = self._model.completedIntegratorStep()
-            if not self.ends and (changes or asks or _reached(self.time, self.next_event)):
+            due = _reached(self.time, self.next_event)
+            waits = self._has_inputs and _reached(self.time, end)
+            if not self.ends and (changes or asks or (due and not waits)):
                 self._model.enterEventMode()
                 self._settle()
                 if not self.ends:
@@ -141,7 +147,8 @@ class Integrator:
         if not self.ends:
             self.time = end
             self._model.enterEventMode()
-            self._settle()
+            if not (self._has_inputs and _reached(end, self.next_event)):
+                self._settle()
 
     def _resume(self) -> None:
         self._model.enterContinuousTimeMode()
