@@ -177,6 +177,7 @@ def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
             else:
                 beside = np.where(moved.max(0) > SHARP * moved.sum(0), moved.max(0), 0.0)[None]
         around[k : k + 2] = np.maximum(around[k : k + 2], beside)
+    around[0] = 0.0  # a jump right after the start is not on its wrong side: the start is given
     return around
 
 

@@ -17,6 +17,8 @@ from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.system import SystemStudy, run_system
 from ballscrew.orchestration.whole_loop import run_monolithic
 
+STEP = 1e-3  # where runs are compared with each other, none needs to choose its step
+
 
 @pytest.fixture(scope="module")
 def ours(tmp_path_factory):
@@ -29,8 +31,8 @@ def ours(tmp_path_factory):
 
 def test_our_own_file_gives_the_same_run_as_the_parts_by_name(ours):
     for name, path in ours.items():
-        by_file = run_system(SystemStudy(path, stop=0.2)).run
-        by_name = run_study(Study(name, stop=0.2)).run
+        by_file = run_system(SystemStudy(path, stop=0.2, step=STEP)).run
+        by_name = run_study(Study(name, stop=0.2, step=STEP)).run
         assert by_file.coupling is by_name.coupling
         assert by_file.verdict.word == by_name.verdict.word
         np.testing.assert_array_equal(by_file.time, by_name.time)
@@ -45,8 +47,8 @@ def test_a_system_of_fmi_3_runs_as_one_of_fmi_2_does(native, tmp_path):
         for file in two.namelist():
             name = {"resources/plant.fmu": "plant", "resources/controller.fmu": "iol"}.get(file)
             three.writestr(file, native(name, 3).read_bytes() if name else two.read(file))
-    expected = run_system(SystemStudy(path, stop=0.1)).run
-    found = run_system(SystemStudy(tmp_path / "three.ssp", stop=0.1)).run
+    expected = run_system(SystemStudy(path, stop=0.1, step=STEP)).run
+    found = run_system(SystemStudy(tmp_path / "three.ssp", stop=0.1, step=STEP)).run
     assert found.coupling is expected.coupling
     np.testing.assert_allclose(found.outputs["x"], expected.outputs["x"], rtol=0, atol=1e-12)
     with pytest.raises(CannotConnect, match="holds FMUs of FMI"):
@@ -156,8 +158,10 @@ def test_two_third_party_parts_run_as_they_do_by_name(parts, tmp_path):
         INPUT,
         START.format(name="goal", value=0.05),
     )
-    by_file = run_system(SystemStudy(path, stop=0.2)).run
-    by_name = run_study(Study(str(parts["ctl"]), reference=Reference.constant(0.05), stop=0.2)).run
+    by_file = run_system(SystemStudy(path, stop=0.2, step=STEP)).run
+    by_name = run_study(
+        Study(str(parts["ctl"]), reference=Reference.constant(0.05), stop=0.2, step=STEP)
+    ).run
     np.testing.assert_array_equal(by_file.outputs["x"], by_name.outputs["x"])
     np.testing.assert_array_equal(by_file.commands["u"], by_name.commands["u"])
 
@@ -179,10 +183,12 @@ def test_parts_between_controller_and_plant_are_stepped_in_the_order_of_the_sign
         INPUT.replace("goal", "g"),
     )
     goal = Reference.constant(0.08)
-    one = run_system(SystemStudy(direct, goal, stop=0.1)).run
-    two = run_system(SystemStudy(through, goal, stop=0.1)).run
+    one = run_system(SystemStudy(direct, goal, stop=0.1, step=STEP)).run
+    two = run_system(SystemStudy(through, goal, stop=0.1, step=STEP)).run
     np.testing.assert_allclose(two.outputs["x"], one.outputs["x"], atol=1e-9)
-    half = run_system(SystemStudy(through, goal, stop=0.1, values={"amplifier.gain": 0.5})).run
+    half = run_system(
+        SystemStudy(through, goal, stop=0.1, step=STEP, values={"amplifier.gain": 0.5})
+    ).run
     assert half.commands["u"][0] == pytest.approx(0.5 * one.commands["u"][0], rel=1e-9)
 
 

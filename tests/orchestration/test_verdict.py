@@ -8,6 +8,7 @@ import nonlinear_loops
 import pytest
 from trusted_loops import RIGHT, WRONG, lower_bound, plain, summaries, summary, upper_bound
 
+from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference
 
@@ -60,6 +61,15 @@ def test_a_jump_closer_to_a_communication_point_than_its_time_is_known_is_not_tr
     run = run_loop(plant, controller, Reference.constant(0.0), 1.0, 0.1)
     assert run.verdict.trusted == trusted
     assert run.verdict.error_estimate["v"] == pytest.approx(0.0 if trusted else 1.5, abs=1e-9)
+
+
+def test_a_body_that_breaks_loose_at_the_start_itself_is_trusted(native):
+    """Its flag of sticking jumps right after the start, whose value is given."""
+    study = Study("pid", str(native("plant_classical")), stop=0.05, step=1e-3)
+    run = run_study(study).run
+    assert run.outputs["stuck"][:3].tolist() == [1.0, 0.0, 0.0]
+    assert run.verdict.trusted
+    assert run.verdict.error_estimate["stuck"] == 0.0
 
 
 def test_a_relay_that_switches_late_in_the_run_and_its_first_co_run_does_not_deceive():
