@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .controllers import CONTROLLERS
@@ -39,7 +38,11 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
         "--setpoint", metavar="METRES", help="desired position [m] (default 0.08, or the .ssp's)"
     )
     goal.add_argument(
-        "--reference", type=Path, metavar="CSV", help="file with the columns time [s] and x_d [m]"
+        "--reference",
+        metavar="CSV|MOTION",
+        help="a file with the columns time [s] and x_d [m], and v_d and a_d if it has them; or a "
+        "motion, as step:size=0.08, move:distance=0.08,speed=0.1,acceleration=1,jerk=50, "
+        "sine:amplitude=1e-3,frequency=2 or triangle:amplitude=1e-3,period=1",
     )
     add("--stop", metavar="SECONDS", help="end of the run [s] (default 20, or the .ssp's)")
     add(
@@ -176,11 +179,12 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
 
 
 def read_reference(options: argparse.Namespace) -> Reference | None:
+    from .orchestration.reference_motions import read_motion
     from .orchestration.reference_signal import BadReference, Reference
 
     try:
         if options.reference:
-            return Reference.read(options.reference)
+            return read_motion(options.reference) or Reference.read(options.reference)
     except BadReference as error:
         raise BadRequest(str(error)) from error
     if options.setpoint is None:

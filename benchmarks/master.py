@@ -87,7 +87,7 @@ def step_cost(
         loop = Loop(p, c, wire(p, c), Coupling.INTERFACE_JACOBIAN, corrected, True, start, part)
         main = RecordedLoop(whole, loop, 1)
         nominal = np.array([p.nominal(name) for name in p.outputs])
-        course = RunLog(goal, 1, loop.outputs, nominal, 1)
+        course = RunLog(goal, (0,), loop.outputs, nominal, 1)
         time = Clock(seconds, h, False)
         began = perf_counter()
         stop = march_on(main, [], time, course, start)

@@ -18,6 +18,7 @@ from ..solver.kernel import DEFAULT_TOLERANCE
 from .archive import packed
 from .law_ports import gain_port, rate_port, reference_port
 from .reading import NumberVariable, unpack
+from .set_point import DERIVATIVES
 from .system_xml import BASE_UNITS
 
 PLANT, CONTROLLER = "plant", "controller"
@@ -114,7 +115,7 @@ def export_system(
         f"resources/{PLANT}.ssv": _parameter_set(sides[0], {}),
         f"resources/{CONTROLLER}.fmu": sides[1].fmu,
         f"resources/{CONTROLLER}.ssv": _parameter_set(
-            sides[1], dict.fromkeys(references, setpoint)
+            sides[1], {n: 0.0 if n in DERIVATIVES else setpoint for n in references}
         ),
     }
     write_atomically(path, packed(files))

@@ -12,6 +12,7 @@ import numpy as np
 from ..controllers import CONTROLLERS
 from ..fmus.catalogue import fmu, fmu_kernel
 from ..fmus.interface import TOLERANCE, interface_of
+from ..fmus.set_point import SET_POINT
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
 from ..plant import PLANTS
 from .closed_loop_result import ClosedLoopResult
@@ -26,7 +27,7 @@ from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
 from .step_choice import FIRST, choose_step
 from .whole_loop import run_monolithic
-from .wiring import CONTROLLER, SET_POINT, Wiring, names_on, wire
+from .wiring import CONTROLLER, Wiring, names_on, wire
 
 LIMIT = "voltage_limit"  # the plant's parameter
 _Fmu = FmuInstance | IsolatedInstance

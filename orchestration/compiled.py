@@ -113,7 +113,8 @@ COURSE = np.dtype(
         ("contraction", float),  # sums of contraction by weight and of weight
         ("contraction_weight", float),
         ("apart", VECTOR),  # run and reference co-run after the last step
-        # the reference: its points, and how many inputs it goes to; room for two set-points
+        # the reference's points, a row each: what is recorded, then what each input takes;
+        # room for what the inputs take at two times
         ("goal_times", VECTOR),
         ("goal_values", VECTOR),
         ("before", VECTOR),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -133,8 +134,8 @@ class RunLog:
     Parameters
     ----------
     reference : Reference
-    width : int
-        Number of inputs that it goes to.
+    orders : sequence of int
+        Of the derivative of the reference that each of its inputs takes.
     outputs, nominal : ndarray
         Of the plant: at the start, and nominal values.
     m : int
@@ -146,7 +147,7 @@ class RunLog:
     def __init__(
         self,
         reference: Reference,
-        width: int,
+        orders: Sequence[int],
         outputs: Vector,
         nominal: Vector,
         m: int,
@@ -167,10 +168,10 @@ class RunLog:
             effect_rate=self.effect_rate,
             apart=np.zeros(len(outputs)),
             goal_times=np.ascontiguousarray(reference.times, dtype=float),
-            goal_values=np.ascontiguousarray(reference.values, dtype=float),
+            goal_values=np.column_stack([reference.derivative(k) for k in (0, *orders)]).ravel(),
             accuracy=ACCURACY,
-            before=np.zeros(width),
-            after=np.zeros(width),
+            before=np.zeros(len(orders)),
+            after=np.zeros(len(orders)),
         )
         self.start = reference.at(0.0)
         self.times, self.references = [np.zeros(1)], [np.array([self.start])]

@@ -100,7 +100,7 @@ def run_loop(
     missing = _missing(plant, controller, wiring)
     names, commands = _names(plant, wiring, mapping or {})
     values = (dict(plant_values or {}), dict(controller_values or {}))
-    start = np.full(len(wiring.references), reference.at(0.0))
+    start = reference.all_at(0.0, wiring.orders)
     chosen, reason = _choose(wiring, plant, controller, coupling)
     tangent = chosen is Coupling.INTERFACE_JACOBIAN
     corrected = _corrects(corrections, adaptive, tangent, missing)
@@ -112,7 +112,7 @@ def run_loop(
     co_runs = parts.co_runs(corrected, not missing)
     check_room(len(names), len(commands), 1 if not missing else 2, stop / step)
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
-    course = RunLog(reference, len(start), main.loop.outputs, nominal, len(commands))
+    course = RunLog(reference, wiring.orders, main.loop.outputs, nominal, len(commands))
     try:
         time = Clock(stop, step, adaptive)
         why = march_on(main, co_runs, time, course, start, progress)
@@ -125,7 +125,7 @@ def run_loop(
         return first
     setting = Setting(
         lambda cut: parts.loop(not missing, averaged=tangent or not missing, cut=cut),
-        *(march_on, reference, start, nominal, len(commands), stop, step),
+        *(march_on, reference, wiring.orders, start, nominal, len(commands), stop, step),
     )
     outputs, *others = (np.concatenate(pair.outputs) for pair in (main, *co_runs))
     late = parts.late(main, bool(missing))

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from ..fmus.set_point import DERIVATIVES, SET_POINT
+
 Vector = npt.NDArray[np.float64]
+_COLUMNS = (SET_POINT, *DERIVATIVES)
 
 
 class BadReference(ValueError):
@@ -23,11 +27,16 @@ class Reference:
     Attributes
     ----------
     times, values : ndarray, shape (m,)
-        [s], [m]; one point is a constant.
+        [s], [m]; one point is a constant. Of two points at one time, a step, the later holds.
+    velocity, acceleration : ndarray, shape (m,), optional
+        Derivatives at the points, for feed-forward [m/s], [m/s^2]. Default: central differences,
+        exact for a parabola.
     """
 
     times: Vector
     values: Vector
+    velocity: Vector | None = None
+    acceleration: Vector | None = None
 
     @classmethod
     def constant(cls, value: float) -> Reference:
@@ -36,6 +45,8 @@ class Reference:
     @classmethod
     def read(cls, path: Path | str) -> Reference:
         """Read a CSV file with the columns ``time`` [s] and ``x_d`` [m].
+
+        ``v_d`` [m/s] and ``a_d`` [m/s^2] are taken from it, too, where it has them.
 
         Raises
         ------
@@ -52,10 +63,11 @@ class Reference:
             raise BadReference(
                 f"{path}: has the columns {', '.join(header) or 'none'}, expected time and x_d"
             )
-        for name in ("time", "x_d"):
+        names = ["time", *(n for n in _COLUMNS if n in header)]
+        for name in names:
             if header.count(name) > 1:
                 raise BadReference(f"{path}: the column {name!r} is there twice, expected once")
-        columns = [header.index("time"), header.index("x_d")]
+        columns = [header.index(name) for name in names]
         points = []
         for number, row in enumerate(rows[1:], start=2):
             if not any(cell.strip() for cell in row):
@@ -63,8 +75,9 @@ class Reference:
             try:
                 points.append([float(row[c]) for c in columns])
             except (ValueError, IndexError) as error:
-                raise BadReference(f"{path}: line {number} is no pair of numbers") from error
-        table = np.array(points, dtype=float).reshape(-1, 2)
+                what = "no pair of numbers" if len(names) == 2 else f"not {len(names)} numbers"
+                raise BadReference(f"{path}: line {number} is {what}") from error
+        table = np.array(points, dtype=float).reshape(-1, len(names))
         if not len(table):
             raise BadReference(f"{path}: has a header and no rows")
         if not np.isfinite(table).all():
@@ -72,11 +85,40 @@ class Reference:
         if np.any(np.diff(table[:, 0]) <= 0):
             k = int(np.argmax(np.diff(table[:, 0]) <= 0))
             raise BadReference(f"{path}: time does not rise after {table[k, 0]:g} s")
-        return cls(table[:, 0], table[:, 1])
+        given = dict(zip(names, table.T, strict=True))
+        return cls(given["time"], *(given.get(name) for name in _COLUMNS))  # type: ignore[arg-type]
 
     @property
     def is_constant(self) -> bool:
         return bool(np.all(self.values == self.values[0]))
 
     def at(self, t: float) -> float:
-        return float(np.interp(t, self.times, self.values))
+        return float(self.all_at(t, (0,))[0])
+
+    def all_at(self, t: float, orders: Sequence[int]) -> Vector:
+        """The set-point's derivatives of these orders (0: itself) at a time [s], shape (n,)."""
+        after = int(np.searchsorted(self.times, t, side="right"))
+        k = max(after - 1, 0)
+        table = [self.derivative(order) for order in orders]
+        if after in (0, len(self.times)):
+            return np.array([column[k] for column in table])
+        since, span = t - self.times[k], self.times[after] - self.times[k]
+        return np.array([(c[after] - c[k]) / span * since + c[k] for c in table])
+
+    def derivative(self, order: int) -> Vector:
+        """Values at the points of the set-point (order 0) or of a derivative, shape (m,).
+
+        Raises
+        ------
+        BadReference
+            If a derivative is not given, and has no differences where the set-point steps.
+        """
+        values = (self.values, self.velocity, self.acceleration)[order]
+        if values is not None:
+            return np.asarray(values, dtype=float)
+        if len(self.times) < 3 or self.is_constant:
+            slope = np.diff(self.values) / np.diff(self.times) if len(self.times) == 2 else 0.0
+            return np.full(len(self.times), slope if order == 1 else 0.0)
+        if not np.all(np.diff(self.times) > 0):
+            raise BadReference("a set-point with steps has no differences; give its velocity")
+        return np.asarray(np.gradient(self.derivative(order - 1), self.times, edge_order=2))

@@ -48,6 +48,8 @@ class Setting:
     march : function
         `master.march_on`.
     reference : Reference
+    orders : tuple of int
+        As in `Wiring`.
     start : ndarray
         Set-points at the start.
     nominal : ndarray
@@ -61,6 +63,7 @@ class Setting:
     opened: Callable[[int], RecordedLoop]
     march: March
     reference: Reference
+    orders: tuple[int, ...]
     start: Vector
     nominal: Vector
     commands: int
@@ -69,8 +72,8 @@ class Setting:
 
     def log(self, loop: RecordedLoop) -> RunLog:
         """A log that keeps no commands."""
-        width, outputs = len(self.start), loop.loop.outputs
-        return RunLog(self.reference, width, outputs, self.nominal, self.commands, False)
+        outputs = loop.loop.outputs
+        return RunLog(self.reference, self.orders, outputs, self.nominal, self.commands, False)
 
 
 def with_second_look(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
+from ..fmus.set_point import SET_POINT
 from ..fmus.system_reading import (
     BadSystem,
     SystemConnection,
@@ -31,7 +32,6 @@ from .step_choice import FIRST, choose_step
 from .wiring import Wiring
 
 STOP = 20.0
-SET_POINT = "x_d"
 
 Fmus = Mapping[str, FmuInstance | IsolatedInstance]
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from ..fmus.set_point import DERIVATIVES
 from ..solver.kernel import CONTROLLER, PLANT, IntegrationError, Kernel, Model
 from ..solver.stored import stored_kernel
 from .compiled import RUNAWAY
@@ -187,14 +188,17 @@ def _simulate(
     times = np.minimum(np.arange(points + 1) * step, stop)
     table = np.empty((points + 1, len(kernel.outputs)))
     nominal = np.array([o.nominal for o in kernel.outputs])
-    inputs = [i.name for i in kernel.inputs if i.role == "reference"]
+    driven = {i.name: 0 for i in kernel.inputs if i.role == "reference"}
+    driven |= {
+        i.name: DERIVATIVES[i.name] for i in kernel.inputs if i.role == "reference_derivative"
+    }
     stopped = ""
     for k, t in enumerate(times):
         end = times[min(k + 1, points)]
-        for name in inputs:
-            model.set_input(name, reference.at(t))
-            rate = (reference.at(end) - reference.at(t)) / (end - t) if end > t else 0.0
-            model.set_input(name + "_rate", rate)
+        now, then = (reference.all_at(s, list(driven.values())) for s in (t, end))
+        for name, value, later in zip(driven, now, then, strict=True):
+            model.set_input(name, value)
+            model.set_input(name + "_rate", (later - value) / (end - t) if end > t else 0.0)
         model.set_input("t_step", t)
         if period > 0 and abs(t / period - round(t / period)) < _ROUND_OFF:
             model.sample(t)

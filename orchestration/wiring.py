@@ -7,10 +7,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
+from ..fmus.set_point import DERIVATIVES, SET_POINT
 from .fmu_instance import Instance
 
 PLANT, CONTROLLER = "plant", "controller"
-SET_POINT = "x_d"
 COLUMNS = ("time", SET_POINT)  # of the results, beside the plant's
 
 
@@ -28,7 +28,9 @@ class Wiring:
     signals : tuple of (plant output, controller input)
     references : tuple of str
         Controller inputs that take the set-point: the one called ``x_d``, else the only one that
-        nothing drives.
+        nothing drives; beside ``x_d`` those that take its derivatives, ``v_d`` and ``a_d``.
+    orders : tuple of int
+        For each of `references`, how often the set-point is differentiated by time.
     accepts_law, reports_law : bool
         Whether the plant has the law's inputs, the controller its outputs.
     unconnected : tuple of str
@@ -41,6 +43,11 @@ class Wiring:
     accepts_law: bool
     reports_law: bool
     unconnected: tuple[str, ...] = ()
+    orders: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.orders:
+            object.__setattr__(self, "orders", (0,) * len(self.references))
 
     def plant_law(self) -> list[str]:
         """The plant's inputs beside the commands, in the order in which a law is written.
@@ -111,14 +118,19 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
             f"{', '.join(plant.outputs)}; use --map theirs=ours"
         )
     free = [n for n in controller.inputs if n not in {c for _, c in signals}]
-    goals = [n for n in free if on_controller[n] == SET_POINT] or free
+    told = any(on_controller[n] == SET_POINT for n in free)  # else v_d may be the set-point itself
+    derivatives = [n for n in free if told and on_controller[n] in DERIVATIVES]
+    rest = [n for n in free if n not in derivatives]
+    goals = [n for n in rest if on_controller[n] == SET_POINT] or rest
     if len(goals) > 1:
         raise WiringError(
             f"{controller.name} has the inputs {', '.join(goals)} that nothing of {plant.name} "
             f"drives; say which is the set-point, as --map {goals[0]}={SET_POINT}"
         )
-    unconnected = tuple(n for n in free if n not in goals)
-    wiring = Wiring(commands, signals, tuple(goals), False, False, unconnected)
+    unconnected = tuple(n for n in rest if n not in goals)
+    orders = (*(0 for _ in goals), *(DERIVATIVES[on_controller[n]] for n in derivatives))
+    references = (*goals, *derivatives)
+    wiring = Wiring(commands, signals, references, False, False, unconnected, orders)
     return replace(
         wiring,
         accepts_law=bool(commands) and set(wiring.plant_law()) <= set(plant.inputs),

@@ -76,8 +76,10 @@ class Input:
         Value while nothing is connected.
     nominal : float
         Typical magnitude.
-    role : {"signal", "measurement", "reference", "internal"}
+    role : {"signal", "measurement", "reference", "reference_derivative", "internal"}
         A controller's ``measurement`` takes part in the feedback law, its ``reference`` does not;
+        nor does a ``reference_derivative``, which is called ``v_d`` or ``a_d`` beside a set-point
+        ``x_d``, and zero while nothing drives it;
         ``internal`` inputs are set by the FMU itself and are no FMI variables.
     law : tuple of str
         For an actuated input of a plant: the outputs on which a feedback law may act.

@@ -11,6 +11,8 @@ from .component import Component, ContractError, Event, Mode, Output, symbol
 from .functions import symbols_in
 from .kernel import CONTROLLER, PLANT
 
+_REFERENCES = ("reference", "reference_derivative")
+
 
 def connect(plant: Component, controller: Component) -> Component:
     """The closed loop of a plant and a controller.
@@ -28,7 +30,7 @@ def connect(plant: Component, controller: Component) -> Component:
     p, c = plant.prefixed(PLANT), controller.prefixed(CONTROLLER)
     measured = {}
     used = c.used_symbols()
-    for signal in (i for i in c.inputs if i.role != "reference" and symbol(i.name) in used):
+    for signal in (i for i in c.inputs if i.role not in _REFERENCES and symbol(i.name) in used):
         value = p.output(signal.name).value
         if {symbol(i.name) for i in p.inputs} & symbols_in(value):
             raise ContractError(
@@ -51,7 +53,7 @@ def connect(plant: Component, controller: Component) -> Component:
         name=f"{plant.name}_with_{controller.name}",
         description=f"Closed loop: {plant.description}; {controller.description}",
         parameters=p.parameters + c.parameters,
-        inputs=tuple(i for i in c.inputs if i.role == "reference"),
+        inputs=tuple(i for i in c.inputs if i.role in _REFERENCES),
         states=ours["states"] + theirs["states"],
         outputs=_distinct(ours["outputs"], theirs["outputs"]),
         balances=ours["balances"] + theirs["balances"],
@@ -82,7 +84,7 @@ def _modes(plant: Component, controller: Component) -> tuple[Mode, ...]:
         measured = {
             symbol(i.name): seen[i.name]
             for i in controller.inputs
-            if i.role != "reference" and i.name in seen
+            if i.role not in _REFERENCES and i.name in seen
         }
         for theirs in controller.modes or (alone,):
             answers = {

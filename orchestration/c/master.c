@@ -30,15 +30,17 @@ typedef struct {
     double accuracy;             /* share of an output's range that may be wrong in the end */
     double contraction, contraction_weight; /* sums of contraction by weight and of weight */
     Vector apart;                /* run and reference co-run after the last step */
-    Vector goal_times, goal_values; /* the reference's points */
-    Vector before, after;        /* room for two set-points */
+    Vector goal_times, goal_values; /* the reference's points, a row each: what is recorded, then
+                                       what each input takes */
+    Vector before, after;           /* room for what the inputs take at two times */
 } Course;
 
-/* The set-point at a time [s]: linear between the reference's points, held outside of them. */
-static double set_point(const Course *c, double t)
+/* The set-point at a time [s] and, in `inputs`, what each input takes of it: linear between the
+ * reference's points, held outside of them. */
+static double set_points(const Course *c, double t, double *inputs)
 {
-    const double *const times = c->goal_times.at, *const values = c->goal_values.at;
-    const int64_t count = c->goal_times.size;
+    const double *const times = c->goal_times.at;
+    const int64_t count = c->goal_times.size, width = c->before.size, row = 1 + width;
     int64_t low = 0, high = count; /* the first point after t */
     while (low < high) {
         const int64_t middle = (low + high) / 2;
@@ -47,12 +49,19 @@ static double set_point(const Course *c, double t)
         else
             high = middle;
     }
-    if (low == 0)
-        return values[0];
-    if (low == count)
-        return values[count - 1];
-    const double slope = (values[low] - values[low - 1]) / (times[low] - times[low - 1]);
-    return slope * (t - times[low - 1]) + values[low - 1];
+    const int outside = low == 0 || low == count;
+    const int64_t k = low == 0 ? 0 : low - 1; /* the last point that is not after t */
+    const double *const here = c->goal_values.at + k * row, *const next = here + row;
+    double recorded = here[0];
+    for (int64_t j = 0; j < row; j++) {
+        double value = here[j];
+        if (!outside) {
+            const double slope = (next[j] - here[j]) / (times[low] - times[k]);
+            value = slope * (t - times[k]) + here[j];
+        }
+        *(j ? &inputs[j - 1] : &recorded) = value;
+    }
+    return recorded;
 }
 
 static int runs(const Pair *co_run)
@@ -134,13 +143,10 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
         return OUT_OF_MEMORY;
     int why = GOES_ON;
     main->rows = co_run->rows = second->rows = 0;
-    for (int64_t k = 0; k < width; k++)
-        before[k] = set_point(course, clock_now(clock));
+    set_points(course, clock_now(clock), before);
     while (why == GOES_ON && !clock_done(clock) && main->rows < most) {
         const double t = clock_now(clock), h = clock_step_to_come(clock), end = next_time(clock);
-        const double goal = set_point(course, end);
-        for (int64_t k = 0; k < width; k++)
-            after[k] = goal;
+        const double goal = set_points(course, end, after);
         const int kept = clock->adaptive && runs(co_run);
         if ((clock->adaptive && !keep(loop)) || (kept && !keep(&co_run->loop))) {
             why = CALL_FAILED;

@@ -1,0 +1,5 @@
+"""Names of the inputs by which a controller is told what to follow."""
+
+SET_POINT = "x_d"
+DERIVATIVES = {"v_d": 1, "a_d": 2}
+"""Inputs for feed-forward, and the order of the set-point's derivative that each takes."""
