@@ -31,8 +31,12 @@ def sources_only(native, tmp_path):
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_sources_run_as_the_binary_does(native, sources_only, fmi):
-    expected = run_study(Study(str(native("pid", fmi)), str(native("plant", fmi)), stop=0.1)).run
-    study = Study(str(sources_only("pid", fmi)), str(sources_only("plant", fmi)), stop=0.1)
+    expected = run_study(
+        Study(str(native("pid", fmi)), str(native("plant", fmi)), stop=0.1, step=1e-3)
+    ).run
+    study = Study(
+        str(sources_only("pid", fmi)), str(sources_only("plant", fmi)), stop=0.1, step=1e-3
+    )
     found = run_study(study).run
     np.testing.assert_allclose(found.outputs["x"], expected.outputs["x"], rtol=0, atol=1e-12)
 
@@ -90,7 +94,7 @@ def test_the_same_sources_are_compiled_once(tmp_path, sources_only, monkeypatch)
     )
     path = sources_only("pid")
     for copy in (path, shutil.copy(path, tmp_path / "copy.fmu")):
-        run_study(Study(str(copy), stop=0.01))
+        run_study(Study(str(copy), stop=0.01, step=1e-3))
     assert len(calls) == 1
 
 
@@ -114,5 +118,5 @@ def test_what_was_compiled_crashes_in_its_own_process(sources_only):
         assert changed != data
         return changed
 
-    run = run_study(Study(str(sources_only("pid", 3, crashing)), stop=0.1)).run
+    run = run_study(Study(str(sources_only("pid", 3, crashing)), stop=0.1, step=1e-3)).run
     assert "controller (pid3.fmu) was ended by SIG" in run.stopped

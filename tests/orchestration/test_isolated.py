@@ -23,7 +23,20 @@ SEGFAULT = "import ctypes; ctypes.string_at(0)"
 
 
 def run(path, out, *more):
-    return main(["run", "--controller", str(path), "--stop", "0.1", "--out", str(out), *more])
+    return main(
+        [
+            "run",
+            "--controller",
+            str(path),
+            "--stop",
+            "0.1",
+            "--step",
+            "1e-3",
+            "--out",
+            str(out),
+            *more,
+        ]
+    )
 
 
 def rows(out):
@@ -103,7 +116,7 @@ def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkey
             in_step="self.x_d = plant.GAIN * self.x_d",
             modules={"plant": f"GAIN = {gain}\n"},
         )
-        courses.append(run_study(Study(str(path), stop=0.02)).run.commands["u"])
+        courses.append(run_study(Study(str(path), stop=0.02, step=1e-3)).run.commands["u"])
     np.testing.assert_allclose(courses[0][0], 400 * 0.08, rtol=1e-12)
     np.testing.assert_allclose(courses[1][0], 400 * 0.04, rtol=1e-12)
 
@@ -123,8 +136,8 @@ def test_thirty_instances_live_side_by_side(tmp_path):
 
 
 def test_isolated_and_not_isolated_runs_are_the_same_to_the_last_bit(tmp_path):
-    study = Study("iol", stop=0.1)
-    alone = run_study(Study("iol", stop=0.1, isolate=True)).run
+    study = Study("iol", stop=0.1, step=1e-3)
+    alone = run_study(Study("iol", stop=0.1, step=1e-3, isolate=True)).run
     together = run_study(study).run
     for name, course in together.outputs.items():
         np.testing.assert_array_equal(alone.outputs[name], course)

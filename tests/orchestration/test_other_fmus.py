@@ -40,7 +40,7 @@ def test_fmi_3_runs_as_fmi_2_does(native, controller, isolate):
 
 def test_what_export_writes_as_fmi_3_run_takes(tmp_path, native):
     parts = ["--plant", str(native("plant", 3)), "--controller", str(native("pid", 3))]
-    assert main(["run", *parts, "--stop", "0.05", "--out", str(tmp_path)]) == 0
+    assert main(["run", *parts, "--stop", "0.05", "--step", "1e-3", "--out", str(tmp_path)]) == 0
     assert "verdict" in (tmp_path / "metrics.json").read_text()
 
 
@@ -205,7 +205,7 @@ def test_boolean_commands_are_not_corrected(relays):
 
 def test_a_value_between_whole_numbers_ends_the_run_in_words(relays):
     relay, _ = relays(True, False)
-    study = Study(relay, mapping={"level": "x", "on": "u"}, stop=0.1)
+    study = Study(relay, mapping={"level": "x", "on": "u"}, stop=0.1, step=1e-3)
     stopped = run_study(study).run.stopped
     assert "level is of type Integer and was given" in stopped
     assert "expected a whole number in its range" in stopped

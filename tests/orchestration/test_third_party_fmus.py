@@ -60,7 +60,7 @@ def finely(third_party):
 
 
 def test_a_stranger_that_reports_no_derivatives_is_probed(third_party, finely):
-    result = run_study(Study(third_party("Probed", True), mapping=MAP, stop=1.0)).run
+    result = run_study(Study(third_party("Probed", True), mapping=MAP, stop=1.0, step=1e-3)).run
     assert result.coupling is Coupling.INTERFACE_JACOBIAN
     assert "probed" in result.coupling_reason
     assert result.verdict.trusted
@@ -88,13 +88,13 @@ def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_step
 def test_ports_that_do_not_match_are_named_with_the_nearest(third_party):
     path = third_party("Unmapped", True)
     with pytest.raises(WiringError, match=r"nothing drives the input 'u'.*voltage.*--map"):
-        run_study(Study(path, stop=0.01))
+        run_study(Study(path, stop=0.01, step=1e-3))
     with pytest.raises(WiringError, match=r"measures nothing"):
-        run_study(Study(path, mapping={"voltage": "u"}, stop=0.01))
+        run_study(Study(path, mapping={"voltage": "u"}, stop=0.01, step=1e-3))
     with pytest.raises(
         WiringError, match=r"neither side has a port 'positoin' \(nearest: position"
     ):
-        run_study(Study(path, mapping={"positoin": "x"}, stop=0.01))
+        run_study(Study(path, mapping={"positoin": "x"}, stop=0.01, step=1e-3))
 
 
 COUNTER = """
