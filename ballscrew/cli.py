@@ -22,6 +22,7 @@ from . import (
     map_command,
     rig_command,
     run_command,
+    study_command,
     swap_command,
 )
 from .console import complain, forget_output
@@ -30,6 +31,7 @@ from .options import NOT_TRUSTED, BadRequest, Parser
 _EXAMPLES = """examples:
   ballscrew run --controller iol --out out/iol
   ballscrew swap --controllers iol nctf pid --out out/swap
+  ballscrew study STUDY.toml --out out/study
   ballscrew export --out fmus
   ballscrew rig 2.4/7 --out out/trial
   ballscrew identify out/trial --law dahl --out out/dahl
@@ -86,6 +88,7 @@ def command_parser() -> argparse.ArgumentParser:
         export_command,
         run_command,
         swap_command,
+        study_command,
         lyapunov_command,
         map_command,
         rig_command,

@@ -132,7 +132,8 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "step": (_At, _NUMBER, _NUMBER, _NUMBER, _WHOLE),
     "output": (_At, _NUMBER),
     "trajectory": (
-        *(_At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _At),
+        *(_At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _WHOLE, _WHOLE, _WHOLE, _WHOLE),
+        *(_At, _At, _At),
         *(_NUMBER, _At, _At, _WHOLE),
     ),
     "spectrum": (_At, _At, _WHOLE, _At),
@@ -373,6 +374,7 @@ class System:
         states: Any,
         outputs: Any,
         given: tuple[Any, Any] | None,
+        samples: tuple[int, int, int],
         u: Any,
         p: Any,
         atol: Any,
@@ -389,6 +391,9 @@ class System:
             The first state is given.
         given : tuple of two ndarrays, shape (m, k), or None
             What the first `k` of `u` are before each time, and at it.
+        samples : tuple of int
+            Every how many rows the discrete states are updated (0: never), where in `u` they begin,
+            and how many there are.
         """
         within, after = given or (None, None)
         return int(
@@ -402,6 +407,7 @@ class System:
                 None if within is None else at(within),
                 None if after is None else at(after),
                 0 if within is None else within.shape[1],
+                *samples,
                 at(u),
                 at(p),
                 at(atol),

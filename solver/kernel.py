@@ -303,7 +303,10 @@ class Model:
             )
 
     def simulate(
-        self, times: npt.ArrayLike, given: tuple[Matrix, Matrix] | None = None
+        self,
+        times: npt.ArrayLike,
+        given: tuple[Matrix, Matrix] | None = None,
+        sampled_every: int = 0,
     ) -> Trajectory:
         """Run from the present state over a time grid and record states and outputs.
 
@@ -314,6 +317,8 @@ class Model:
         given : tuple of two ndarrays, shape (m, k), optional
             What the first `k` inputs are before each of these times, and at it; they stay as they
             are if left out.
+        sampled_every : int
+            Every how many of the times, from the first on, discrete states change; 0: never.
 
         Raises
         ------
@@ -322,22 +327,13 @@ class Model:
         """
         grid = np.ascontiguousarray(times, dtype=float)
         if self.kernel.delays:
-            return self._simulated_by_rows(grid, given)
+            return self._simulated_by_rows(grid, given, sampled_every)
         states = np.empty((len(grid), len(self.x)))
         states[0] = self.x
         outputs = np.empty((len(grid), len(self.kernel.outputs)))
-        done = self.system.trajectory(
-            grid,
-            states,
-            outputs,
-            given,
-            self.u,
-            self.p,
-            self.atol,
-            self.tolerance,
-            self.info,
-            MAX_STEPS,
-        )
+        samples = sampled_every, len(self.kernel.inputs), len(self.kernel.discrete)
+        solver = self.u, self.p, self.atol, self.tolerance, self.info, MAX_STEPS
+        done = self.system.trajectory(grid, states, outputs, given, samples, *solver)
         if done < len(grid):
             status = int(self.info[core.STATUS])
             raise IntegrationError(
@@ -346,7 +342,9 @@ class Model:
         self.x[:] = states[-1]
         return self._trajectory(grid, states, outputs)
 
-    def _simulated_by_rows(self, grid: Vector, given: tuple[Matrix, Matrix] | None) -> Trajectory:
+    def _simulated_by_rows(
+        self, grid: Vector, given: tuple[Matrix, Matrix] | None, sampled_every: int
+    ) -> Trajectory:
         """As `simulate`: a history may need more room between two steps."""
         states = np.empty((len(grid), len(self.x)))
         outputs = np.empty((len(grid), len(self.kernel.outputs)))
@@ -357,6 +355,8 @@ class Model:
                 self.advance(grid[row - 1], t)
             if given:
                 self.u[: given[1].shape[1]] = given[1][row]
+            if sampled_every and row % sampled_every == 0:
+                self.sample(t)
             states[row] = self.x
             self.system.out(t, self.x, self.u, self.p, outputs[row])
         return self._trajectory(grid, states, outputs)

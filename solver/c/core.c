@@ -67,13 +67,17 @@ API void core_output(const Instance *i, double t)
  * is given; returns the rows that were reached.
  *
  * `within` and `after`, if they are there, are what the first `given` of u are before each row and
- * at it, rows of them. Times may occur twice. */
+ * at it, rows of them. Times may occur twice. Where `stride` is not 0, every so many rows, from the
+ * first on, are sample instants: the `sampled` discrete states, from `first` on in u, are updated
+ * there before the outputs. */
 API int core_trajectory(const System *s, const double *times, int rows, double *states,
                         double *outputs, int output_count, const double *within,
-                        const double *after, int given, double *u, const double *p,
-                        const double *atol, double rtol, Work *work, Info *info, int max_steps)
+                        const double *after, int given, int stride, int first, int sampled,
+                        double *u, const double *p, const double *atol, double rtol, Work *work,
+                        Info *info, int max_steps)
 {
     const int n = s->states;
+    double next[sampled > 0 ? sampled : 1];
     const size_t size = (size_t)n * sizeof *states, taken = (size_t)given * sizeof *u;
     for (int row = 0; row < rows; row++) {
         double *const x = states + (size_t)row * n;
@@ -90,6 +94,10 @@ API int core_trajectory(const System *s, const double *times, int rows, double *
         }
         if (given)
             memcpy(u, after + (size_t)row * given, taken);
+        if (stride && row % stride == 0) {
+            s->sample(s, times[row], x, u, p, next);
+            memcpy(u + first, next, (size_t)sampled * sizeof *u);
+        }
         s->out(s, times[row], x, u, p, outputs + (size_t)row * output_count);
     }
     return rows;

@@ -1,0 +1,65 @@
+"""A controller swap study: its files, pictures and report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..orchestration.study.result import StudyResult
+from ..solver.files import finite_or_null, write_atomically, write_json
+from ..solver.tables import write_table
+from .result import Result, table_of
+
+
+@dataclass(frozen=True)
+class SwapStudy(Result, StudyResult):
+    """A controller swap study; see `ballscrew study`."""
+
+    @property
+    def trusted(self) -> bool:
+        """Whether no run failed, and none came out differently over FMUs."""
+        return not self.disagreed and not any(any(a.failed.values()) for a in self.answers)
+
+    def headline(self) -> str:
+        entrants, duties = len(self.plan.entrants), len(self.plan.judged_duties)
+        runs = self.figures["rms_error"].size
+        failed = sum(sum(a.failed.values()) for a in self.answers)
+        lost = f"; {failed} runs FAILED" if failed else ""
+        if self.disagreed:
+            lost += f"; {self.disagreed} of {len(self.checks)} runs DIFFER over FMUs"
+        return f"{entrants} controllers, {duties} duties, {runs} runs{lost}"
+
+    def facts(self) -> Iterable[tuple[str, str]]:
+        for answer in self.answers:
+            if not answer.order:
+                yield answer.duty, "no controller came through"
+                continue
+            first = answer.order[0]
+            text = f"{first} ({1e6 * self.mean('rms_error', first, answer.duty):.3g} um rms)"
+            if len(answer.best) > 1:
+                text += f"; not told from it: {', '.join(answer.best[1:])}"
+            yield answer.duty, text
+        worst = max((c.apart for c in self.checks if c.apart >= 0), default=0.0)
+        yield "again over FMUs", f"{len(self.checks)} runs, at most {worst:.2g} m apart"
+
+    def save(self, folder: Path | str, pictures: bool = True) -> None:
+        """Write ``study.json``, the table of runs and, by default, ``report.html``."""
+        from ..orchestration.study.report import report
+
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "study.json", finite_or_null(self.to_dict()))
+        write_table(folder, "runs", [self.rows()])
+        if pictures:
+            write_atomically(folder / "report.html", report(self).encode())
+
+    def pictures(self) -> dict[str, Any]:
+        from ..orchestration.study.pictures import effort_figure
+
+        return {"study": effort_figure(self)}
+
+    def to_pandas(self) -> Any:
+        """A row for each run, as in the table ``runs``."""
+        return table_of(self.rows())

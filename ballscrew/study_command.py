@@ -1,0 +1,105 @@
+"""``ballscrew study``: tune controllers alike, judge them on what was never seen, compare."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .console import Bar
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder, read_whole_number
+from .results_folder import prepare_folder, save_results
+from .supervision import tell, tell_kept
+
+if TYPE_CHECKING:
+    from .results.swap_study import SwapStudy
+
+_EXAMPLES = """examples:
+  ballscrew study STUDY.toml --out out/study
+  ballscrew study STUDY.toml --workers 2 --out out/study --resume
+"""
+MOST_WORKERS = 1000
+
+
+def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
+    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    del parser_class
+    parser = commands.add_parser(
+        "study",
+        help="tune several controllers alike, judge them on other plants and duties, compare",
+        description="Write report.html, study.json and runs.parquet (a row a run; runs.csv without "
+        "pyarrow). What is done is kept as it is done; a killed study goes on with --resume. Exit "
+        "code 1: done, but runs failed, or runs over FMUs differ.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("study", type=Path, metavar="STUDY.toml", help="what to do, see docs/study.md")
+    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers", metavar="N", help="processes of this machine (default: one a core)"
+    )
+    where.add_argument(
+        "--dask", metavar="ADDRESS", help="a Dask scheduler, such as tcp://host:8786"
+    )
+    add("--resume", action="store_true", help="finish the study that this folder holds")
+    add("--json", action="store_true", help="print the answers as JSON")
+    parser.set_defaults(action=_study)
+
+
+def _study(options: argparse.Namespace) -> int:
+    count = os.cpu_count() or 1
+    if options.workers is not None:
+        count = read_whole_number("--workers", options.workers, 1, MOST_WORKERS)
+    from .orchestration.study.plan import BadPlan, read_plan
+    from .orchestration.study.study import discard_parts, do_study
+    from .orchestration.workers import Dask, Processes, WorkersLost
+    from .results.swap_study import SwapStudy
+
+    try:
+        plan = read_plan(options.study)
+        prepare_folder(options.out, [options.study])
+        workers = Dask(options.dask) if options.dask else Processes(count)
+        progress = _StudyProgress()
+        result = SwapStudy.of(do_study(plan, options.out, workers, options.resume, progress))
+        progress.finish()
+    except (BadPlan, WorkersLost) as error:
+        raise BadRequest(str(error)) from error
+    save_results(options.out, result.save)
+    discard_parts(options.out)
+    if options.json:
+        print(json.dumps(result.to_dict()["answers"]))
+    else:
+        _show(result, options.out)
+    return TRUSTED if result.trusted else NOT_TRUSTED
+
+
+def _show(result: SwapStudy, folder: Path) -> None:
+    print(result.headline())
+    for name, text in result.facts():
+        print(f"  {name:<24}{text}")
+    print(f"report.html, study.json, runs in {folder}")
+
+
+class _StudyProgress:
+    """What is done of each stage."""
+
+    def __init__(self) -> None:
+        self.bar: Bar | None = None
+        self.stage = ""
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        tell(f"{stage}: {done} of {total} tasks")
+        tell_kept("tasks that are done are kept, go on with --resume")
+        if self.bar is None or stage != self.stage:
+            self.finish()
+            self.stage = stage
+            self.bar = Bar("{desc}: {bar} {n} of {total} tasks, {remaining} left", total)
+        self.bar.show(done, stage)
+
+    def finish(self) -> None:
+        if self.bar is not None:
+            self.bar.close()

@@ -1,0 +1,70 @@
+"""Whether two controllers can be told apart: by plants that both ran on, and tunings of each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Matrix = npt.NDArray[np.float64]
+
+LEVEL = 0.95
+RELEVANT = 0.02
+"""Smallest ratio less one of two figures that matters to anybody."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How a figure of one controller compares with that of another.
+
+    Attributes
+    ----------
+    ratio : float
+        Geometric mean of first over second.
+    low, high : float
+        95 % interval of it, over plants and tunings.
+    told_apart : bool
+        Whether the interval leaves out everything within 2 % of equal.
+    """
+
+    ratio: float
+    low: float
+    high: float
+    told_apart: bool
+
+
+def compare(first: Matrix, second: Matrix) -> Difference:
+    """Compare a positive figure of two controllers.
+
+    The plants are the same for both, so that their differences are paired; tunings are not. The
+    variance of the mean is the sum of that over plants and of those over the tunings of each, its
+    degrees of freedom after Welch and Satterthwaite (B. L. Welch, Biometrika 34, 28 (1947)).
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (seeds, plants)
+        Figures by tuning and plant; positive and finite.
+    """
+    from scipy import stats
+
+    a, b = np.log(first), np.log(second)
+    paired = a.mean(axis=0) - b.mean(axis=0)
+    parts = [(_variance_of_mean(paired), len(paired) - 1)]
+    parts += [(_variance_of_mean(side.mean(axis=1)), len(side) - 1) for side in (a, b)]
+    variance = sum(v for v, _ in parts)
+    middle = float(paired.mean())
+    if variance > 0:
+        freedom = variance**2 / sum(v**2 / n for v, n in parts if n > 0)
+        half = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * math.sqrt(variance)
+    else:
+        half = 0.0
+    low, high = middle - half, middle + half
+    margin = math.log1p(RELEVANT)
+    told = low > margin or high < -margin
+    return Difference(math.exp(middle), math.exp(low), math.exp(high), told)
+
+
+def _variance_of_mean(values: Matrix) -> float:
+    return float(np.var(values, ddof=1) / len(values)) if len(values) > 1 else 0.0

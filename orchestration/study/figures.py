@@ -1,0 +1,147 @@
+"""Figures of merit of one run of a study."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from .loop import Course
+
+Vector = npt.NDArray[np.float64]
+
+MICRON = 1e-6
+COUNTS = 10
+AFTER_REVERSAL = 0.05  # s, in which the error after a reversal of the set-point is looked at
+AT_REST = 0.25  # share of the rest after a motion, at its end, that is looked at for hunting
+CYCLES = 2  # fewest in it that are called hunting
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a run is judged by; NaN where it does not define one, or the run failed.
+
+    Attributes
+    ----------
+    rms_error, peak_error : float
+        Set-point less position [m].
+    settling_2pct, settling_1um, settling_10counts : float
+        From the end of the last motion until the error stays within 2 % of the set-point's range,
+        1 um, 10 counts [s]; infinite where it does not.
+    overshoot : float
+        Furthest beyond the range of the set-point [m].
+    reversal_error : float
+        Largest error within 50 ms after the set-point turns round [m].
+    energy : float
+        Taken from the amplifier, which takes none back [J].
+    total_variation : float
+        Sum of the magnitudes of all changes of the command [V].
+    saturated_share : float
+        Of the time in which the command is at the amplifier's limit.
+    peak_current : float
+        [A]
+    hunting_amplitude, hunting_period : float
+        Half the range of the position in the last quarter of the last rest [m], and its period [s];
+        zero and NaN where there are fewer than two whole cycles in it.
+    steady_error : float
+        Mean error there [m].
+    failed : float
+        1 where the solver could not go on.
+    """
+
+    rms_error: float
+    peak_error: float
+    settling_2pct: float
+    settling_1um: float
+    settling_10counts: float
+    overshoot: float
+    reversal_error: float
+    energy: float
+    total_variation: float
+    saturated_share: float
+    peak_current: float
+    hunting_amplitude: float
+    hunting_period: float
+    steady_error: float
+    failed: float = 0.0
+
+
+NAMES = tuple(f.name for f in fields(Figures))
+UNITS = dict(
+    zip(
+        NAMES,
+        ["m", "m", "s", "s", "s", "m", "m", "J", "V", "1", "A", "m", "s", "m", "1"],
+        strict=True,
+    )
+)
+
+
+def figures_of(course: Course, count: float, limit: float) -> Figures:
+    """The figures of a run.
+
+    Parameters
+    ----------
+    course : Course
+    count : float
+        Of the position sensor [m].
+    limit : float
+        The amplifier's [V].
+    """
+    if course.stopped or not np.isfinite(course.position).all():
+        return Figures(**dict.fromkeys(NAMES, math.nan) | {"failed": 1.0})
+    time, error = course.time, course.reference - course.position
+    step = time[1] - time[0]
+    moves = np.flatnonzero(np.abs(np.diff(course.reference)) > 0)
+    end = int(moves[-1]) + 1 if len(moves) else 0  # the set-point rests from here on
+    low, high = min(course.reference.min(), 0.0), max(course.reference.max(), 0.0)
+    rest = slice(end + math.ceil((1 - AT_REST) * (len(time) - end)), None)
+    rests = len(time[rest]) >= 2 * CYCLES
+    amplitude, period = _hunting(course.position[rest], step) if rests else (0.0, math.nan)
+    power = np.maximum(course.command * course.current, 0.0)
+    return Figures(
+        rms_error=float(np.sqrt(np.mean(error**2))),
+        peak_error=float(np.abs(error).max()),
+        settling_2pct=_settled(time, error, 0.02 * (high - low), end),
+        settling_1um=_settled(time, error, MICRON, end),
+        settling_10counts=_settled(time, error, COUNTS * count, end),
+        overshoot=float(max(0.0, course.position.max() - high, low - course.position.min())),
+        reversal_error=_after_reversals(course, error, step),
+        energy=float(np.sum(power[:-1]) * step),
+        total_variation=float(np.abs(np.diff(course.command)).sum()),
+        saturated_share=float(np.mean(np.abs(course.command) >= limit * (1 - 1e-9))),
+        peak_current=float(np.abs(course.current).max()),
+        hunting_amplitude=amplitude,
+        hunting_period=period,
+        steady_error=float(np.mean(error[rest])) if rests else math.nan,
+    )
+
+
+def _settled(time: Vector, error: Vector, band: float, end: int) -> float:
+    outside = np.flatnonzero(np.abs(error[end:]) > band)
+    if not len(outside):
+        return 0.0
+    last = end + int(outside[-1])
+    return math.inf if last + 1 == len(time) else float(time[last + 1] - time[end])
+
+
+def _after_reversals(course: Course, error: Vector, step: float) -> float:
+    direction = np.sign(course.reference_velocity)
+    moving = np.flatnonzero(direction)
+    turns = moving[1:][direction[moving[1:]] != direction[moving[:-1]]]
+    if not len(turns):
+        return math.nan
+    width = round(AFTER_REVERSAL / step)
+    return float(max(np.abs(error[k : k + width + 1]).max() for k in turns))
+
+
+def _hunting(position: Vector, step: float) -> tuple[float, float]:
+    """Amplitude and period of a position that goes to and fro, else zero and NaN."""
+    middle = (position.max() + position.min()) / 2
+    above = position > middle
+    upward = np.flatnonzero(~above[:-1] & above[1:])
+    size = float(np.ptp(position) / 2)
+    if len(upward) <= CYCLES or size < 1e-10:
+        return 0.0, math.nan
+    return size, float((upward[-1] - upward[0]) * step / (len(upward) - 1))

@@ -1,0 +1,99 @@
+"""Some runs of a study again over FMUs, by the master: two roads to one number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...solver.kernel import CONTROLLER, PLANT
+from ..closed_loop import Study, run_study
+from .loop import STEP, StudyLoop
+
+if TYPE_CHECKING:
+    from .plan import Duty
+
+SHARE = 20  # every so many runs, drawn at random
+ALLOWED = 10.0  # times what one unit in the last place, or a tenth of the tolerance, moves the run
+ROUND_OFF = 1e-13  # m, of positions in the size of a metre
+
+
+@dataclass(frozen=True)
+class FmuCheck:
+    """One run over FMUs beside that of the study.
+
+    Attributes
+    ----------
+    apart : float
+        Largest distance of the two positions [m].
+    allowed : float
+        Ten times what the study's own run is uncertain by: what one unit in the last place of a
+        parameter, or a tenth of the solver's tolerance, moves it [m]; and, where the controller is
+        not sampled, the master's own estimate of its coupling error.
+    agrees : bool
+    """
+
+    apart: float
+    allowed: float
+    agrees: bool
+
+
+def check_over_fmus(
+    loop: StudyLoop,
+    fmus: tuple[str, str],
+    values: Mapping[str, float],
+    duty: Duty,
+    tolerance: float,
+) -> FmuCheck:
+    """Run one loop over FMUs and compare.
+
+    Parameters
+    ----------
+    loop : StudyLoop
+    fmus : tuple of two str
+        Paths of the plant's and the controller's FMU.
+    values : mapping of str to float
+        By the loop's names.
+    duty : Duty
+    tolerance : float
+        Of the study's run.
+    """
+    reference = duty.signal()
+    own = loop.run(values, reference, duty.stop, tolerance)
+    if own.stopped:
+        return FmuCheck(math.nan, math.nan, True)  # a failed run is reported as such already
+    moved = dict(values) | {PLANT + "m": _next(loop, values, PLANT + "m")}
+    others = [
+        loop.run(moved, reference, duty.stop, tolerance),
+        loop.run(values, reference, duty.stop, tolerance / 10),
+    ]
+    uncertain = max(float(np.abs(o.position - own.position).max()) for o in others)
+    step = own.time[1] if loop.sampled else STEP
+    study = Study(
+        controller=fmus[1],
+        plant=fmus[0],
+        reference=reference,
+        stop=float(own.time[-1]),
+        step=float(step),
+        plant_values=_of(PLANT, values),
+        controller_values=_of(CONTROLLER, values),
+        isolate=False,
+    )
+    run = run_study(study).run
+    apart = float(np.abs(np.interp(own.time, run.time, run.outputs["x"]) - own.position).max())
+    allowed = ALLOWED * max(uncertain, ROUND_OFF)
+    if not loop.sampled:
+        allowed = max(allowed, run.verdict.error_estimate["x"])
+    return FmuCheck(apart, allowed, apart <= allowed)
+
+
+def _next(loop: StudyLoop, values: Mapping[str, float], name: str) -> float:
+    default = next(p.default for p in loop.kernel.parameters if p.name == name)
+    return float(np.nextafter(values.get(name, default), np.inf))
+
+
+def _of(side: str, values: Mapping[str, float]) -> dict[str, float]:
+    return {n.removeprefix(side): v for n, v in values.items() if n.startswith(side)}

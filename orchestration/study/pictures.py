@@ -1,0 +1,44 @@
+"""The picture of a study: error against effort, one panel for each duty."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from .result import JUDGED_BY
+
+if TYPE_CHECKING:
+    from .result import StudyResult
+
+# after Okabe and Ito: colours that the colour-blind can tell apart; then the same with other marks
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+MARKS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def effort_figure(study: StudyResult) -> Any:
+    """Error [um] against total variation of the command [V], both on logarithmic axes."""
+    from matplotlib.figure import Figure
+
+    duties = [d.name for d in study.plan.judged_duties]
+    columns = min(3, len(duties))
+    rows = -(-len(duties) // columns)
+    figure = Figure(figsize=(4.2 * columns, 3.4 * rows + 0.8), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for panel, duty in zip(panels, duties, strict=False):
+        for k, entrant in enumerate(study.plan.entrants):
+            panel.loglog(
+                study.mean("total_variation", entrant.name, duty),
+                1e6 * study.mean(JUDGED_BY, entrant.name, duty),
+                marker=MARKS[k % len(MARKS)],
+                color=COLOURS[k % len(COLOURS)],
+                linestyle="none",
+                label=entrant.name,
+            )
+        panel.set_title(duty, fontsize=10)
+        panel.set_xlabel("total variation of the command [V]")
+        panel.set_ylabel("rms error [$\\mu$m]")
+        panel.grid(True, which="major", alpha=0.3)
+    for panel in panels[len(duties) :]:
+        panel.set_axis_off()
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(labels)))
+    return figure

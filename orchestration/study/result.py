@@ -1,0 +1,190 @@
+"""What a study found: tables, differences that can be told, and an answer in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .comparison import Difference, compare
+from .figures import NAMES
+from .over_fmus import FmuCheck
+from .plan import Plan
+from .sensitivity import Sensitivity, sensitivity
+from .tuning import Tuned
+
+Array = npt.NDArray[np.float64]
+
+JUDGED_BY = "rms_error"
+SMALLEST = 1e-12  # m; errors below it are equal
+MOST_FAILED = 0.0  # share of failed runs from which on a controller is not compared in a duty
+
+
+@dataclass(frozen=True)
+class DutyAnswer:
+    """Who is best at a duty.
+
+    Attributes
+    ----------
+    duty : str
+    order : tuple of str
+        Controllers by their geometric mean error, the best first; those that failed are left out.
+    best : tuple of str
+        The first, and all that cannot be told from it.
+    failed : dict of str to int
+        Failed runs by controller.
+    """
+
+    duty: str
+    order: tuple[str, ...]
+    best: tuple[str, ...]
+    failed: dict[str, int]
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """A finished study.
+
+    Attributes
+    ----------
+    plan : Plan
+    tunings : dict of str to list of Tuned
+        By controller, one for each seed.
+    figures : dict of str to ndarray, shape (controllers, seeds, duties, plants)
+        By name, see `Figures`.
+    answers : list of DutyAnswer
+    differences : dict
+        By duty and pair of controllers, of the rms error.
+    sensitivities : dict of str to Sensitivity
+        Of the rms error, by controller.
+    checks : list of FmuCheck
+        Runs that were done again over FMUs.
+    """
+
+    plan: Plan
+    tunings: dict[str, list[Tuned]]
+    figures: dict[str, Array] = field(repr=False)
+    answers: list[DutyAnswer]
+    differences: dict[str, dict[tuple[str, str], Difference]]
+    sensitivities: dict[str, Sensitivity]
+    checks: list[FmuCheck]
+
+    @property
+    def disagreed(self) -> int:
+        """Runs that came out differently over FMUs."""
+        return sum(not c.agrees for c in self.checks)
+
+    def mean(self, figure: str, controller: str, duty: str) -> float:
+        """Mean of a figure over tunings and plants; geometric for the rms error."""
+        names = [e.name for e in self.plan.entrants]
+        duties = [d.name for d in self.plan.judged_duties]
+        values = self.figures[figure][names.index(controller), :, duties.index(duty)]
+        if figure == JUDGED_BY:
+            return float(np.exp(np.mean(np.log(np.maximum(values, SMALLEST)))))
+        finite = values[np.isfinite(values)]
+        return float(finite.mean()) if len(finite) == values.size else math.nan
+
+    def rows(self) -> dict[str, list[Any]]:
+        """A row for each run, as columns."""
+        plan = self.plan
+        factors = plan.factors("judge")
+        columns: dict[str, list[Any]] = {n: [] for n in ("controller", "tuning", "duty", "plant")}
+        varied = [factor_name(v.parameters) for v in plan.variations]
+        columns |= {n: [] for n in (*varied, *NAMES)}
+        for e, entrant in enumerate(plan.entrants):
+            for s in range(plan.tuning.seeds):
+                for d, duty in enumerate(plan.judged_duties):
+                    for p in range(plan.plants):
+                        columns["controller"].append(entrant.name)
+                        columns["tuning"].append(s)
+                        columns["duty"].append(duty.name)
+                        columns["plant"].append(p)
+                        for name, factor in zip(varied, factors[p], strict=True):
+                            columns[name].append(float(factor))
+                        for name in NAMES:
+                            columns[name].append(float(self.figures[name][e, s, d, p]))
+        return columns
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything of ``study.json``."""
+        return {
+            "version": 1,
+            "plan": json_ready(self.plan),
+            "tunings": {n: [asdict(t) for t in ts] for n, ts in self.tunings.items()},
+            "answers": [asdict(a) for a in self.answers],
+            "differences": {
+                duty: [{"first": a, "second": b, **asdict(d)} for (a, b), d in pairs.items()]
+                for duty, pairs in self.differences.items()
+            },
+            "sensitivities": {n: asdict(s) for n, s in self.sensitivities.items()},
+            "over_fmus": [asdict(c) for c in self.checks],
+            "means": {
+                d.name: {
+                    e.name: {n: self.mean(n, e.name, d.name) for n in NAMES}
+                    for e in self.plan.entrants
+                }
+                for d in self.plan.judged_duties
+            },
+        }
+
+
+def json_ready(plan: Plan) -> dict[str, Any]:
+    """The plan as plain data."""
+    found: dict[str, Any] = asdict(plan)
+    return found
+
+
+def factor_name(parameters: Sequence[str]) -> str:
+    """Name of the column of a variation's factor."""
+    return "factor_" + "_".join(parameters)
+
+
+def concluded(
+    plan: Plan,
+    tunings: Mapping[str, list[Tuned]],
+    figures: Mapping[str, Array],
+    checks: list[FmuCheck],
+) -> StudyResult:
+    """The result of a study from its runs."""
+    names = [e.name for e in plan.entrants]
+    errors = np.maximum(figures[JUDGED_BY], SMALLEST)
+    failed = figures["failed"] > 0
+    answers, differences = [], {}
+    for d, duty in enumerate(plan.judged_duties):
+        lost = {n: int(failed[e, :, d].sum()) for e, n in enumerate(names)}
+        runs = failed[0, :, d].size
+        compared = [n for n in names if lost[n] <= MOST_FAILED * runs]
+        by_name = {n: errors[names.index(n), :, d] for n in compared}
+        order = sorted(compared, key=lambda n: float(np.log(by_name[n]).mean()))
+        pairs = {
+            (a, b): compare(by_name[a], by_name[b])
+            for k, a in enumerate(order)
+            for b in order[k + 1 :]
+        }
+        best = [n for n in order[1:] if not pairs[order[0], n].told_apart]
+        answers.append(DutyAnswer(duty.name, tuple(order), (*order[:1], *best), lost))
+        differences[duty.name] = pairs
+    return StudyResult(
+        plan,
+        dict(tunings),
+        dict(figures),
+        answers,
+        differences,
+        {n: _sensitivity(plan, errors[e], failed[e]) for e, n in enumerate(names)},
+        checks,
+    )
+
+
+def _sensitivity(plan: Plan, errors: Array, failed: Array) -> Sensitivity:
+    """Of all runs of a controller, each duty and tuning about its own mean."""
+    varied = [factor_name(v.parameters) for v in plan.variations]
+    if failed.any():
+        return Sensitivity(dict.fromkeys(varied, 0.0), 0.0)
+    logs = np.log(errors)
+    about = np.exp(logs - logs.mean(axis=-1, keepdims=True))  # (seeds, duties, plants)
+    factors = np.tile(plan.factors("judge"), (about.shape[0] * about.shape[1], 1))
+    return sensitivity(factors, about.ravel(), varied)

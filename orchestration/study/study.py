@@ -1,0 +1,284 @@
+"""Do a study: tune every controller alike, judge it on other plants and duties, and compare."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...solver.files import write_atomically, write_json
+from ...solver.kernel import CONTROLLER, PLANT
+from ..whole_loop import loop_kernel
+from .figures import NAMES, Figures, figures_of
+from .loop import StudyLoop
+from .over_fmus import SHARE, FmuCheck, check_over_fmus
+from .plan import BadPlan, Duty, Entrant, Plan
+from .result import StudyResult, concluded
+from .tuning import Tuned, tune
+
+if TYPE_CHECKING:
+    from ...solver.component import Component
+    from ..workers import Workers
+
+Progress = Callable[[str, int, int], None]
+
+LIMIT = "voltage_limit"  # the plant's parameter
+PARTS = "study.parts"
+FAILED = 1e6  # cost of a candidate whose run fails, for each such run
+OVER_LIMIT = 10.0  # cost for each limit that is exceeded by its own size
+CHUNK = 10  # plants of a task
+
+
+def do_study(
+    plan: Plan,
+    folder: Path,
+    workers: Workers,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> StudyResult:
+    """Do a study, or finish one.
+
+    What is done is kept in ``study.parts`` in the folder until the caller removes it.
+
+    Parameters
+    ----------
+    progress : function, optional
+        Called with the stage, the runs that are done, and all of them.
+
+    Raises
+    ------
+    BadPlan
+        If a part or a parameter does not exist, or the folder holds another study.
+    """
+    loops = {e.name: _loop(plan, e) for e in plan.entrants}
+    parts = _claim(plan, loops, folder / PARTS, resume)
+    jobs = {
+        f"tune-{k}-{seed}.json": (plan, e, loops[e.name], seed)
+        for k, e in enumerate(plan.entrants)
+        for seed in range(plan.tuning.seeds)
+    }
+    done = _computed(parts, jobs, _tuned, workers, "tuning", progress)
+    tunings = {
+        e.name: [Tuned(**done[f"tune-{k}-{s}.json"]) for s in range(plan.tuning.seeds)]
+        for k, e in enumerate(plan.entrants)
+    }
+    runs = {
+        f"run-{k}-{seed}-{d}-{first}.json": (
+            *(plan, e, loops[e.name], tunings[e.name][seed].values, duty),
+            range(first, min(first + CHUNK, plan.plants)),
+        )
+        for k, e in enumerate(plan.entrants)
+        for seed in range(plan.tuning.seeds)
+        for d, duty in enumerate(plan.judged_duties)
+        for first in range(0, plan.plants, CHUNK)
+    }
+    found = _computed(parts, runs, _judged, workers, "judging", progress)
+    table = np.array([row for name in runs for row in found[name]], dtype=float)
+    shape = len(plan.entrants), plan.tuning.seeds, len(plan.judged_duties), plan.plants
+    figures = {n: table[:, k].reshape(shape) for k, n in enumerate(NAMES)}
+    again = _checks(plan, loops, tunings)
+    checked = _computed(parts, again, _checked, workers, "over FMUs", progress)
+    checks = [FmuCheck(**checked[name]) for name in again]
+    return concluded(plan, tunings, figures, checks)
+
+
+def _checks(
+    plan: Plan, loops: Mapping[str, StudyLoop], tunings: Mapping[str, list[Tuned]]
+) -> dict[str, tuple[Any, ...]]:
+    """A random twentieth of the runs, at least one, as tasks over FMUs."""
+    from ...fmus.catalogue import component, fmu_of
+
+    shape = len(plan.entrants), plan.tuning.seeds, len(plan.judged_duties), plan.plants
+    runs = math.prod(shape)
+    random = np.random.default_rng([plan.seed, len(PARTS)])
+    drawn = np.sort(random.choice(runs, math.ceil(runs / SHARE), replace=False))
+    plant = str(fmu_of(component(plan.plant)))
+    controllers: dict[str, str] = {}
+    tasks: dict[str, tuple[Any, ...]] = {}
+    for run in drawn.tolist():
+        e, seed, d, p = (int(k) for k in np.unravel_index(run, shape))
+        entrant = plan.entrants[e]
+        if entrant.name not in controllers:
+            controllers[entrant.name] = str(fmu_of(composed(plan, entrant)))
+        loop, tuned = loops[entrant.name], tunings[entrant.name][seed].values
+        factors = plan.factors("judge")[p]
+        values = values_for(plan, loop, entrant, tuned, factors, 1000 + p)
+        fmus = plant, controllers[entrant.name]
+        duty = plan.judged_duties[d]
+        tasks[f"fmu-{run}.json"] = loop, fmus, values, duty, plan.tolerance
+    return tasks
+
+
+def _checked(*task: Any) -> dict[str, Any]:
+    return asdict(check_over_fmus(*task))
+
+
+def discard_parts(folder: Path) -> None:
+    """Remove what was kept while the study was not finished."""
+    shutil.rmtree(folder / PARTS, ignore_errors=True)
+
+
+def composed(plan: Plan, entrant: Entrant) -> Component:
+    """The entrant's controller as it takes part: digital, behind the instruments."""
+    from ...fmus.catalogue import component
+    from ...instruments.sample_and_hold import PERIOD, sampled_and_held
+
+    controller = component(entrant.component)
+    if plan.period > 0 and not controller.discrete:
+        from dataclasses import replace
+
+        period = replace(PERIOD, default=plan.period, source="the study")
+        controller = sampled_and_held(controller, f"{controller.name}_sampled", period)
+    return controller
+
+
+def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:
+    from ...fmus.catalogue import UnknownComponent, component
+    from ...solver.component import ContractError
+
+    try:
+        kernel = loop_kernel(component(plan.plant), composed(plan, entrant))
+    except (UnknownComponent, ContractError) as error:
+        raise BadPlan(f"controllers.{entrant.name}: {error}") from error
+    known = {p.name for p in kernel.parameters}
+    for side, names, where in (
+        (CONTROLLER, [*entrant.values, *entrant.tune], f"controllers.{entrant.name}"),
+        (PLANT, [n for v in plan.variations for n in v.parameters], "vary"),
+    ):
+        for name in names:
+            if side + name not in known:
+                there = ", ".join(sorted(n.removeprefix(side) for n in known if n.startswith(side)))
+                raise BadPlan(f"{where}: no parameter {name!r}; there are {there}")
+    kernel.compile()
+    return StudyLoop(kernel)
+
+
+def values_for(
+    plan: Plan,
+    loop: StudyLoop,
+    entrant: Entrant,
+    tuned: Mapping[str, float],
+    factors: Sequence[float],
+    draw: int,
+) -> dict[str, float]:
+    """Parameters of a run, by the loop's names, on a plant with these factors.
+
+    Noise sources get seeds that follow from the number of the draw: the same for all controllers.
+    """
+    known = {p.name: p.default for p in loop.kernel.parameters}
+    limit = PLANT + LIMIT
+    values = {limit: plan.voltage_limit} if limit in known else {}
+    for variation, factor in zip(plan.variations, factors, strict=True):
+        values |= {PLANT + n: known[PLANT + n] * float(factor) for n in variation.parameters}
+    values |= {CONTROLLER + n: v for n, v in {**entrant.values, **tuned}.items()}
+    return values | {n: float(1 + draw) for n in known if n.endswith("_seed")}
+
+
+def _measured(plan: Plan, loop: StudyLoop, values: Mapping[str, float], duty: Duty) -> Figures:
+    course = loop.run(values, duty.signal(), duty.stop, plan.tolerance)
+    return figures_of(course, plan.count, plan.voltage_limit)
+
+
+def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str, Any]:
+    """A tuning of an entrant."""
+    factors = plan.factors("tune")
+
+    def cost(values: Mapping[str, float]) -> float:
+        total = 0.0
+        for duty in plan.tuning_duties:
+            size = float(np.abs(duty.signal().values).max())
+            for draw, row in enumerate(factors):
+                given = values_for(plan, loop, entrant, values, row, draw)
+                found = _measured(plan, loop, given, duty)
+                if found.failed:
+                    total += FAILED
+                    continue
+                total += found.rms_error / size
+                for name, most in plan.tuning.limits.items():
+                    reached = getattr(found, name)
+                    if reached > most:
+                        excess = reached / most - 1 if most > 0 else reached
+                        total += OVER_LIMIT * min(excess, FAILED)
+        return total / (len(plan.tuning_duties) * len(factors))
+
+    defaults = {p.name: p.default for p in loop.kernel.parameters}
+    published = {n: defaults[CONTROLLER + n] for n in entrant.tune}
+    number = [e.name for e in plan.entrants].index(entrant.name)
+    random = [plan.seed, number, seed]
+    return asdict(tune(cost, published, entrant.tune, plan.tuning.budget, random))
+
+
+def _judged(
+    plan: Plan,
+    entrant: Entrant,
+    loop: StudyLoop,
+    tuned: Mapping[str, float],
+    duty: Duty,
+    plants: range,
+) -> list[list[float]]:
+    """Figures on some of the plants, one row each."""
+    factors = plan.factors("judge")
+    rows = []
+    for plant in plants:
+        values = values_for(plan, loop, entrant, tuned, factors[plant], 1000 + plant)
+        found = _measured(plan, loop, values, duty)
+        rows.append([float(getattr(found, n)) for n in NAMES])
+    return rows
+
+
+def _claim(plan: Plan, loops: Mapping[str, StudyLoop], parts: Path, resume: bool) -> Path:
+    """The folder for what is done, of this study and no other."""
+    text = plan.to_json() + "".join(loop.kernel.module for loop in loops.values())
+    own = {"fingerprint": hashlib.sha256(text.encode()).hexdigest()[:16]}
+    mark = parts / "study.json"
+    if mark.is_file():
+        try:
+            same = json.loads(mark.read_text("utf-8")) == own
+        except ValueError:
+            same = False
+        if not same:
+            raise BadPlan(
+                f"{parts.parent} holds another study; choose another folder, or remove it"
+            )
+        if not resume:
+            raise BadPlan(f"{parts.parent} holds this study, begun; add --resume to go on with it")
+    elif resume:
+        raise BadPlan(f"{parts.parent} holds no study to go on with; leave out --resume")
+    parts.mkdir(parents=True, exist_ok=True)
+    write_json(mark, own)
+    return parts
+
+
+def _computed(
+    parts: Path,
+    jobs: Mapping[str, tuple[Any, ...]],
+    function: Callable[..., Any],
+    workers: Workers,
+    stage: str,
+    progress: Progress | None,
+) -> dict[str, Any]:
+    """Results of all jobs by name; those that are on disk are not done again."""
+    results = {}
+    for name in jobs:
+        try:
+            results[name] = json.loads((parts / name).read_text("utf-8"))
+        except (OSError, ValueError):  # not there, or a disk lost the end of it
+            continue
+
+    def missing() -> Iterator[tuple[str, tuple[Any, ...]]]:
+        yield from ((n, job) for n, job in jobs.items() if n not in results)
+
+    left = list(missing())
+    for name, found in workers.map(function, iter(left)):
+        write_atomically(parts / name, json.dumps(found).encode())
+        results[name] = found
+        if progress:
+            progress(stage, len(results), len(jobs))
+    return results

@@ -1,0 +1,145 @@
+"""Tuning: the same optimizer, budget, duties, plants and limits for every controller.
+
+The optimizer is CMA-ES, by its author's own package (N. Hansen, `cma`): kept since 2008, made for
+few, ill-scaled, coupled parameters and a budget of a hundred candidates; it judges by ranks alone,
+so that no scaling of the figure favours a controller. Parameters with a positive range are tuned on
+a logarithmic scale. The published rule is the first candidate: no tuning is worse than it.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Vector = npt.NDArray[np.float64]
+Cost = Callable[[Mapping[str, float]], float]
+
+SPREAD = 0.2  # of each range, of the first candidates
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """Values that a tuning found.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        The best within the budget.
+    cost : float
+    published_cost : float
+        Of the published rule.
+    doubled_cost : float
+        The best within twice the budget.
+    tried : int
+        Candidates in all.
+    at_bound : tuple of str
+        Values that ended within 1 % of an end of their range.
+    """
+
+    values: dict[str, float]
+    cost: float
+    published_cost: float
+    doubled_cost: float
+    tried: int
+    at_bound: tuple[str, ...] = ()
+
+
+def tune(
+    cost: Cost,
+    published: Mapping[str, float],
+    ranges: Mapping[str, tuple[float, float]],
+    budget: int,
+    seed: int | Sequence[int],
+) -> Tuned:
+    """Find values with a small cost.
+
+    Parameters
+    ----------
+    cost : function of values by name
+        Not NaN; the same values always cost the same.
+    published : mapping of str to float
+        Where to begin.
+    ranges : mapping of str to (float, float)
+        Without any, the published values are what is found.
+    budget : int
+        Candidates for the values that are taken; as many again tell what more would gain.
+    seed : int or sequence of int
+    """
+    names = list(ranges)
+    start = {n: float(np.clip(published[n], *ranges[n])) for n in names}
+    first = cost(published)
+    if not names:
+        return Tuned({}, first, first, first, 1)
+    scales = [_Scale(*ranges[n]) for n in names]
+    best, found, tried = first, {n: published[n] for n in names}, 1
+    at_budget: tuple[float, dict[str, float]] | None = None
+    for candidate in _candidates(start, names, scales, 2 * budget - 1, seed):
+        if tried == budget:
+            at_budget = best, found
+        values = {n: s.value(c) for n, s, c in zip(names, scales, candidate.place, strict=True)}
+        price = cost({**published, **values})
+        candidate.tell(price)
+        tried += 1
+        if price < best:
+            best, found = price, values
+    kept_cost, kept = at_budget or (best, found)
+    places = {n: s.place(kept[n]) for n, s in zip(names, scales, strict=True)}
+    ends = tuple(n for n, place in places.items() if not 0.01 <= place <= 0.99)
+    return Tuned(kept, kept_cost, first, best, tried, ends)
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """A range as the unit interval, by logarithms where it is positive."""
+
+    low: float
+    high: float
+
+    def value(self, place: float) -> float:
+        if self.low > 0:
+            return float(self.low * (self.high / self.low) ** place)
+        return float(self.low + (self.high - self.low) * place)
+
+    def place(self, value: float) -> float:
+        if self.low > 0:
+            return math.log(max(value, 1e-300) / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    place: Vector
+    tell: Callable[[float], None]
+
+
+def _candidates(
+    start: Mapping[str, float],
+    names: list[str],
+    scales: list[_Scale],
+    count: int,
+    seed: int | Sequence[int],
+) -> Iterator[_Candidate]:
+    """Candidates one after the other, each told what it costs before the next generation."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of packages that it can do without
+        import cma
+
+        state = np.random.SeedSequence(seed).generate_state(1)[0]
+        place = [s.place(start[n]) for n, s in zip(names, scales, strict=True)]
+        place += [0.5] * (2 - len(place))  # it fails on one coordinate: a second that nothing reads
+        options = {"bounds": [0, 1], "seed": int(state % (2**31 - 2)) + 1, "verbose": -9}
+        search = cma.CMAEvolutionStrategy(place, SPREAD, options)
+    left = count
+    while left > 0:
+        generation = search.ask()
+        prices: list[float] = []
+        for point in generation[:left]:
+            yield _Candidate(point[: len(names)], prices.append)
+        left -= len(prices)
+        if len(prices) == len(generation):
+            search.tell(generation, prices)

@@ -1,0 +1,88 @@
+"""Study files: what is read, and what is refused in one line."""
+
+import numpy as np
+import pytest
+
+from ballscrew.orchestration.study.plan import BadPlan, read_plan
+
+GOOD = """version = 1
+plants = 5
+[controllers.pid]
+tune = {Kp = [10.0, 3000.0]}
+[[vary]]
+parameters = ["Fc", "Fs"]
+uniform = [0.7, 1.3]
+[[duty]]
+name = "a"
+reference = "move:distance=0.01"
+stop = 1.5
+tune = true
+[[duty]]
+name = "b"
+reference = "step:size=-1e-3"
+stop = 1.0
+[tuning]
+budget = 7
+[tuning.limits]
+overshoot = 1e-3
+"""
+
+
+def plan_of(tmp_path, text):
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    return read_plan(path)
+
+
+def test_a_study_is_read(tmp_path):
+    plan = plan_of(tmp_path, GOOD)
+    assert [d.name for d in plan.tuning_duties] == ["a"]
+    assert [d.name for d in plan.judged_duties] == ["b"]
+    assert plan.entrants[0].tune == {"Kp": (10.0, 3000.0)}
+    assert plan.tuning.limits == {"overshoot": 1e-3}
+
+
+def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
+    plan = plan_of(tmp_path, GOOD)
+    tuned, judged = plan.factors("tune"), plan.factors("judge")
+    assert tuned[0] == pytest.approx(1.0)
+    assert judged.shape == (5, 1)
+    assert not set(tuned.ravel()) & set(judged.ravel())
+    assert np.all((judged >= 0.7) & (judged <= 1.3))
+    np.testing.assert_array_equal(judged, plan_of(tmp_path, GOOD).factors("judge"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("version = 1", "version = 2", "version is 2, expected 1"),
+        ("version = 1", "", "version is None, expected 1"),
+        ("[10.0, 3000.0]", "[3000.0, 10.0]", "an empty range"),
+        ("[10.0, 3000.0]", "[10.0]", "expected two finite numbers"),
+        ("[10.0, 3000.0]", "[10.0, nan]", "expected two finite numbers"),
+        ("budget = 7", "budget = 0", "expected a whole number >= 1"),
+        ("budget = 7", "budgt = 7", "tuning has no 'budgt'; nearest: budget"),
+        ("plants = 5", "plants = 2.5", "expected a whole number"),
+        ("plants = 5", "plants = 5\nperiod = -1.0", "period is -1, expected 0 or more"),
+        ("plants = 5", "plants = 5\nperiod = true", "expected a finite number"),
+        ("overshoot = 1e-3", "overshot = 1e-3", "nearest: overshoot"),
+        ("move:distance=0.01", "mov:distance=0.01", "mov:distance=0.01: cannot be read"),
+        ("move:distance=0.01", "move:speed=-1", "speed of a move is -1"),
+        ("tune = true", "tune = false", "no duty to tune on"),
+        ("step:size=-1e-3", "move:distance=0.01", "judged by a motion that is tuned on"),
+        ('name = "b"', 'name = "a"', "two duties have one name"),
+        ("stop = 1.0", "stop = 0", "stop is 0 s"),
+        ("[controllers.pid]", "[controler.pid]", "has no .controllers.NAME."),
+        ("stop = 1.0", "stop = 1.0 s", "is no TOML"),
+    ],
+)
+def test_bad_studies_are_refused_in_one_line(tmp_path, old, new, message):
+    assert old in GOOD
+    with pytest.raises(BadPlan, match=message) as caught:
+        plan_of(tmp_path, GOOD.replace(old, new, 1))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(BadPlan, match=r"none\.toml: cannot be read"):
+        read_plan(tmp_path / "none.toml")

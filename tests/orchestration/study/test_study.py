@@ -1,0 +1,154 @@
+"""A small study from beginning to end, over the functions and by the command."""
+
+import json
+import math
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballscrew.cli import main
+from ballscrew.orchestration.reference_motions import read_motion
+from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.study.loop import StudyLoop, reference_on
+from ballscrew.orchestration.study.plan import BadPlan, read_plan
+from ballscrew.orchestration.study.study import PARTS, do_study
+from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
+from ballscrew.orchestration.workers import Processes
+
+STUDY = """version = 1
+plants = 3
+[controllers.pid]
+tune = {Kp = [50.0, 2000.0]}
+[controllers.nctf]
+tune = {c = [5.0, 60.0]}
+[[vary]]
+parameters = ["Fc", "Fs"]
+uniform = [0.7, 1.3]
+[[duty]]
+name = "there"
+reference = "move:distance=0.01,speed=0.1,start=0,dwell=0.1,back=0"
+stop = 0.4
+tune = true
+[[duty]]
+name = "back"
+reference = "move:distance=-0.005,speed=0.1,start=0,dwell=0.1,back=0"
+stop = 0.4
+[tuning]
+budget = 3
+plants = 1
+seeds = 2
+"""
+
+pytestmark = pytest.mark.xdist_group("study")  # which is done once
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "study.toml"
+    path.write_text(STUDY)
+    return read_plan(path)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("study")
+
+
+@pytest.fixture(scope="module")
+def result(plan, folder):
+    return do_study(plan, folder, Processes(1))
+
+
+def test_every_run_is_there_and_has_its_figures(result):
+    assert result.figures["rms_error"].shape == (2, 2, 1, 3)
+    assert np.isfinite(result.figures["rms_error"]).all()
+    rows = result.rows()
+    assert {len(column) for column in rows.values()} == {12}
+    assert set(rows["factor_Fc_Fs"]) == set(result.plan.factors("judge").ravel())
+    assert result.answers[0].duty == "back"
+    assert set(result.answers[0].order) == {"pid", "nctf"}
+
+
+def test_tuned_controllers_cost_no_more_than_the_published_rules(result):
+    for tunings in result.tunings.values():
+        assert len(tunings) == 2
+        for t in tunings:
+            assert t.doubled_cost <= t.cost <= t.published_cost
+
+
+def test_runs_over_fmus_come_out_as_in_one_solver(result):
+    assert len(result.checks) == 1
+    assert result.disagreed == 0
+    assert 0 < result.checks[0].apart < 1e-7
+
+
+def test_a_study_that_goes_on_after_a_kill_gives_the_same_numbers(plan, folder, result, tmp_path):
+    shutil.copytree(folder / PARTS, tmp_path / PARTS)
+    (tmp_path / PARTS / "tune-0-0.json").unlink()
+    (tmp_path / PARTS / "run-1-1-0-0.json").write_text("[[1.0,")  # half written
+    again = do_study(plan, tmp_path, Processes(1), resume=True)
+    assert json.dumps(again.to_dict()) == json.dumps(result.to_dict())  # NaN and all
+
+
+def test_a_folder_of_another_study_is_left_alone(plan, folder, result):
+    with pytest.raises(BadPlan, match="add --resume to go on"):
+        do_study(plan, folder, Processes(1))
+    with pytest.raises(BadPlan, match="holds another study"):
+        do_study(replace(plan, seed=2), folder, Processes(1), resume=True)
+
+
+def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, folder, result):
+    study, out = tmp_path / "study.toml", tmp_path / "out"
+    study.write_text(STUDY)
+    shutil.copytree(folder / PARTS, out / PARTS)
+    given = ["study", str(study), "--workers", "1", "--out", str(out), "--resume"]
+    assert main(given) == 0
+    printed = capsys.readouterr().out
+    assert "2 controllers, 1 duties, 12 runs" in printed
+    assert "again over FMUs" in printed
+    assert {p.name for p in out.iterdir()} >= {"report.html", "study.json", "runs.parquet"}
+    told = json.loads((out / "study.json").read_text())
+    assert [a["order"] for a in told["answers"]] == [list(a.order) for a in result.answers]
+    page = (out / "report.html").read_text()
+    assert "Which controller for which duty" in page
+    assert not (out / PARTS).exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[controllers.pid]", "[controllers.pidd]", "pidd"),
+        ("Kp =", "Kpp =", "no parameter 'Kpp'; there are Kd, Ki, Kp"),
+        ('"Fc", "Fs"', '"Fc", "Fz"', "vary: no parameter 'Fz'; there are Fc, Fs"),
+    ],
+)
+def test_a_study_of_what_is_not_there_is_one_line_and_exit_code_2(
+    tmp_path, capsys, old, new, message
+):
+    study = tmp_path / "study.toml"
+    study.write_text(STUDY.replace(old, new))
+    assert main(["study", str(study), "--workers", "1", "--out", str(tmp_path / "out")]) == 2
+    heard = capsys.readouterr().err
+    assert message in heard
+    assert heard.count("\n") == 1
+
+
+@pytest.mark.parametrize("controller", ["pid_sampled", "nctf"])
+def test_a_run_is_that_of_the_monolithic_reference(controller):
+    """Sampled on its own grid, and continuous with ramps in between."""
+    motion = read_motion("move:distance=0.005,start=0.01,dwell=0.05,back=0")
+    own = StudyLoop(loop_kernel("plant", controller)).run({}, motion, 0.3, 1e-8)
+    other = run_monolithic("plant", controller, motion, 0.3, 1e-3)
+    np.testing.assert_allclose(own.position, other.outputs["x"], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(own.command, other.commands["u"], rtol=0, atol=1e-6)
+
+
+def test_the_set_point_on_a_grid_is_the_set_point_at_each_time():
+    motion = read_motion("triangle:amplitude=1e-3,period=0.2,duration=0.5,start=0.1")
+    time = np.arange(700) * 1e-3
+    for order in (0, 1):
+        one_by_one = [motion.all_at(t, (order,))[0] for t in time]
+        np.testing.assert_allclose(reference_on(time, motion, order), one_by_one, atol=1e-18)
+    assert math.isclose(reference_on(time, Reference.constant(0.3), 0)[-1], 0.3)
