@@ -158,7 +158,10 @@ def test_help_and_version_load_none_of_the_heavy_libraries():
         ([*RUN, "--out", "/proc/nowhere/at/all"], "cannot be made"),
         ([*RUN, "--out", "OUT", "--time-limit", "0"], "--time-limit is 0 s, expected more than 0"),
         (["run", "--controller", str(Path(__file__).parent), "--out", "OUT"], "is a folder"),
-        (["export", "--out", "OUT", "--only", "plnt"], "no component 'plnt'; there are plant"),
+        (
+            ["export", "--out", "OUT", "--only", "plnt"],
+            "'plnt' is neither one of plant,",
+        ),
         (["swap", "--out", "OUT", "--controllers", "iol", "x"], "'x' is neither one of"),
         (["fly"], "invalid choice"),
         ([], "required: COMMAND"),
