@@ -98,7 +98,7 @@ def export(options: argparse.Namespace) -> int:
     from .fmus.catalogue import name_of
     from .fmus.system_export import CannotConnect
     from .fmus.units import BadUnit
-    from .solver.component import ContractError
+    from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent
 
     for name in names:

@@ -65,7 +65,7 @@ def export(
     from .fmus.native.sources import catalogued_model, stored_model, variational_model, with_kernel
     from .fmus.units import BadUnit
     from .solver.compilers import CompilerFailed
-    from .solver.component import ContractError
+    from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent
 
     written: list[NativeFmu] = []
@@ -130,7 +130,7 @@ def export_systems(
     from .fmus.system_export import CannotConnect, export_system
     from .fmus.units import BadUnit
     from .solver.compilers import CompilerFailed
-    from .solver.component import ContractError
+    from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent
 
     with TemporaryDirectory(prefix="ballscrew-export-") as folder:

@@ -129,8 +129,8 @@ def guarded(action: Any) -> Any:
     from .orchestration.loop_run import CouplingError
     from .orchestration.memory import NotEnoughMemory
     from .orchestration.wiring import WiringError
-    from .solver.component import ContractError
     from .solver.component_file import BadComponentFile
+    from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent
 
     try:

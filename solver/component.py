@@ -19,13 +19,10 @@ from typing import Any
 
 import sympy as sp
 
+from .contract_error import ContractError as ContractError
 from .functions import FUNCTIONS, symbols_in, unsupported
 
 Number = float | int
-
-
-class ContractError(ValueError):
-    """A component contradicts itself; the message names it and the offending part."""
 
 
 def symbol(name: str) -> sp.Symbol:

@@ -20,6 +20,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, NoReturn
 
+from .contract_error import ContractError
+
 if TYPE_CHECKING:
     from .component import Component
 
@@ -151,8 +153,6 @@ def _function(path: Path, module: ModuleType, name: str) -> Callable[[], object]
 
 def _refuse(path: Path, folder: Path, error: BaseException, what: str) -> NoReturn:
     """Say in one line what went wrong, and where in the user's own files."""
-    from .component import ContractError
-
     frames = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError) and error.filename:
         frames.append((error.filename, error.lineno))

@@ -127,6 +127,22 @@ def test_help_and_version_load_none_of_the_heavy_libraries():
     assert command("--version").stdout.startswith("ballscrew ")
 
 
+def test_a_run_of_what_is_derived_already_loads_no_sympy(tmp_path, fmus):
+    del fmus  # derived
+    code = (
+        "import sys\nfrom ballscrew.cli import main\n"
+        "main('run --controller pid --stop 0.01 --step 1e-3 --out'.split() + sys.argv[1:])\n"
+        "print('sympy' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        cwd=tempfile.gettempdir(),
+    )
+    assert done.stdout.splitlines()[-1] == "False"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
