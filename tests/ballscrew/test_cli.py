@@ -339,6 +339,8 @@ def test_the_wheel_holds_every_module(tmp_path):
     expected = {"ballscrew/py.typed"}
     for name in ("faultless_evidence.csv", "report.html.jinja"):
         expected.add(f"ballscrew/diagnosis/{name}")
+    for name in ("controller", "test_controller"):
+        expected.add(f"ballscrew/templates/{name}.py.jinja")
     parts = {p.parent.name for p in root.glob("*/__init__.py")} - {"ballscrew", "tests", "proofs"}
     for part in parts:
         expected |= {f"ballscrew/{p.relative_to(root)}" for p in (root / part).rglob("*.py")}
