@@ -1,8 +1,9 @@
 # Long file: most of it are docstrings, with examples, of the public functions.
 """The public functions: what the commands do, for programs and notebooks.
 
-Values are in SI units throughout. A part is named (see `catalogue`), a path of an FMU, or a
-`Component` that was made a minute ago.
+Values are in SI units throughout. A part is named (see `catalogue`), a function of a Python file
+that returns a component (``mine.py:pi``), a path of an FMU, or a `Component` that was made a minute
+ago.
 """
 
 from __future__ import annotations
@@ -51,12 +52,13 @@ def catalogue() -> dict[str, tuple[str, ...]]:
 
 
 def component(name: str) -> Component:
-    """The component of a name in the catalogue, with its equations.
+    """The component of a name in the catalogue or of a Python file, with its equations.
 
     Parameters
     ----------
     name : str
-        A plant or a controller of `catalogue`.
+        A plant or a controller of `catalogue`, or ``path/to/file.py:function``. The file is run as
+        it is now, and the function is called without arguments.
 
     Returns
     -------
@@ -66,6 +68,8 @@ def component(name: str) -> Component:
     ------
     KeyError
         If there is none of this name; the message lists those that there are.
+    ValueError
+        If the file gives no component; the message says why, and in which line.
 
     Examples
     --------
@@ -75,7 +79,7 @@ def component(name: str) -> Component:
     """
     from .fmus.catalogue import component as made
 
-    return made(name)
+    return made(_as_it_is_now(name))
 
 
 def connect(plant: Component, controller: Component) -> Component:
@@ -120,6 +124,7 @@ def export(
     Parameters
     ----------
     part : str or Component
+        A name, a file's function (``mine.py:pi``), or a component.
     path : path-like
         The FMU to write; replaced as a whole or not at all.
     native : bool
@@ -179,7 +184,7 @@ def run(
     Parameters
     ----------
     controller, plant : str, path-like or Component
-        A name, the path of an FMU, or a component.
+        A name, a file's function (``mine.py:pi``), the path of an FMU, or a component.
     reference : float or Reference
         Set-point [m], or set-point over time.
     stop : float
@@ -293,6 +298,7 @@ def lyapunov(
     Parameters
     ----------
     controller, plant : str or Component
+        A name, a file's function (``mine.py:pi``), or a component.
     stop : float
         Length of the motion [s].
     setpoint : float
@@ -328,8 +334,8 @@ def lyapunov(
     from .results.exponents import Exponents
     from .stability.loop_lyapunov import loop_lyapunov
 
-    given = setpoint, plant, plant_values, controller_values
-    return Exponents.of(loop_lyapunov(controller, stop, *given))
+    given = setpoint, _as_it_is_now(plant), plant_values, controller_values
+    return Exponents.of(loop_lyapunov(_as_it_is_now(controller), stop, *given))
 
 
 # Many arguments: what the command has options for, by name.
@@ -351,7 +357,7 @@ def stability_map(
     Parameters
     ----------
     controller, plant : str
-        Names of the catalogue.
+        Names of the catalogue, or files' functions (``mine.py:pi``).
     x, y : str
         Axes, ``NAME=LOW:HIGH:COUNT``, such as ``sigma0_hat=66966:66968:21``.
     folder : path-like
@@ -392,6 +398,7 @@ def stability_map(
     from .stability.stability_map import make_map
     from .stability.study import MapStudy, read_axis
 
+    _as_it_is_now(plant), _as_it_is_now(controller)
     across, along = (read_axis(text, plant, controller) for text in (x, y))
     tolerance = 1e-8 if exponents else 1e-6
     study = MapStudy(
@@ -630,7 +637,16 @@ def _over_time(reference: float | Reference) -> Reference:
 def _named(part: Part) -> Any:
     """A name or a path, as studies take it."""
     if isinstance(part, str | Path):
-        return str(part)
-    from .fmus.catalogue import fmu_of
+        return _as_it_is_now(str(part))
+    from .fmus.catalogue import fmu
 
-    return str(fmu_of(part))
+    return str(fmu(part))
+
+
+def _as_it_is_now(part: Any) -> Any:
+    """The same part; if it comes from a Python file, the file is read again."""
+    from .solver.component_file import names_file, read_component
+
+    if isinstance(part, str) and names_file(part):
+        read_component(part)
+    return part

@@ -20,6 +20,7 @@ from . import (
     identify_command,
     lyapunov_command,
     map_command,
+    new_command,
     rig_command,
     run_command,
     study_command,
@@ -37,6 +38,7 @@ _EXAMPLES = """examples:
   ballscrew identify out/trial --law dahl --out out/dahl
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
   ballscrew features --out out/features
+  ballscrew new controller mine
 """
 
 
@@ -95,6 +97,7 @@ def command_parser() -> argparse.ArgumentParser:
         identify_command,
         diagnose_command,
         features_command,
+        new_command,
     ):
         command.add_parser(commands, Parser)
     for name in _DRAWING:

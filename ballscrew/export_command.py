@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 from . import native_command
 from .console import tell_export
 from .controllers import CONTROLLERS
-from .options import TRUSTED, BadRequest, out_folder, read_whole_number
+from .options import TRUSTED, BadRequest, check_part, out_folder, read_whole_number
 from .params_option import add_params, bad_parameters, baked, read_params
 from .plant import PLANTS
 from .results_folder import prepare_folder, write_or_refuse
+from .sides import check_labels
 
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
@@ -29,12 +30,19 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         epilog="examples:\n  ballscrew export --out fmus --only plant iol\n"
         "  ballscrew export --ssp --out loops\n"
         "  ballscrew export --native --platforms linux64,win64 --out native\n"
-        "  ballscrew export --loop iol --native --out loops\n",
+        "  ballscrew export --loop iol --native --out loops\n"
+        "  ballscrew export --component mine.py:pi --native --out native\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--out", required=True, type=out_folder, metavar="DIR")
     parser.add_argument(
-        "--only", nargs="+", metavar="NAME", help=f"some of {', '.join([*PLANTS, *CONTROLLERS])}"
+        "--component",
+        "--only",
+        dest="only",
+        nargs="+",
+        metavar="PART",
+        help=f"some of {', '.join([*PLANTS, *CONTROLLERS])}, or mine.py:pi, a function of a Python "
+        "file that returns a Component",
     )
     parser.add_argument(
         "--ssp",
@@ -44,9 +52,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     )
     parser.add_argument(
         "--loop",
-        metavar="NAME",
+        metavar="PART",
         help="instead, write one FMU of the whole closed loop with this controller, set-point in "
-        f"and signals out: one of {', '.join(CONTROLLERS)}",
+        f"and signals out: one of {', '.join(CONTROLLERS)}, or mine.py:pi",
     )
     parser.add_argument(
         "--variational",
@@ -72,10 +80,10 @@ def export(options: argparse.Namespace) -> int:
                 raise BadRequest(f"--loop and --{other}: expected one of them")
     told = read_params(options)
     names = _names(options, told, known)
+    option = "--component" if options.loop is None else "--loop"
     for name in names:
-        if name not in known:
-            what = "closed loop" if whole else "component"
-            raise BadRequest(f"no {what} {name!r}; there are {', '.join(known)}")
+        check_part(option, name, known, fmus=False)
+    check_labels(option, names)
     if options.variational and options.ssp:
         raise BadRequest("--variational and --ssp: expected one of them")
     if options.tangents is not None and not options.variational:
@@ -87,16 +95,20 @@ def export(options: argparse.Namespace) -> int:
         return native_command.export_systems(options, names, told)
     if options.native:
         return native_command.export(options, names, tangents, told)
-    from .solver.component import ContractError
+    from .fmus.catalogue import name_of
+    from .fmus.system_export import CannotConnect
+    from .fmus.units import BadUnit
+    from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent
 
     for name in names:
         tell_export(names, name)
         kind = "_variational" if options.variational else "_loop" if options.loop else ""
-        target = options.out / (f"{name}.ssp" if options.ssp else f"{name}{kind}.fmu")
+        label = name_of(name)
+        target = options.out / (f"{label}.ssp" if options.ssp else f"{label}{kind}.fmu")
         try:
             _export_one(options, name, tangents, told, target)
-        except (ContractError, UnsupportedComponent) as error:
+        except (ContractError, UnsupportedComponent, BadUnit, CannotConnect) as error:
             if options.only or options.loop:
                 raise BadRequest(str(error)) from error
             print(f"left out: {error}", file=sys.stderr)
@@ -135,13 +147,16 @@ def _export_one(
     if options.ssp:
         with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
 
-            def side(part: str) -> Path:
+            def fmu(part: str, side: str) -> Path:
                 if told is None:
                     return catalogue.fmu(part)
                 kernel = baked(told, part, catalogue.fmu_kernel(part))
-                return export_kernel(kernel, Path(folder) / f"{part}.fmu")
+                path = Path(folder) / side / f"{catalogue.name_of(part)}.fmu"
+                return export_kernel(kernel, path)
 
-            write_or_refuse(partial(export_system, side(plant), side(name), target, name=name))
+            sides = fmu(plant, "plant"), fmu(name, "controller")
+            label = catalogue.name_of(name)
+            write_or_refuse(partial(export_system, *sides, target, name=label))
         return
     if options.variational:
         kernel = catalogue.variational_kernel(name, tangents)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from .controllers import CONTROLLERS
 from .options import (
+    PART,
     BadRequest,
     check_part,
     check_steps,
@@ -18,7 +19,7 @@ from .options import (
 )
 from .params_option import add_params, params_values, read_params
 from .plant import PLANTS
-from .sides import labels_of, mappings, meant, sided
+from .sides import check_labels, labels_of, mappings, meant, sided
 
 if TYPE_CHECKING:
     from .orchestration.closed_loop import Study
@@ -32,7 +33,7 @@ SECOND_NAMES = {"tangent": "interface-jacobian"}
 
 def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--plant", metavar="FMU", help="path of an FMU in place of our plant")
+    add("--plant", metavar="PART", help=f"in place of our plant {PART}")
     goal = parser.add_mutually_exclusive_group()
     goal.add_argument(
         "--setpoint", metavar="METRES", help="desired position [m] (default 0.08, or the .ssp's)"
@@ -86,12 +87,15 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
     add("--json", action="store_true", help="print the figures as JSON")
 
 
-def read_studies(options: argparse.Namespace, controllers: list[str]) -> list[Study]:
-    """What to run, one study for each controller."""
+def read_studies(
+    options: argparse.Namespace, controllers: list[str], option: str = "--controller"
+) -> list[Study]:
+    """What to run, one study for each controller of an option."""
     stop = read_stop(options) or 20.0
     loop = read_coupling_options(options, stop)
     for controller in controllers:
-        check_part("--controller", controller, CONTROLLERS)
+        check_part(option, controller, CONTROLLERS)
+    check_labels(option, controllers)
     if options.plant is not None:
         check_part("--plant", options.plant, PLANTS)
     given, given_to = read_settings(options, controllers)

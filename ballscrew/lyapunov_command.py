@@ -16,6 +16,7 @@ from .supervision import tell
 _EXAMPLES = """examples:
   ballscrew lyapunov --controller nctf --stop 300 --out out/nctf
   ballscrew lyapunov --controller iol --set controller.sigma1_hat=342.5 --stop 20 --out out/cycle
+  ballscrew lyapunov --controller mine.py:pi --stop 20 --out out/mine
   ballscrew lyapunov --controller nctf --stop 20 --via fmu --step 1e-3 --out out/over_fmus
 """
 TOLERANCE = "1e-11"
@@ -80,7 +81,9 @@ def _lyapunov(options: argparse.Namespace) -> int:
                 lambda: loop_lyapunov_over_fmus(asked.controller, stop, step=step, **loop)
             )
         else:
-            result = loop_lyapunov(asked.controller, stop, tolerance=asked.tolerance, **loop)
+            result = guarded(
+                lambda: loop_lyapunov(asked.controller, stop, tolerance=asked.tolerance, **loop)
+            )
     except NoExponents as error:
         raise BadRequest(str(error)) from error
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from .console import Bar, print_notes
 from .loop_options import read_settings
 from .named_loop import add_loop_options, read_loop
-from .options import TRUSTED, BadRequest, read_whole_number
+from .options import TRUSTED, BadRequest, guarded, read_whole_number
 from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
 
@@ -83,7 +83,8 @@ def _map(options: argparse.Namespace) -> int:
     from .stability.study import BadMap, MapStudy, read_axis
 
     try:
-        axes = [read_axis(text, asked.plant, asked.controller) for text in (options.x, options.y)]
+        loop = asked.plant, asked.controller
+        axes = [guarded(lambda t=text: read_axis(t, *loop)) for text in (options.x, options.y)]
         for axis in axes:
             _only_once(axis, options)
         study = MapStudy(

@@ -1,14 +1,13 @@
-"""The loop that ``lyapunov`` and ``map`` are about: two parts by name, around a set-point."""
+"""The loop that ``lyapunov`` and ``map`` are about: two parts with equations, and a set-point."""
 
 from __future__ import annotations
 
 import argparse
-import difflib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .loop_options import read_settings
-from .options import BadRequest, guarded, out_folder, read_length, read_number
+from .options import BadRequest, check_part, guarded, out_folder, read_length, read_number
 from .params_option import add_params, params_values, read_params
 
 if TYPE_CHECKING:
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class NamedLoop:
-    """A closed loop of our own parts, as asked for and checked.
+    """A closed loop of two parts with equations, as asked for and checked.
 
     Attributes
     ----------
@@ -51,11 +50,11 @@ class NamedLoop:
 def add_loop_options(parser: argparse.ArgumentParser, stop: str, tolerance: str) -> None:
     """Add the options that `read_loop` reads, and those for the results."""
     add = parser.add_argument
-    add("--controller", required=True, metavar="NAME", help="one of our controllers")
+    add("--controller", required=True, metavar="PART", help="one of our controllers, or mine.py:pi")
     add(
         "--plant",
-        metavar="NAME",
-        help="one of our plants (default plant, or the one that --params describes)",
+        metavar="PART",
+        help="one of our plants, or mine.py:axis (default plant, or what --params describes)",
     )
     add_params(add)
     add(
@@ -97,9 +96,9 @@ def read_loop(
     from .controllers import CONTROLLERS
     from .plant import PLANTS
 
-    _check_known("--controller", options.controller, CONTROLLERS)
+    check_part("--controller", options.controller, CONTROLLERS, fmus=False)
     if options.plant is not None:
-        _check_known("--plant", options.plant, PLANTS)
+        check_part("--plant", options.plant, PLANTS, fmus=False)
     stop = read_length("--stop", options.stop)
     number = read_number("--tolerance", options.tolerance or tolerance)
     if not finest <= number <= coarsest:
@@ -124,13 +123,3 @@ def read_loop(
         number,
         told,
     )
-
-
-def _check_known(option: str, name: str, known: dict[str, str]) -> None:
-    """Refuse what is not one of ours, an FMU too: exponents need the equations."""
-
-    if name in known:
-        return
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f", did you mean {near[0]}?" if near else ""
-    raise BadRequest(f"{option} {name!r} is none of {', '.join(known)}{hint}")

@@ -60,25 +60,27 @@ def export(
     options: argparse.Namespace, names: Sequence[str], tangents: int, told: ParameterFile | None
 ) -> int:
     """Write the FMUs, with the start values of a parameter file, and print their paths."""
-    from .fmus.catalogue import loop, loop_fmu_kernel
+    from .fmus.catalogue import loop, loop_fmu_kernel, name_of
     from .fmus.native.export import NativeFmu, write_native
     from .fmus.native.sources import catalogued_model, stored_model, variational_model, with_kernel
+    from .fmus.units import BadUnit
     from .solver.compilers import CompilerFailed
-    from .solver.component import ContractError
+    from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent
 
     written: list[NativeFmu] = []
     for name in names:
         tell_export(names, name)
         kind = "_variational" if options.variational else "_loop" if options.loop else ""
-        target: Path = options.out / f"{name}{kind}.fmu"
+        target: Path = options.out / f"{name_of(name)}{kind}.fmu"
         try:
             if options.variational:
                 model = variational_model(name, tangents)
             elif options.loop:
                 plant = told.plant_name if told else "plant"
                 kernel = loop_fmu_kernel(name, plant)
-                model = stored_model(f"loop_{plant}_{name}", kernel, partial(loop, name, plant))
+                stem = f"loop_{plant}_{name_of(name)}"
+                model = stored_model(stem, kernel, partial(loop, name, plant))
             else:
                 model = catalogued_model(name)
             kernel = baked(told, name, model.kernel, loop=options.loop is not None)
@@ -91,7 +93,7 @@ def export(
             write_or_refuse(make)
             if not options.variational:
                 add_reference(model.kernel, target)
-        except (ContractError, UnsupportedComponent) as error:
+        except (ContractError, UnsupportedComponent, BadUnit) as error:
             if options.only or options.loop:
                 raise BadRequest(str(error)) from error
             print(f"left out: {error}", file=sys.stderr)
@@ -122,31 +124,39 @@ def export_systems(
     options: argparse.Namespace, names: Sequence[str], told: ParameterFile | None
 ) -> int:
     """Write one .ssp per closed loop, with the values of a parameter file, and print its path."""
+    from .fmus.catalogue import name_of
     from .fmus.native.export import NativeFmu, write_native
     from .fmus.native.sources import catalogued_model, with_kernel
-    from .fmus.system_export import export_system
+    from .fmus.system_export import CannotConnect, export_system
+    from .fmus.units import BadUnit
     from .solver.compilers import CompilerFailed
+    from .solver.contract_error import ContractError
+    from .solver.tape import UnsupportedComponent
 
     with TemporaryDirectory(prefix="ballscrew-export-") as folder:
 
-        def write(name: str) -> NativeFmu:
+        def write(name: str, side: str) -> NativeFmu:
             model = catalogued_model(name)
             model = with_kernel(model, baked(told, name, model.kernel))
-            return write_native(model, Path(folder) / f"{name}.fmu", 2, _platforms(options))
+            path = Path(folder) / side / f"{name_of(name)}.fmu"
+            return write_native(model, path, 2, _platforms(options))
 
         with bad_parameters():
             plant_name = told.plant_name if told else "plant"
         try:
-            plant = write(plant_name)
+            plant = write(plant_name, "plant")
             for name in names:
-                target = options.out / f"{name}.ssp"
-                controller = write(name)
+                label = name_of(name)
+                target = options.out / f"{label}.ssp"
+                controller = write(name, "controller")
                 write_or_refuse(
-                    partial(export_system, plant.path, controller.path, target, name=name)
+                    partial(export_system, plant.path, controller.path, target, name=label)
                 )
                 print(target)
                 if controller.note:
                     print(f"note: {replace(controller, path=target).note}", file=sys.stderr)
+        except (ContractError, UnsupportedComponent, BadUnit, CannotConnect) as error:
+            raise BadRequest(str(error)) from error
         except CompilerFailed as error:
             print(f"ballscrew: {error}", file=sys.stderr)
             return BAD_REQUEST

@@ -6,7 +6,7 @@ import argparse
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,6 +15,8 @@ NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
 TRUSTED, NOT_TRUSTED, BAD_REQUEST = 0, 1, 2
 
 
+OWN = "a function of a Python file that returns a Component, as mine.py:pi, or the path of an FMU"
+PART = f"a name, {OWN}"
 SHORTEST = 1e-9  # motion [s]
 
 
@@ -47,16 +49,27 @@ def check_steps(stop: float, step: float) -> None:
         raise BadRequest(f"--step {step:g} makes {stop / step:.3g} steps; use a larger one")
 
 
-def check_part(option: str, name: str, known: dict[str, str]) -> None:
-    if name in known or Path(name).suffix == ".fmu" or os.path.exists(name):
+def check_part(option: str, name: str, known: Iterable[str], fmus: bool = True) -> None:
+    """Refuse what is none of the `known` names, no function of a file and, with `fmus`, no FMU.
+
+    A Python file is run here, as it is now; the command goes on with what its function made.
+    """
+    from .solver.component_file import BadComponentFile, names_file, read_component
+
+    if names_file(name):
+        try:
+            read_component(name)
+        except BadComponentFile as error:
+            raise BadRequest(f"{option}: {error}") from error
+        return
+    if name in known or (fmus and (Path(name).suffix == ".fmu" or os.path.exists(name))):
         return
     import difflib
 
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     hint = f", did you mean {near[0]}?" if near else ""
-    raise BadRequest(
-        f"{option} {name!r} is neither one of {', '.join(known)} nor the path of an FMU{hint}"
-    )
+    files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
+    raise BadRequest(f"{option} {name!r} is neither one of {', '.join(known)} nor {files}{hint}")
 
 
 def read_pair(option: str, text: str, form: str) -> tuple[str, str]:
@@ -110,11 +123,15 @@ def guarded(action: Any) -> Any:
     from .fmus.catalogue import UnknownComponent
     from .fmus.reading import FmuError
     from .fmus.system_reading import BadSystem
+    from .fmus.units import BadUnit
     from .orchestration.closed_loop import BadParameter
     from .orchestration.fmu_instance import StepFailed
     from .orchestration.loop_run import CouplingError
     from .orchestration.memory import NotEnoughMemory
     from .orchestration.wiring import WiringError
+    from .solver.component_file import BadComponentFile
+    from .solver.contract_error import ContractError
+    from .solver.tape import UnsupportedComponent
 
     try:
         return action()
@@ -127,5 +144,9 @@ def guarded(action: Any) -> Any:
         BadParameter,
         UnknownComponent,
         StepFailed,
+        BadComponentFile,
+        ContractError,
+        UnsupportedComponent,
+        BadUnit,
     ) as error:
         raise BadRequest(str(error)) from error

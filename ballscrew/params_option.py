@@ -136,7 +136,7 @@ def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = Fa
     if told is None:
         return kernel
     from .fmus.start_values import with_start_values
-    from .plant import PLANTS
+    from .orchestration.parts import label_of
     from .solver.kernel import CONTROLLER, PLANT
 
     path = str(told.path)
@@ -149,13 +149,24 @@ def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = Fa
             sources[prefix + n] = (said[n].source if n in said else "") or f"from {path}"
 
     of_plant = {**told.plant, **told.found}
-    of_controller = told.controllers.get(name, {})
+    of_controller = told.controllers.get(label_of(name), {})
     with bad_parameters():
         if loop:
             add(PLANT, _plant_values(told, told.plant_name), of_plant)
             add(CONTROLLER, _controller_values(told, name), of_controller)
-        elif name in PLANTS:
+        elif _is_plant(name):
             add("", _plant_values(told, name), of_plant)
         else:
             add("", _controller_values(told, name), of_controller)
     return with_start_values(kernel, values, sources)
+
+
+def _is_plant(part: str) -> bool:
+    """Whether a part stands on the plant's side: nothing of it is measured or asked."""
+    from .fmus.catalogue import component
+    from .plant import PLANTS
+    from .solver.component_file import names_file
+
+    if not names_file(part):
+        return part in PLANTS
+    return not any(i.role in ("measurement", "reference") for i in component(part).inputs)

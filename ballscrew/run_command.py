@@ -11,12 +11,13 @@ from typing import Any
 from .console import Progress, print_figures
 from .controllers import CONTROLLERS
 from .loop_options import add_closed_loop_options, read_studies, read_system_study
-from .options import NOT_TRUSTED, TRUSTED, guarded
+from .options import NOT_TRUSTED, OWN, TRUSTED, guarded
 from .results_folder import prepare_folder, save_results
 
 _EXAMPLES = """examples:
   ballscrew run --controller nctf --out out
   ballscrew run --controller iol --set controller.sigma0_hat=66966.331 --out out
+  ballscrew run --controller mine.py:pi --out out
   ballscrew run --controller mine.fmu --map position=x --map voltage=u --out out
   ballscrew run --controller iol --coupling monolithic --out reference
   ballscrew run --system loop.ssp --set plant.sigma0=6e4 --out out
@@ -35,8 +36,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument(
         "--controller",
-        metavar="NAME|FMU",
-        help=f"{', '.join(CONTROLLERS)}, or the path of an FMU",
+        metavar="PART",
+        help=f"{', '.join(CONTROLLERS)}, {OWN}",
     )
     what.add_argument(
         "--system", type=Path, metavar="SSP", help="an .ssp with a plant and what commands it"

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
-from .controllers import CONTROLLERS
 from .options import BadRequest, guarded, read_named
 
 
@@ -45,23 +43,27 @@ def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
     return controllers if not owners or guarded(lambda: has(plant)) else owners
 
 
-def check_labels(controllers: Sequence[str]) -> None:
-    """Refuse two files of one name: options, tables and files could not tell them apart."""
+def check_labels(option: str, parts: Sequence[str]) -> None:
+    """Refuse two parts of one name: options, tables and files could not tell them apart."""
+    from .orchestration.parts import own_name
 
     seen: dict[str, str] = {}
-    for name in controllers:
-        label = name if name in CONTROLLERS else Path(name).stem
+    for part in parts:
+        if parts.count(part) > 1:
+            raise BadRequest(f"{option} has {part} twice; expected each once")
+        label = own_name(part)
         if label in seen:
             raise BadRequest(
-                f"--controllers: {seen[label]} and {name} are both called {label}; rename one of "
-                "the files"
+                f"{option}: {seen[label]} and {part} are both called {label}; rename one of them"
             )
-        seen[label] = name
+        seen[label] = part
 
 
 def labels_of(controllers: Sequence[str]) -> dict[str, str]:
     """Controllers by what they are called in options; those of the words for sides are not."""
-    labels = {c if c in CONTROLLERS else Path(c).stem: c for c in controllers}
+    from .orchestration.parts import own_name
+
+    labels = {own_name(c): c for c in controllers}
     return {label: c for label, c in labels.items() if label not in ("plant", "controller")}
 
 

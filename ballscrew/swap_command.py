@@ -8,11 +8,9 @@ import sys
 from typing import Any
 
 from .console import Progress, comparison_table
-from .controllers import CONTROLLERS
 from .loop_options import add_closed_loop_options, read_studies
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, check_part, guarded
+from .options import NOT_TRUSTED, PART, TRUSTED, guarded
 from .results_folder import prepare_folder, save_results
-from .sides import check_labels
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -20,21 +18,18 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "swap",
         help="run several controllers on the same plant and compare them",
-        epilog="example:\n  ballscrew swap --controllers iol nctf mine.fmu --out out/swap\n",
+        epilog="example:\n  ballscrew swap --controllers iol mine.py:pi hand.fmu --out out/swap\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--controllers", required=True, nargs="+", metavar="NAME|FMU")
+    parser.add_argument(
+        "--controllers", required=True, nargs="+", metavar="PART", help=f"each {PART}"
+    )
     add_closed_loop_options(parser)
     parser.set_defaults(action=swap_controllers)
 
 
 def swap_controllers(options: argparse.Namespace) -> int:
-    for name in options.controllers:
-        check_part("--controllers", name, CONTROLLERS)
-        if options.controllers.count(name) > 1:
-            raise BadRequest(f"--controllers has {name} twice; expected each once")
-    check_labels(options.controllers)
-    studies = read_studies(options, options.controllers)
+    studies = read_studies(options, options.controllers, "--controllers")
     prepare_folder(options.out, [options.params, options.reference])
     from .orchestration.swap import swap
     from .results.comparison import Comparison

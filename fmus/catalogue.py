@@ -1,4 +1,8 @@
-"""The components that are exported by name, and their FMUs kept ready on disk."""
+"""Components by what a user calls them, and their FMUs kept ready on disk.
+
+A part is a name of the catalogue, a function of a user's file (``mine.py:pi``), or a component that
+was made a minute ago; all others are paths of FMUs.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ from typing import TYPE_CHECKING, cast
 from ..controllers import CONTROLLERS
 from ..plant import PLANTS
 from ..solver import kernel_cache
+from ..solver.component_file import loaded_component, names_file
 from ..solver.kernel import Kernel
 from ..solver.stored import fingerprint, stored_kernel
 from .carried_runtime import carried_runtime
@@ -29,38 +34,71 @@ class UnknownComponent(KeyError):
         return str(self.args[0])
 
 
-def component(name: str) -> Component:
-    """Build the component of this name.
+def has_equations(part: str) -> bool:
+    """Whether a part's name means equations; if not, it is the path of an FMU."""
+    return part in NAMES or names_file(part)
+
+
+def component(part: str | Component) -> Component:
+    """The component that a part means; made if it is a name of the catalogue.
 
     Raises
     ------
     UnknownComponent
+    BadComponentFile
     """
-    module = importlib.import_module(module_of(name))
-    return cast("Component", getattr(module, NAMES[name].partition(":")[2])())
+    if not isinstance(part, str):
+        return part
+    if names_file(part):
+        return loaded_component(part)
+    module, _, function = _place_of(part).partition(":")
+    return cast("Component", getattr(importlib.import_module(module), function)())
 
 
-def module_of(name: str) -> str:
-    """The module that makes the component of this name; raises as `component` does."""
+def name_of(part: str | Component) -> str:
+    """What to call a part in tables and files; raises as `component` does."""
+    return part if isinstance(part, str) and not names_file(part) else component(part).name
+
+
+def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
+    """Under what kernels of a part are kept on disk: a name, and modules that its equations are in.
+
+    Of a component that is not of the catalogue the name holds a hash of its equations. Raises as
+    `component` does.
+    """
+    if isinstance(part, str) and not names_file(part):
+        return part, (_place_of(part).partition(":")[0],)
+    made = component(part)
+    return f"{made.name}_{made.digest}", ()
+
+
+def _place_of(name: str) -> str:
+    """``module:function`` of a name of the catalogue."""
     if name not in NAMES:
         raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
-    return NAMES[name].partition(":")[0]
+    return NAMES[name]
 
 
-def fmu_kernel(name: str) -> Kernel:
-    """The compiled component of this name, with the feedback law's ports, from disk if there."""
+def fmu_kernel(part: str | Component) -> Kernel:
+    """The compiled component of a part, with the feedback law's ports, from disk if there."""
 
     def make() -> Component:
         from .export import with_law_ports
 
-        return with_law_ports(component(name))
+        return with_law_ports(component(part))
 
-    return stored_kernel(f"fmu_{name}", make, module_of(name), _EXPORT)
+    name, modules = kept_as(part)
+    return stored_kernel(f"fmu_{name}", make, *modules, _EXPORT)
 
 
-def fmu(name: str) -> Path:
-    """Path of the FMU of this name in the user's cache, exported if it is not there yet."""
-    return _stored_fmu(fmu_kernel(name))
+def fmu(part: str | Component) -> Path:
+    """Path of a part's FMU in the user's cache, exported if it is not there yet.
+
+    Raises
+    ------
+    UnknownComponent, BadComponentFile, ContractError, UnsupportedComponent, BadUnit
+    """
+    return _stored_fmu(fmu_kernel(part))
 
 
 def _stored_fmu(kernel: Kernel) -> Path:
@@ -75,41 +113,34 @@ def _stored_fmu(kernel: Kernel) -> Path:
     return path
 
 
-def fmu_of(made: Component) -> Path:
-    """Path of a component's FMU in the user's cache, as `fmu`; raises as `export` does."""
-    from ..solver.codegen import generate
-    from .export import with_law_ports
-
-    return _stored_fmu(generate(with_law_ports(made)))
-
-
-def variational_kernel(name: str, tangents: int) -> Kernel:
-    """The compiled component of this name with tangents, from disk if there."""
+def variational_kernel(part: str | Component, tangents: int) -> Kernel:
+    """The compiled component of a part with tangents, from disk if there."""
 
     def make() -> Component:
         from .variational import variational
 
-        return variational(component(name), tangents)
+        return variational(component(part), tangents)
 
-    return stored_kernel(f"fmu_{name}_variational_{tangents}", make, module_of(name), _VARIATIONAL)
+    name, modules = kept_as(part)
+    return stored_kernel(f"fmu_{name}_variational_{tangents}", make, *modules, _VARIATIONAL)
 
 
-def variational_fmu(name: str, tangents: int) -> Path:
-    """Path of the FMU of this name with tangents, as `fmu`."""
-    return _stored_fmu(variational_kernel(name, tangents))
+def variational_fmu(part: str | Component, tangents: int) -> Path:
+    """Path of the FMU of a part with tangents, as `fmu`."""
+    return _stored_fmu(variational_kernel(part, tangents))
 
 
 SETPOINT = 0.08  # [m] where a loop goes by itself, so that its default run shows the nominal step
 
 
 def loop(controller: str, plant: str = "plant") -> Component:
-    """The whole closed loop of a plant and a controller of these names, as one component.
+    """The whole closed loop of a plant and a controller, as one component.
 
     It is called ``<controller>_loop``, and its set-point starts at `SETPOINT`.
 
     Raises
     ------
-    UnknownComponent
+    UnknownComponent, BadComponentFile
     ContractError
         If the two cannot be connected.
     """
@@ -119,13 +150,14 @@ def loop(controller: str, plant: str = "plant") -> Component:
 
     whole = connect(component(plant), component(controller))
     inputs = tuple(replace(i, start=SETPOINT) if i.role == "reference" else i for i in whole.inputs)
-    return replace(whole, name=f"{controller}_loop", inputs=inputs)
+    return replace(whole, name=f"{name_of(controller)}_loop", inputs=inputs)
 
 
 def loop_fmu_kernel(controller: str, plant: str = "plant") -> Kernel:
     """The compiled closed loop with this controller, from disk if there; raises as `loop` does."""
-    parts = module_of(plant), module_of(controller), _CONNECT
-    return stored_kernel(f"fmu_loop_{plant}_{controller}", lambda: loop(controller, plant), *parts)
+    (p, of_plant), (c, of_controller) = kept_as(plant), kept_as(controller)
+    parts = *of_plant, *of_controller, _CONNECT
+    return stored_kernel(f"fmu_loop_{p}_{c}", lambda: loop(controller, plant), *parts)
 
 
 def loop_fmu(controller: str) -> Path:

@@ -164,7 +164,7 @@ def _connections(plant: _Side, controller: _Side) -> list[_Connection]:
     commands = [n for n in shared if n not in alone]
     if not measured:
         raise CannotConnect(
-            f"{controller.path}: measures nothing of {plant.path}: its inputs are "
+            f"{controller.path.name}: measures nothing of {plant.path.name}: its inputs are "
             f"{', '.join(controller.names('input')) or 'none'}, the plant's outputs are "
             f"{', '.join(plant.names('output')) or 'none'}"
         )
@@ -172,8 +172,8 @@ def _connections(plant: _Side, controller: _Side) -> list[_Connection]:
     for name in plant.names("input"):
         if name not in law and name not in commands:
             raise CannotConnect(
-                f"nothing drives the input {name!r} of {plant.path}: {controller.path} has the "
-                f"outputs {', '.join(controller.names('output')) or 'none'}"
+                f"nothing drives the input {name!r} of {plant.path.name}: {controller.path.name} "
+                f"has the outputs {', '.join(controller.names('output')) or 'none'}"
             )
     return [
         *((PLANT, CONTROLLER, n) for n in measured),

@@ -27,6 +27,12 @@ TYPES = {
     "Velocity": ("Velocity", "m/s", "mm/s"),
 }
 """Quantity, unit and display unit of each declared type."""
+
+
+class BadUnit(ValueError):
+    """A unit that cannot be read; the message quotes it."""
+
+
 _TOKEN = re.compile(r"\s*([A-Za-z]+|\d+|[*/^()]|-)")
 
 
@@ -35,15 +41,15 @@ def base_exponents(unit: str) -> dict[str, int]:
 
     Raises
     ------
-    ValueError
+    BadUnit
         If the string does not parse or names an unknown unit.
     """
     tokens = _TOKEN.findall(unit)
     if "".join(tokens) != unit.replace(" ", ""):
-        raise ValueError(f"unit {unit!r} has characters that are no part of a unit")
+        raise BadUnit(f"unit {unit!r} has characters that are no part of a unit")
     result = _product(unit, tokens)
     if tokens:
-        raise ValueError(f"unit {unit!r} does not parse at {tokens[0]!r}")
+        raise BadUnit(f"unit {unit!r} does not parse at {tokens[0]!r}")
     return {base: power for base, power in result.items() if power}
 
 
@@ -77,23 +83,23 @@ def _product(unit: str, tokens: list[str]) -> dict[str, int]:
 
 def _factor(unit: str, tokens: list[str]) -> dict[str, int]:
     if not tokens:
-        raise ValueError(f"unit {unit!r} ends too early")
+        raise BadUnit(f"unit {unit!r} ends too early")
     head = tokens.pop(0)
     if head == "(":
         inner = _product(unit, tokens)
         if not tokens or tokens.pop(0) != ")":
-            raise ValueError(f"unit {unit!r} lacks a closing bracket")
+            raise BadUnit(f"unit {unit!r} lacks a closing bracket")
     elif head in _SI:
         inner = dict(_SI[head])
     else:
-        raise ValueError(f"unit {unit!r}: {head!r} is not known; known are {', '.join(_SI)}")
+        raise BadUnit(f"unit {unit!r}: {head!r} is not known; known are {', '.join(_SI)}")
     if tokens and tokens[0] == "^":
         tokens.pop(0)
         sign = -1 if tokens and tokens[0] == "-" else 1
         if sign < 0:
             tokens.pop(0)
         if not tokens or not tokens[0].isdigit():
-            raise ValueError(f"unit {unit!r} has an exponent that is no integer")
+            raise BadUnit(f"unit {unit!r} has an exponent that is no integer")
         power = sign * int(tokens.pop(0))
         return {base: p * power for base, p in inner.items()}
     return inner

@@ -9,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..controllers import CONTROLLERS
-from ..fmus.catalogue import fmu, fmu_kernel
+from ..fmus.catalogue import NAMES, fmu, fmu_kernel, has_equations, name_of
 from ..fmus.interface import TOLERANCE, interface_of
 from ..fmus.set_point import SET_POINT
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
-from ..plant import PLANTS
 from .closed_loop_result import ClosedLoopResult
 from .coupling import Coupling
 from .fmu_instance import FmuInstance
@@ -44,7 +42,7 @@ class Study:
     Parameters
     ----------
     controller, plant : str
-        A name of the catalogue or the path of an FMU.
+        A name of the catalogue, a file's function (``mine.py:pi``) or the path of an FMU.
     reference : Reference
     stop : float
         [s]
@@ -58,7 +56,7 @@ class Study:
     mapping : mapping of str to str
         Names of a third-party FMU's ports, ``theirs -> ours``.
     isolate : bool, optional
-        Whether FMUs run each in a process of its own. Default: those that are not of the catalogue.
+        Whether FMUs run each in a process of its own. Default: those that were not written here.
     time_limit : float
         Longest time that one call of an FMU in a process of its own may take [s].
     told : ParameterFile, optional
@@ -96,7 +94,7 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
 
     Raises
     ------
-    FmuError, WiringError, CouplingError, BadParameter, UnknownComponent
+    FmuError, WiringError, CouplingError, BadParameter, UnknownComponent, BadComponentFile
         If the study cannot be run as asked; the message says why.
     StepFailed
         If a part refuses its initial values.
@@ -120,7 +118,7 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
 
 def _own_step(study: Study) -> float:
     """The one step that a third-party controller takes [s]; 0 where it takes any."""
-    if study.controller in CONTROLLERS:
+    if has_equations(study.controller):
         return 0.0
     with contextlib.closing(
         open_fmu(Path(study.controller), "controller", study.isolate, study.time_limit)
@@ -138,16 +136,16 @@ def _run_once(
         run = _monolithic(study, study.step, progress)
         return run, amplifier_notes(run, [LIMIT], study.plant_values or {}, "--limit-voltage ")
     with contextlib.ExitStack() as opened:
-        plant = open_fmu(_file(study.plant, PLANTS), "plant", study.isolate, study.time_limit)
+        plant = open_fmu(_file(study.plant), "plant", study.isolate, study.time_limit)
         opened.callback(plant.close)
-        path = _file(study.controller, CONTROLLERS)
+        path = _file(study.controller)
         controller = open_fmu(path, "controller", study.isolate, study.time_limit)
         opened.callback(controller.close)
         for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
             check_values(side.name, values or {}, side.parameters)
         wiring = wire(plant, controller, study.mapping)
         notes = _connection_notes(study, controller, wiring)
-        if study.controller not in CONTROLLERS:
+        if not has_equations(study.controller):
             notes += _meet_samples(study, study.step, plant, controller, wiring)
         run = run_loop(
             plant,
@@ -245,11 +243,11 @@ def amplifier_notes(
 
 
 def _monolithic(study: Study, step: float, progress: Progress | None) -> LoopRun:
-    for name, known in ((study.plant, PLANTS), (study.controller, CONTROLLERS)):
-        if name not in known:
+    for name in (study.plant, study.controller):
+        if not has_equations(name):
             raise CouplingError(
                 f"the monolithic coupling needs the equations of {name}, and an FMU does not give "
-                f"them; it knows {', '.join(known)}"
+                f"them; it knows {', '.join(NAMES)}, and FILE.py:FUNCTION"
             )
     if study.adaptive or study.corrections or study.mapping:
         raise CouplingError("the monolithic coupling has no steps to adapt, correct or map")
@@ -268,13 +266,13 @@ def _monolithic(study: Study, step: float, progress: Progress | None) -> LoopRun
 
 
 def check_named(side: str, name: str, values: Mapping[str, float]) -> None:
-    """Make sure that a part of ours has these parameters, and that they are in range.
+    """Make sure that a part with equations has these parameters, and that they are in range.
 
     Raises
     ------
     BadParameter
     """
-    ranges = dict(interface_of(fmu_kernel(name), name).layout.ranges)
+    ranges = dict(interface_of(fmu_kernel(name), name_of(name)).layout.ranges)
     ranges.pop(TOLERANCE, None)  # a setting of the FMU's own solver
     check_values(side, values, list(ranges))
     for parameter, value in values.items():
@@ -286,8 +284,8 @@ def check_named(side: str, name: str, values: Mapping[str, float]) -> None:
             )
 
 
-def _file(name: str, known: Mapping[str, str]) -> Path:
-    return fmu(name) if name in known else Path(name)
+def _file(name: str) -> Path:
+    return fmu(name) if has_equations(name) else Path(name)
 
 
 def check_values(side: str, values: Mapping[str, float], known: list[str]) -> None:

@@ -97,7 +97,8 @@ class ParameterFile:
     path : Path or None
         Where it was read.
     kind : {"ball_screw", "drive", "fmu"}
-        What the plant is: ours with a motor, a body on which ``gain*u`` acts, or anybody's FMU.
+        What the plant is: ours with a motor, a body on which ``gain*u`` acts, or what is not of the
+        catalogue: anybody's FMU, or a component from a file.
     law : str
         Friction law; empty where the file does not say it.
     plant : mapping of str to Value
@@ -136,7 +137,7 @@ class ParameterFile:
         if self.kind != BALL_SCREW:
             raise BadParameters(
                 f"{self.path}: kind is {self.kind!r}, which is no plant of the catalogue; say "
-                "which plant the values are for, as --plant FMU"
+                "which plant the values are for, by --plant"
             )
         law = self.law or DEFAULT_LAW
         return "plant" if law == DEFAULT_LAW else f"plant_{law}"

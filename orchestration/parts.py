@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..fmus.catalogue import NAMES, fmu_kernel
+from ..fmus.catalogue import fmu_kernel, has_equations, name_of
 from ..fmus.interface import START
 from ..fmus.reading import unpack
 from ..plant import PLANTS
@@ -18,12 +18,12 @@ from .parameter_file import BALL_SCREW, DEFAULT_LAW, FMU, ParameterFile, used
 
 @dataclass(frozen=True)
 class Part:
-    """One side of a loop, of the catalogue or anybody's FMU.
+    """One side of a loop, equations or anybody's FMU.
 
     Attributes
     ----------
     name : str
-        A name of the catalogue, or the path of an FMU.
+        A name of the catalogue, a file's function (``mine.py:pi``), or the path of an FMU.
     inputs, outputs : tuple of str
     parameters : dict of str to ParameterInfo
         Initial states among them, as ``x_start``. Of an FMU a default may be NaN: it says none.
@@ -41,7 +41,12 @@ class Part:
 
 def label_of(name: str) -> str:
     """What a part is called in tables, pictures, options and parameter files."""
-    return name if name in NAMES else readable(Path(name).stem)
+    return readable(own_name(name))
+
+
+def own_name(name: str) -> str:
+    """As `label_of`, in the letters of the command line."""
+    return name_of(name) if has_equations(name) else Path(name).stem
 
 
 def readable(name: str) -> str:
@@ -56,8 +61,10 @@ def part_of(name: str) -> Part:
     ------
     FmuError
         If the file is no FMU that can run here.
+    BadComponentFile, ContractError, UnsupportedComponent
+        If a Python file's component cannot be made or solved.
     """
-    if name in NAMES:
+    if has_equations(name):
         kernel = fmu_kernel(name)
         return Part(
             name,
@@ -110,7 +117,7 @@ def used_parameters(
     Parameters
     ----------
     plant : str
-        A name of the catalogue, or the path of an FMU.
+        As `Part.name`.
     plant_values : mapping of str to float
         Those that were given.
     controllers : mapping of str to mapping of str to float

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -30,25 +30,29 @@ _ROUND_OFF = 1e-9
 
 
 def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
-    """The compiled closed loop of two components, its set-point a ramp within each step.
+    """The compiled closed loop of two parts, its set-point a ramp within each step; kept on disk.
 
-    Of two names it is kept on disk.
+    Raises
+    ------
+    UnknownComponent, BadComponentFile, ContractError, UnsupportedComponent
     """
 
-    from ..fmus.catalogue import component, module_of
-
     def make() -> Component:
+        from ..fmus.catalogue import component
         from ..solver.connect import connect
 
-        sides = (component(c) if isinstance(c, str) else c for c in (plant, controller))
-        return _with_ramps(connect(*sides))
+        return _with_ramps(connect(component(plant), component(controller)))
 
-    if not (isinstance(plant, str) and isinstance(controller, str)):
-        from ..solver.codegen import generate
+    return _stored_loop("loop", make, plant, controller)
 
-        return generate(make())
-    parts = module_of(plant), module_of(controller)
-    return stored_kernel(f"loop_{plant}_{controller}", make, __name__, *parts)
+
+def _stored_loop(
+    kind: str, make: Callable[[], Component], plant: str | Component, controller: str | Component
+) -> Kernel:
+    from ..fmus.catalogue import kept_as
+
+    (p, of_plant), (c, of_controller) = kept_as(plant), kept_as(controller)
+    return stored_kernel(f"{kind}_{p}_{c}", make, __name__, *of_plant, *of_controller)
 
 
 def held_loop_kernel(
@@ -72,29 +76,22 @@ def held_loop_kernel(
     averaged = averaged and kernel.quantized
     if not (kernel.discrete or kernel.delays or averaged):
         return kernel
-    from ..fmus.catalogue import component, module_of
 
     def make() -> Component:
+        from ..fmus.catalogue import component
         from ..solver.connect import connect
         from ..solver.delay_states import with_delay_states
         from ..solver.held_states import with_held_states
         from ..solver.staircase import dithered_average
 
-        sides = (component(c) if isinstance(c, str) else c for c in (plant, controller))
-        loop = _with_ramps(connect(*sides))
+        loop = _with_ramps(connect(component(plant), component(controller)))
         if averaged:
             loop = dithered_average(loop)
         if loop.delays:
             return with_delay_states(loop)
         return with_held_states(loop) if loop.discrete else loop
 
-    if not (isinstance(plant, str) and isinstance(controller, str)):
-        from ..solver.codegen import generate
-
-        return generate(make())
-    parts = module_of(plant), module_of(controller)
-    name = f"{'averaged' if averaged else 'held'}_loop_{plant}_{controller}"
-    return stored_kernel(name, make, __name__, *parts)
+    return _stored_loop(f"{'averaged' if averaged else 'held'}_loop", make, plant, controller)
 
 
 def _with_ramps(loop: Component) -> Component:

@@ -10,21 +10,19 @@ state, a delayed signal or the time ``t``. Make symbols with `symbol`, so that a
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import sympy as sp
 
+from .contract_error import ContractError as ContractError
 from .functions import FUNCTIONS, symbols_in, unsupported
 
 Number = float | int
-
-
-class ContractError(ValueError):
-    """A component contradicts itself; the message names it and the offending part."""
 
 
 def symbol(name: str) -> sp.Symbol:
@@ -223,6 +221,18 @@ class Delay:
         return f"{self.name}_rate_"
 
 
+def _spelled(thing: object) -> str:
+    """Every letter of a part of the contract, numbers in expressions to their last digit."""
+    if is_dataclass(thing):
+        parts = [_spelled(getattr(thing, f.name)) for f in fields(thing)]
+        return f"{type(thing).__name__}({', '.join(parts)})"
+    if isinstance(thing, tuple | list):
+        return f"({', '.join(map(_spelled, thing))})"
+    if isinstance(thing, Mapping):
+        return f"{{{', '.join(f'{key!r}: {_spelled(value)}' for key, value in thing.items())}}}"
+    return str(sp.srepr(thing))
+
+
 @dataclass(frozen=True)
 class Component:
     """Equations, and what their symbols mean.
@@ -257,6 +267,11 @@ class Component:
 
     def __post_init__(self) -> None:
         self._check()
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash of all that the component says: what differs in anything has another."""
+        return hashlib.sha256(_spelled(self).encode()).hexdigest()[:16]
 
     @cached_property
     def all_parameters(self) -> tuple[Parameter, ...]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..fmus.catalogue import name_of
 from ..orchestration.whole_loop import held_loop_kernel, loop_kernel
 from ..solver.delay_states import NODES
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
@@ -90,8 +91,7 @@ def loop_lyapunov(
     make = loop_maker(*given)
     average = loop_maker(*given, averaged=True) if kernel.quantized else None
     order = loop_order(kernel)
-    names = [c if isinstance(c, str) else c.name for c in (controller, plant)]
-    label = " on ".join(names)
+    label = f"{name_of(controller)} on {name_of(plant)}"
     run = lyapunov(
         make, stop, tolerance, order=order, label=label, progress=progress, average=average
     )
@@ -133,7 +133,7 @@ def loop_lyapunov_over_fmus(
 
     if held_loop_kernel(plant, controller).sample_time:
         raise NoExponents(
-            f"{controller} is sampled, and no FMU has tangents of a sampled part; "
+            f"{name_of(controller)} is sampled, and no FMU has tangents of a sampled part; "
             "use the equations, --via model"
         )
     given = (setpoint, plant, plant_values, controller_values)

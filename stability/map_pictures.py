@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..orchestration.parts import label_of
 from ..orchestration.pictures import STYLE, new_figure, write_figure
 from ..solver.tables import read_table, table_path
 from .attractor import Kind
@@ -73,7 +74,7 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
             rasterized=True,
         )
         met = [Patch(color=COLOUR[k], label=k.value) for n, k in enumerate(kinds) if n in verdict]
-        axes[0].set_title(f"{study.controller}: what becomes of the loop")
+        axes[0].set_title(f"{label_of(study.controller)}: what becomes of the loop")
         line = _draw_boundary(axes[0], study)
         figure.legend(handles=met + line, loc="outside lower center", ncols=len(met) + len(line))
         for place, (label, values) in zip(axes[1:], panels, strict=True):

@@ -8,12 +8,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..fmus.catalogue import component, kept_as
 from ..orchestration.memory import check_memory
+from ..orchestration.parts import label_of
 from ..orchestration.whole_loop import held_loop_kernel
+from ..solver.component_file import names_file, remember_component
 from ..solver.kernel import CONTROLLER, PLANT, Kernel
 
 Vector = npt.NDArray[np.float64]
@@ -21,6 +25,7 @@ TOLERANCE = 1e-8
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
 MOST_BYTES = 10**30  # counts on the command line have any number of digits
 SETPOINT, DESIGN = "setpoint", "design"
+_FROM_FILES = "components from files"
 
 
 class BadMap(ValueError):
@@ -109,11 +114,14 @@ class MapStudy:
         )
         if self.exponents and kernel_of(self).quantized:
             raise BadMap(
-                f"{self.controller} or {self.plant} quantizes a signal, and a staircase has no "
-                "tangents; map it without --exponents, and see lyapunov for single loops"
+                f"{label_of(self.controller)} or {label_of(self.plant)} quantizes a signal, and a "
+                "staircase has no tangents; map it without --exponents, and see lyapunov for "
+                "single loops"
             )
         if (self.x.side, self.x.parameter) == (self.y.side, self.y.parameter):
             raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
+        if PLANT + "x" not in [s.name for s in kernel_of(self).states]:
+            raise BadMap(f"{label_of(self.plant)} has no state x, whose motion a map judges")
         ranges = {p.name: (p.minimum, p.maximum) for p in kernel_of(self).parameters}
         for axis in (self.x, self.y):
             head = CONTROLLER if axis.side == "controller" else PLANT
@@ -123,6 +131,16 @@ class MapStudy:
                     f"{axis.name} runs from {axis.low:g} to {axis.high:g}, expected values within "
                     f"[{low:g}, {high:g}]"
                 )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What goes to workers: they may lack the files of parts, or find them edited."""
+        parts = {p: component(p) for p in (self.plant, self.controller) if names_file(p)}
+        return vars(self) | {_FROM_FILES: parts}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for part, made in state.pop(_FROM_FILES).items():
+            remember_component(part, made)
+        vars(self).update(state)
 
     def fingerprint(self) -> str:
         """Hash of the study and of the equations that it is about."""
@@ -172,10 +190,11 @@ def _owner(name: str, plant: str, controller: str) -> tuple[str, str]:
     known = [p.name for p in kernel.parameters] + [f"{s.name}_start" for s in kernel.states]
     theirs = [n.removeprefix(CONTROLLER) for n in known if n.startswith(CONTROLLER)]
     ours = [n.removeprefix(PLANT) for n in known if n.startswith(PLANT)]
+    ours_is, theirs_is = label_of(plant), label_of(controller)
     side, dot, own = name.partition(".")
     if dot and side == DESIGN:
         if controller != "nctf":
-            raise BadMap(f"{name!r}: only nctf is designed on a plant, and this is {controller}")
+            raise BadMap(f"{name!r}: only nctf is designed on a plant, and this is {theirs_is}")
         if own in ours:
             return DESIGN, own
     elif dot and side in ("plant", "controller"):
@@ -190,18 +209,19 @@ def _owner(name: str, plant: str, controller: str) -> tuple[str, str]:
     near = difflib.get_close_matches(own if dot else name, [*theirs, *ours], n=3, cutoff=0.5)
     hint = f"; nearest: {', '.join(near)}" if near else ""
     raise BadMap(
-        f"neither {controller} nor {plant} has {name!r}{hint}; {controller} has "
-        f"{', '.join(theirs) or 'none'}; {plant} has {', '.join(ours)}"
+        f"neither {theirs_is} nor {ours_is} has {name!r}{hint}; {theirs_is} has "
+        f"{', '.join(theirs) or 'none'}; {ours_is} has {', '.join(ours)}"
     )
 
 
 @lru_cache(maxsize=8)
-def _loop(plant: str, controller: str) -> Kernel:
+def _loop(plant: str, controller: str, *_kept_as: object) -> Kernel:
     return held_loop_kernel(plant, controller)
 
 
 def kernel_of(study: MapStudy) -> Kernel:
-    return _loop(study.plant, study.controller)
+    """The loop of a study; of parts from files, the one of the equations that they have now."""
+    return _loop(study.plant, study.controller, kept_as(study.plant), kept_as(study.controller))
 
 
 def axis_unit(study: MapStudy, name: str) -> str:

@@ -16,7 +16,7 @@ from ...solver.kernel_cache import hashed_name
 from ...solver.stored import stored_kernel
 from ...solver.tape import functions
 from ...solver.translation import in_c
-from ..catalogue import component, fmu_kernel, variational_kernel
+from ..catalogue import component, fmu_kernel, name_of, variational_kernel
 from ..export import with_law_ports
 from ..interface import MESSAGE, Interface, Variable, interface_of, numbered
 from ..variational import variational
@@ -96,7 +96,7 @@ def stored_model(name: str, kernel: Kernel, make: Callable[[], Component]) -> Na
     Parameters
     ----------
     name : str
-        As in `stored_kernel`.
+        An identifier.
     kernel : Kernel
         Of the component.
     make : function without arguments
@@ -107,16 +107,16 @@ def stored_model(name: str, kernel: Kernel, make: Callable[[], Component]) -> Na
     return _model(kernel, stored_kernel(stored, lambda: partials(make())))
 
 
-def catalogued_model(name: str) -> NativeModel:
-    """The component of this name in the catalogue, with the feedback law's ports."""
+def catalogued_model(part: str | Component) -> NativeModel:
+    """A part, named as in `catalogue`, with the feedback law's ports."""
 
     def make() -> Component:
-        return with_law_ports(component(name))
+        return with_law_ports(component(part))
 
-    return stored_model(name, fmu_kernel(name), make)
+    return stored_model(name_of(part), fmu_kernel(part), make)
 
 
-def variational_model(name: str, tangents: int) -> NativeModel:
+def variational_model(part: str | Component, tangents: int) -> NativeModel:
     """As `catalogued_model`, with tangents; the name of its FMU ends in ``_variational``.
 
     Raises
@@ -126,10 +126,10 @@ def variational_model(name: str, tangents: int) -> NativeModel:
     """
 
     def make() -> Component:
-        return variational(component(name), tangents)
+        return variational(component(part), tangents)
 
-    stem = f"{name}_variational_{tangents}"
-    return stored_model(stem, variational_kernel(name, tangents), make)
+    stem = f"{name_of(part)}_variational_{tangents}"
+    return stored_model(stem, variational_kernel(part, tangents), make)
 
 
 def with_kernel(model: NativeModel, kernel: Kernel) -> NativeModel:

@@ -127,6 +127,22 @@ def test_help_and_version_load_none_of_the_heavy_libraries():
     assert command("--version").stdout.startswith("ballscrew ")
 
 
+def test_a_run_of_what_is_derived_already_loads_no_sympy(tmp_path, fmus):
+    del fmus  # derived
+    code = (
+        "import sys\nfrom ballscrew.cli import main\n"
+        "main('run --controller pid --stop 0.01 --step 1e-3 --out'.split() + sys.argv[1:])\n"
+        "print('sympy' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        cwd=tempfile.gettempdir(),
+    )
+    assert done.stdout.splitlines()[-1] == "False"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -158,7 +174,10 @@ def test_help_and_version_load_none_of_the_heavy_libraries():
         ([*RUN, "--out", "/proc/nowhere/at/all"], "cannot be made"),
         ([*RUN, "--out", "OUT", "--time-limit", "0"], "--time-limit is 0 s, expected more than 0"),
         (["run", "--controller", str(Path(__file__).parent), "--out", "OUT"], "is a folder"),
-        (["export", "--out", "OUT", "--only", "plnt"], "no component 'plnt'; there are plant"),
+        (
+            ["export", "--out", "OUT", "--only", "plnt"],
+            "'plnt' is neither one of plant,",
+        ),
         (["swap", "--out", "OUT", "--controllers", "iol", "x"], "'x' is neither one of"),
         (["fly"], "invalid choice"),
         ([], "required: COMMAND"),
@@ -320,6 +339,8 @@ def test_the_wheel_holds_every_module(tmp_path):
     expected = {"ballscrew/py.typed"}
     for name in ("faultless_evidence.csv", "report.html.jinja"):
         expected.add(f"ballscrew/diagnosis/{name}")
+    for name in ("controller", "test_controller"):
+        expected.add(f"ballscrew/templates/{name}.py.jinja")
     parts = {p.parent.name for p in root.glob("*/__init__.py")} - {"ballscrew", "tests", "proofs"}
     for part in parts:
         expected |= {f"ballscrew/{p.relative_to(root)}" for p in (root / part).rglob("*.py")}

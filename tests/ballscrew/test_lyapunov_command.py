@@ -106,7 +106,7 @@ def test_a_loop_that_runs_away_says_when(tmp_path):
         (["--controller", "iol", "--stop", "0"], "--stop is 0"),
         (["--controller", "iol", "--stop", "nan"], "--stop is nan"),
         (["--controller", "icl"], "did you mean iol?"),
-        (["--controller", "iol", "--plant", "nothing"], "--plant 'nothing' is none of"),
+        (["--controller", "iol", "--plant", "nothing"], "--plant 'nothing' is neither one of"),
         (["--controller", "iol", "--set", "controller.sigma0=1"], "no parameter 'sigma0'"),
         (["--controller", "iol", "--set", "plant.Fc=-1"], "out of its range"),
         (["--controller", "iol", "--tolerance", "1"], "--tolerance is 1"),

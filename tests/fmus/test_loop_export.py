@@ -295,11 +295,11 @@ def test_a_controller_that_cannot_be_connected_is_one_line(tmp_path, capsys, mon
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["iool"], "no closed loop 'iool'; there are iol, iol_true_acceleration, nctf, pid, "),
-        (["plant"], "no closed loop 'plant'; there are iol"),
-        (["../iol"], "no closed loop '../iol'; there are iol"),
-        ([""], "no closed loop ''; there are iol"),
-        (["iool", "--native"], "no closed loop 'iool'; there are iol"),
+        (["iool"], "--loop 'iool' is neither one of iol, iol_true_acceleration, nctf, pid, "),
+        (["plant"], "--loop 'plant' is neither one of iol"),
+        (["../iol"], "--loop '../iol' is neither one of iol"),
+        ([""], "--loop '' is neither one of iol"),
+        (["iool", "--native"], "--loop 'iool' is neither one of iol"),
         (["iol", "--only", "iol"], "--loop and --only: expected one of them"),
         (["iol", "--ssp"], "--loop and --ssp: expected one of them"),
         (["iol", "--variational"], "--loop and --variational: expected one of them"),

@@ -142,7 +142,7 @@ def test_what_is_said_of_one_wins_over_what_is_said_of_all(hand, tmp_path):
 def test_two_files_of_one_name_are_refused(hand, folder, tmp_path):
     other = built(folder / "other", "Hand", HAND.format(name="Hand"))
     said = refused("swap", "--controllers", hand, other, *SHORT, "--out", tmp_path)
-    assert "are both called Hand; rename one of the files" in said
+    assert "are both called Hand; rename one of them" in said
 
 
 @pytest.mark.parametrize(

@@ -96,7 +96,7 @@ def test_a_compiler_that_fails_is_quoted_in_one_block_and_nothing_is_written(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--only", "plnt"], "no component 'plnt'; there are plant"),
+        (["--only", "plnt"], "--component 'plnt' is neither one of plant"),
         (["--fmi", "1"], "--fmi is '1', expected one of 2, 3"),
         (["--platforms", "linux64,amiga"], "--platforms: no platform 'amiga'; there are linux64"),
         (["--platforms", ""], "--platforms: no platform ''"),

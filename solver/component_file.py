@@ -1,0 +1,218 @@
+"""A component from a user's own Python file, named ``path/to/file.py:function``.
+
+The file is run as Python runs a script: its folder comes first on the path, so that it can import
+what lies beside it. Afterwards nothing of it is left in `sys.path` and `sys.modules`, so that two
+files of one name, or two helpers of one name in two folders, never meet.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import importlib
+import inspect
+import os
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, NoReturn
+
+from .contract_error import ContractError
+
+if TYPE_CHECKING:
+    from .component import Component
+
+_LOADED: dict[str, Component] = {}
+_LOCK = threading.RLock()  # the path and the modules are those of the whole process
+
+
+class BadComponentFile(ValueError):
+    """A Python file gives no component; the message is one line for the user."""
+
+
+def names_file(part: str) -> bool:
+    """Whether a part's name means a Python file: ``FILE.py:FUNCTION``, or half of that."""
+    return _split(part)[0].endswith(".py")
+
+
+def read_component(part: str) -> Component:
+    """Run the file as it is now, call the function without arguments, and return what it made.
+
+    Parameters
+    ----------
+    part : str
+        ``path/to/file.py:function``.
+
+    Raises
+    ------
+    BadComponentFile
+        Naming the file, and the line where there is one.
+    """
+    path, function = _split(part)
+    with _LOCK:
+        made = _run(Path(path), function)
+        _LOADED[part] = made
+    return made
+
+
+def loaded_component(part: str) -> Component:
+    """The component as it was when it was last read; read now if it never was.
+
+    All of one run sees the same equations, also if the file is edited meanwhile.
+
+    Raises
+    ------
+    BadComponentFile
+    """
+    return _LOADED[part] if part in _LOADED else read_component(part)
+
+
+def remember_component(part: str, made: Component) -> None:
+    """Take what another process read from a file for what is in it."""
+    _LOADED[part] = made
+
+
+def _split(part: str) -> tuple[str, str]:
+    """Path and function; no function where the name has none."""
+    path, colon, function = part.rpartition(":")
+    return (path, function) if colon and path.endswith(".py") else (part, "")
+
+
+def _run(path: Path, function: str) -> Component:
+    from .component import Component
+
+    try:
+        source = path.read_bytes()
+        folder = Path(os.path.realpath(path)).parent
+    except FileNotFoundError:
+        raise BadComponentFile(f"there is no file {path}") from None
+    except OSError as error:
+        raise BadComponentFile(f"{path} cannot be read: {error.strerror}") from None
+    module = ModuleType(f"component_file_{path.stem}")
+    module.__file__ = str(folder / path.name)
+    # what the file prints is no result of the command
+    with _importable(folder), contextlib.redirect_stdout(sys.stderr):
+        sys.modules[module.__name__] = module  # dataclasses look their module up there
+        try:
+            # compiled here, since Python's own cache takes an edit within a second for none
+            exec(compile(source, str(path), "exec"), module.__dict__)
+        except (Exception, SystemExit) as error:
+            _refuse(path, folder, error, "it cannot be imported")
+        make = _function(path, module, function)
+        try:
+            made = make()
+        except (Exception, SystemExit) as error:
+            _refuse(path, folder, error, f"{function}() failed")
+    if not isinstance(made, Component):
+        text = " ".join(repr(made).split())
+        shown = text if len(text) <= 60 else f"{text[:57]}..."
+        raise BadComponentFile(
+            f"{path}: {function}() returned {shown}, which is a {type(made).__name__}; expected a "
+            "Component"
+        )
+    return made
+
+
+def _function(path: Path, module: ModuleType, name: str) -> Callable[[], object]:
+    """The function of this name, which can be called without arguments."""
+    from .component import Component
+
+    own = [
+        n
+        for n, thing in vars(module).items()
+        if callable(thing) and getattr(thing, "__module__", "") == module.__name__
+    ]
+    has = f"it has {', '.join(own)}" if own else "it has none"
+    if not name:
+        raise BadComponentFile(
+            f"{path}: say which of its functions makes the component, as {path}:FUNCTION; {has}"
+        )
+    if not hasattr(module, name):
+        near = difflib.get_close_matches(name, own, n=3, cutoff=0.5)
+        hint = f"nearest: {', '.join(near)}" if near else has
+        raise BadComponentFile(f"{path} has no function {name!r}; {hint}")
+    made: object = getattr(module, name)
+    if not callable(made):
+        of = "is a Component itself" if isinstance(made, Component) else f"is {made!r}"
+        raise BadComponentFile(
+            f"{path}: {name} {of}; expected a function without arguments that returns a Component"
+        )
+    try:
+        inspect.signature(made).bind()
+    except TypeError as error:
+        raise BadComponentFile(
+            f"{path}: {name} is called without arguments: {error}; give it a default"
+        ) from None
+    except ValueError:
+        pass  # Python does not know what it takes
+    return made
+
+
+def _refuse(path: Path, folder: Path, error: BaseException, what: str) -> NoReturn:
+    """Say in one line what went wrong, and where in the user's own files."""
+    frames = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
+    if isinstance(error, SyntaxError) and error.filename:
+        frames.append((error.filename, error.lineno))
+    said = error.msg if isinstance(error, SyntaxError) else str(error)
+    text = " ".join(said.split())
+    if not isinstance(error, ContractError):  # whose text says all
+        kind = type(error).__name__
+        text = f"{what}: {kind}: {text}" if text else f"{what}: {kind}"
+    shown = {str(path): path}
+    for file, _ in frames:
+        if Path(file).parent == folder:
+            shown[file] = path.parent / Path(file).name
+    where, line = next(((f, n) for f, n in reversed(frames) if f in shown), (str(path), None))
+    at = f", line {line}" if line else ""
+    raise BadComponentFile(f"{shown[where]}{at}: {text}") from error
+
+
+@contextlib.contextmanager
+def _importable(folder: Path) -> Iterator[None]:
+    """Let modules beside a file be imported, and leave path and modules as they were.
+
+    A module that was imported before from elsewhere, and has the name of one beside the file, is
+    out of sight meanwhile. Python's own and installed ones are not: others hold parts of them.
+    """
+    paths, before, writes = list(sys.path), dict(sys.modules), sys.dont_write_bytecode
+    hidden = {name for name in before if _is_hidden(name.partition(".")[0], folder)}
+    for name in hidden:
+        del sys.modules[name]
+    importlib.invalidate_caches()  # a helper may have been written a moment ago
+    sys.path.insert(0, str(folder))
+    sys.dont_write_bytecode = True
+    try:
+        yield
+    finally:
+        theirs = {folder, *(Path(os.path.realpath(p)) for p in sys.path if p not in paths)}
+        sys.path[:] = paths
+        sys.dont_write_bytecode = writes
+        new = {name for name in sys.modules if name not in before or name in hidden}
+        roots = {name.partition(".")[0] for name in new}
+        gone = {r for r in roots if (r not in before or r in hidden) and _place(r) in theirs}
+        for name in new:
+            if name.partition(".")[0] in gone:
+                del sys.modules[name]
+        sys.modules.update({name: before[name] for name in hidden})
+
+
+def _is_hidden(root: str, folder: Path) -> bool:
+    if root in sys.stdlib_module_names or root in ("ballscrew", "__main__"):
+        return False
+    if not ((folder / f"{root}.py").is_file() or (folder / root / "__init__.py").is_file()):
+        return False
+    place = _place(root)
+    return place is None or not {"site-packages", "dist-packages"} & set(place.parts)
+
+
+def _place(root: str) -> Path | None:
+    """The folder in which a module or package that is imported was found."""
+    module = sys.modules.get(root)
+    file = getattr(module, "__file__", None)
+    inside = list(getattr(module, "__path__", []))
+    if inside:
+        return Path(os.path.realpath(inside[0])).parent
+    return Path(os.path.realpath(file)).parent if file else None
