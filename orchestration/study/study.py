@@ -93,20 +93,20 @@ def _checks(
     plan: Plan, loops: Mapping[str, StudyLoop], tunings: Mapping[str, list[Tuned]]
 ) -> dict[str, tuple[Any, ...]]:
     """A random twentieth of the runs, at least one, as tasks over FMUs."""
-    from ...fmus.catalogue import component, fmu_of
+    from ...fmus.catalogue import fmu
 
     shape = len(plan.entrants), plan.tuning.seeds, len(plan.judged_duties), plan.plants
     runs = math.prod(shape)
     random = np.random.default_rng([plan.seed, len(PARTS)])
     drawn = np.sort(random.choice(runs, math.ceil(runs / SHARE), replace=False))
-    plant = str(fmu_of(component(plan.plant)))
+    plant = str(fmu(plan.plant))
     controllers: dict[str, str] = {}
     tasks: dict[str, tuple[Any, ...]] = {}
     for run in drawn.tolist():
         e, seed, d, p = (int(k) for k in np.unravel_index(run, shape))
         entrant = plan.entrants[e]
         if entrant.name not in controllers:
-            controllers[entrant.name] = str(fmu_of(composed(plan, entrant)))
+            controllers[entrant.name] = str(fmu(composed(plan, entrant)))
         loop, tuned = loops[entrant.name], tunings[entrant.name][seed].values
         factors = plan.factors("judge")[p]
         values = values_for(plan, loop, entrant, tuned, factors, 1000 + p)
