@@ -48,6 +48,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/own_records.py
 	$(BIN)/python proofs/interrupts.py
 	$(BIN)/python proofs/practice.py
+	$(BIN)/python proofs/swap_study.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/start.py

@@ -42,6 +42,9 @@ DEPENDS_ON = {
     "tro2021": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/tro2021.py"),
     "own_records": ("ballscrew", *LOOP, "rig", *ESTIMATED, "diagnosis", "proofs/own_records.py"),
     "practice": (*LOOP, "instruments", "stability", "proofs/practice.py"),
+    "swap_study": (
+        *("solver", "plant", "controllers", "orchestration/study", "proofs/swap_study.py"),
+    ),
     "exchange": (
         *("solver", "plant", "fmus", "proofs/exchange.py"),
         *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),
@@ -65,6 +68,7 @@ SHOWS = {
     "tro2021": "friction of two measured drives by direction, judged on speeds left out",
     "own_records": "what is named on records of this program, its parameters believed",
     "practice": "longest sampling periods and delays of the controllers; where they hunt",
+    "swap_study": "equal controllers are seldom called different, one a tenth worse mostly is",
     "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
     "interrupts": "interrupted and killed commands end in time and leave the run before whole",
 }

@@ -8,6 +8,7 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,7 @@ class Duty:
         ------
         BadReference
         """
-        return read_motion(self.reference) or Reference.read(self.reference)
+        return _signal(self.reference)
 
 
 @dataclass(frozen=True)
@@ -182,6 +183,12 @@ class Plan:
 
     def to_json(self) -> str:
         return json.dumps(self, default=lambda o: vars(o), sort_keys=True)
+
+
+@cache
+def _signal(text: str) -> Reference:
+    """A process follows each motion many times, and reads a file once."""
+    return read_motion(text) or Reference.read(text)
 
 
 def read_plan(path: Path | str) -> Plan:

@@ -20,7 +20,7 @@ from .figures import NAMES, Figures, figures_of
 from .loop import StudyLoop
 from .over_fmus import SHARE, FmuCheck, check_over_fmus
 from .plan import BadPlan, Duty, Entrant, Plan
-from .result import StudyResult, concluded
+from .result import Array, StudyResult, concluded
 from .tuning import Tuned, tune
 
 if TYPE_CHECKING:
@@ -57,8 +57,31 @@ def do_study(
     BadPlan
         If a part or a parameter does not exist, or the folder holds another study.
     """
-    loops = {e.name: _loop(plan, e) for e in plan.entrants}
+    loops = loops_of(plan)
     parts = _claim(plan, loops, folder / PARTS, resume)
+    tunings, figures = tuned_and_judged(plan, loops, parts, workers, progress)
+    again = _checks(plan, loops, tunings)
+    checked = _computed(parts, again, _checked, workers, "over FMUs", progress)
+    checks = [FmuCheck(**checked[name]) for name in again]
+    return concluded(plan, tunings, figures, checks)
+
+
+def loops_of(plan: Plan) -> dict[str, StudyLoop]:
+    """The closed loop of each controller; raises as `do_study` does."""
+    return {e.name: _loop(plan, e) for e in plan.entrants}
+
+
+def tuned_and_judged(
+    plan: Plan,
+    loops: Mapping[str, StudyLoop],
+    parts: Path,
+    workers: Workers,
+    progress: Progress | None = None,
+) -> tuple[dict[str, list[Tuned]], dict[str, Array]]:
+    """Tunings of each controller, and figures by name, (controllers, seeds, duties, plants).
+
+    Each task's result is kept in the folder `parts`; what is there is not done again.
+    """
     jobs = {
         f"tune-{k}-{seed}.json": (plan, e, loops[e.name], seed)
         for k, e in enumerate(plan.entrants)
@@ -82,11 +105,7 @@ def do_study(
     found = _computed(parts, runs, _judged, workers, "judging", progress)
     table = np.array([row for name in runs for row in found[name]], dtype=float)
     shape = len(plan.entrants), plan.tuning.seeds, len(plan.judged_duties), plan.plants
-    figures = {n: table[:, k].reshape(shape) for k, n in enumerate(NAMES)}
-    again = _checks(plan, loops, tunings)
-    checked = _computed(parts, again, _checked, workers, "over FMUs", progress)
-    checks = [FmuCheck(**checked[name]) for name in again]
-    return concluded(plan, tunings, figures, checks)
+    return tunings, {n: table[:, k].reshape(shape) for k, n in enumerate(NAMES)}
 
 
 def _checks(
