@@ -11,12 +11,26 @@ CONTROLLERS = {
     "iol_sampled": "ballscrew.controllers.sampled:iol_sampled",
     "nctf_sampled": "ballscrew.controllers.sampled:nctf_sampled",
     "pid_encoder": "ballscrew.controllers.pid_encoder:pid_encoder",
+    "p_pi": "ballscrew.controllers.p_pi:p_pi",
+    "pid_dob": "ballscrew.controllers.pid_dob:pid_dob",
+    "pid_lugre": "ballscrew.controllers.pid_lugre:pid_lugre",
+    "lqi": "ballscrew.controllers.lqi:lqi",
+    "iol_observed": "ballscrew.controllers.iol_observed:iol_observed",
+    "sliding_mode": "ballscrew.controllers.sliding_mode:sliding_mode",
+    "super_twisting": "ballscrew.controllers.super_twisting:super_twisting",
+    "adaptive_friction": "ballscrew.controllers.adaptive_friction:adaptive_friction",
+    "fuzzy_pd_i": "ballscrew.controllers.fuzzy_pd_i:fuzzy_pd_i",
+    "relay": "ballscrew.controllers.relay:relay",
 }
 
 
 def tunable(name: str) -> dict[str, tuple[float, float]]:
-    """What a study tunes of a controller, by parameter its range; empty where it states none."""
+    """What a study tunes of a controller, by parameter its range; empty where it states none.
+
+    The ranges stand in the law's own file, as ``TUNABLE``; a sampled law is tuned as the continuous
+    one.
+    """
     if name not in CONTROLLERS:
         return {}
-    module = import_module(CONTROLLERS[name].partition(":")[0])
+    module = import_module(CONTROLLERS[name.removesuffix("_sampled")].partition(":")[0])
     return dict(getattr(module, "TUNABLE", {}))

@@ -12,9 +12,11 @@ from dataclasses import replace
 import sympy as sp
 
 from ..plant.ball_screw import ball_screw
-from ..solver.component import Component, Input, Output, Parameter, symbol
+from ..solver.component import Component, ForceTerm, Input, Output, Parameter, symbol
 
 POLES = (-5.0, -6.0, -7.0)
+
+TUNABLE = {"k0": (20.0, 5e3), "k1": (10.0, 2e3), "k2": (2.0, 200.0)}
 
 
 def gains_from_poles(poles: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -43,8 +45,7 @@ def input_output_linearization(acceleration: str = "estimated") -> Component:
         raise ValueError(f"acceleration is {acceleration!r}, expected 'estimated' or 'true'")
     plant = ball_screw()
     friction = next(t for t in plant.terms if t.name == "friction")
-    estimated = [p for p in friction.parameters if p.name != "Kv"]
-    hats = {symbol(p.name): symbol(p.name + "_hat") for p in estimated}
+    hats, estimates, sharpness = estimates_of(friction)
     x, u = symbol("x"), symbol("u")
 
     acceleration_true = plant.derivative("v")
@@ -63,12 +64,9 @@ def input_output_linearization(acceleration: str = "estimated") -> Component:
         Parameter("k0", k0, "1/s^3", "gain on the position error", source, minimum=0.0),
         Parameter("k1", k1, "1/s^2", "gain on the velocity", source, minimum=0.0),
         Parameter("k2", k2, "1/s", "gain on the acceleration", source, minimum=0.0),
-        *(
-            replace(p, name=p.name + "_hat", meaning="estimate of the " + p.meaning)
-            for p in estimated
-        ),
+        *estimates,
         *plant.parameters,
-        *(friction.parameters if acceleration == "true" else friction.parameters[-1:]),
+        *(friction.parameters if acceleration == "true" else (sharpness,)),
     )
     return Component(
         name="iol" if acceleration == "estimated" else "iol_true_acceleration",
@@ -76,6 +74,31 @@ def input_output_linearization(acceleration: str = "estimated") -> Component:
         parameters=parameters,
         inputs=measurements_of(plant),
         outputs=(Output("u", "V", "motor terminal voltage", law, nominal=10.0),),
+    )
+
+
+def estimates_of(
+    friction: ForceTerm,
+) -> tuple[dict[sp.Symbol, sp.Symbol], tuple[Parameter, ...], Parameter]:
+    """A controller's estimates of the parameters of modified LuGre friction.
+
+    Returns
+    -------
+    dict
+        Each parameter's symbol to that of its estimate, ``<name>_hat``.
+    tuple of Parameter
+        The estimates, with the parameters' values as defaults.
+    Parameter
+        The sharpness of the smooth sign, which belongs to the model and is not estimated.
+    """
+    sharpness = next(p for p in friction.parameters if p.name == "Kv")
+    known = [p for p in friction.parameters if p is not sharpness]
+    return (
+        {symbol(p.name): symbol(p.name + "_hat") for p in known},
+        tuple(
+            replace(p, name=p.name + "_hat", meaning="estimate of the " + p.meaning) for p in known
+        ),
+        sharpness,
     )
 
 

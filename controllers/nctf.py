@@ -27,6 +27,8 @@ PRINTED_COEFFICIENT = 13.25  # 1/m
 STOPPED_SPEED = 3.48e-5
 """Speed [m/s] that the nominal model has 0.1 s after the step ends: the thesis' "stopped"."""
 
+TUNABLE = {"h": (0.01, 0.3), "c": (1.0, 500.0), "Kp": (10.0, 5e3), "Ki": (0.0, 5e4)}
+
 
 @dataclass(frozen=True)
 class NctfDesign:

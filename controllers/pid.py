@@ -1,23 +1,24 @@
 """A position PID with velocity feedback, tuned by the SIMC rule.
 
 S. Skogestad, "Simple analytic rules for model reduction and PID controller tuning", Journal of
-Process Control 13, 291 (2003), for an integrating process with a lag. On the rigid axis without
-Coulomb friction the speed follows the voltage with the gain ``b`` and the lag ``m/D``, where
-``D = sigma2 + kt ke (2 pi p)^2 / R``; the electrical time constant counts as delay.
+Process Control 13, 291 (2003), for an integrating process with a lag: the rigid axis; the
+electrical time constant counts as delay.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..plant.axis import axis
 from ..solver.component import Component, Output, Parameter, State, symbol
 from .linearization import measurements_of
+from .rigid_axis import rigid_axis
 
 CLOSED_LOOP_TIME = 0.6
 """Tuning parameter of the rule [s]: keeps an 8 cm step within the 36 V of the motor."""
+
+TUNABLE = {"Kp": (50.0, 5e4), "Ki": (0.0, 5e4), "Kd": (0.0, 500.0)}
 
 
 @dataclass(frozen=True)
@@ -41,16 +42,11 @@ def simc(
     closed_loop_time : float
         The rule's one tuning parameter [s].
     """
-    values = {p.name: p.default for p in axis().all_parameters} | dict(plant_parameters or {})
-    angle = 2 * math.pi * values["p"]
-    torque = values["kt"] * angle
-    damping = values["sigma2"] + torque * values["ke"] * angle / values["R"]
-    speed_per_volt = torque / values["R"] / damping
-    lag = (values["m"] + values["Jm"] * angle**2) / damping
-    delay = values["L"] / values["R"]
-    gain = 1 / (speed_per_volt * (closed_loop_time + delay))
+    plant = rigid_axis(plant_parameters)
+    delay = plant.electrical_time
+    gain = 1 / (plant.speed_per_volt * (closed_loop_time + delay))
     integral_time = 4 * (closed_loop_time + delay)
-    return PidGains(gain * (1 + lag / integral_time), gain / integral_time, gain * lag)
+    return PidGains(gain * (1 + plant.lag / integral_time), gain / integral_time, gain * plant.lag)
 
 
 def gain_parameters() -> tuple[Parameter, ...]:

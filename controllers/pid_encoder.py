@@ -6,7 +6,10 @@ from dataclasses import replace
 
 from ..instruments.encoder import behind_encoder
 from ..solver.component import Component
+from .pid import TUNABLE
 from .pid_sampled import pid_sampled
+
+__all__ = ["TUNABLE", "pid_encoder"]
 
 
 def pid_encoder() -> Component:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..instruments.sample_and_hold import PERIOD, sampled_and_held
+from ..instruments.sample_and_hold import PERIOD, sampled
 from ..solver.component import Component
 from .linearization import input_output_linearization
 from .nctf import nctf
@@ -12,10 +12,10 @@ from .nctf import nctf
 
 def iol_sampled() -> Component:
     """`iol`, sampled and held."""
-    return sampled_and_held(input_output_linearization(), "iol_sampled")
+    return sampled(input_output_linearization())
 
 
 def nctf_sampled() -> Component:
     """`nctf`, sampled and held: fast enough for its fastest time constant of 88 us."""
     period = replace(PERIOD, default=5e-5, source="half of the loop's fastest time constant")
-    return sampled_and_held(nctf(), "nctf_sampled", period)
+    return sampled(nctf(), period)

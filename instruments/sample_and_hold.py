@@ -6,43 +6,52 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..solver.component import Component, ContractError, DiscreteState, Parameter, symbol
+from ..solver.component import Component, ContractError, DiscreteState, Output, Parameter, symbol
 
 PERIOD = Parameter("sample_time", 1e-3, "s", "sampling period", "a common servo rate", minimum=1e-6)
 
 
-def sampled_and_held(
-    controller: Component, name: str, sample_time: Parameter = PERIOD
-) -> Component:
+def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -> Component:
     """The controller between samplers of its measurements and holds of its commands.
 
     At a sample instant the measurements are read, and the commands that follow from them, and from
-    the controller's own states then, are held until the next. Its states go on meanwhile with the
-    measurements that were read.
+    the controller's own states then, are held until the next; with a `delay` they are put out that
+    many samples later, and nothing before. The states are not discretized by a rule: between
+    samples they follow their own equations with the measurements that were read, to the solver's
+    tolerance.
 
     Parameters
     ----------
     controller : Component
         Continuous, without modes.
-    name : str
-        Of the sampled one.
-    sample_time : Parameter
+    period : Parameter
+        The sampling period [s], a parameter of the result.
+    delay : int
+        Time that the computation takes, in whole samples. For a part of a sample put the plant
+        behind `with_late_command`.
+
+    Returns
+    -------
+    Component
+        Called ``<name>_sampled``.
 
     Raises
     ------
     ContractError
-        For a controller that is sampled already or has modes.
+        For a controller that is sampled already or has modes, or a delay that is no count.
     """
     if controller.discrete or controller.modes:
         what = "discrete states" if controller.discrete else "modes"
         raise ContractError(f"{controller.name} has {what}; only a continuous law can be sampled")
+    if delay < 0 or delay != int(delay):
+        raise ContractError(f"a delay of {delay} samples, expected 0, 1, 2, ...")
     used = controller.used_symbols()
     read = [i for i in controller.inputs if i.role == "measurement" and symbol(i.name) in used]
     held = {symbol(i.name): symbol(f"{i.name}_read") for i in read}
     fields = controller.equations_with(held)
     return replace(
         controller,
-        name=name,
+        name=f"{controller.name}_sampled",
         description=f"{controller.description}; sampled, its output held between samples",
         states=fields["states"],
         balances=fields["balances"],
@@ -58,17 +67,19 @@ def sampled_and_held(
                 )
                 for i in read
             ),
-            *(
-                DiscreteState(
-                    f"{o.name}_held",
-                    o.unit,
-                    f"{o.meaning}, since the last sample",
-                    sp.sympify(o.value),
-                    nominal=o.nominal,
-                )
-                for o in controller.all_outputs
-            ),
+            *(state for o in controller.all_outputs for state in _held(o, int(delay))),
         ),
         outputs=tuple(replace(o, value=symbol(f"{o.name}_held")) for o in controller.outputs),
-        sample_time=sample_time,
+        sample_time=period,
+    )
+
+
+def _held(output: Output, delay: int) -> tuple[DiscreteState, ...]:
+    """What waits for so many samples, one memory each, and what is put out."""
+    names = [*(f"{output.name}_waiting{k}" for k in range(1, delay + 1)), f"{output.name}_held"]
+    values = [sp.sympify(output.value), *map(symbol, names)]
+    meanings = [*("computed, not put out yet" for _ in range(delay)), "since the last sample"]
+    return tuple(
+        DiscreteState(n, output.unit, f"{output.meaning}, {m}", v, nominal=output.nominal)
+        for n, m, v in zip(names, meanings, values, strict=False)
     )

@@ -122,6 +122,8 @@ def test_connectors_parameters_and_units_are_those_of_the_fmus(systems, fmus, na
         }
         if element == "controller":
             defaults["x_d"] = {"value": "0.08", "unit": "m"}
+            units = {"v_d": "m/s", "a_d": "m/s^2"}
+            defaults |= {n: {"value": "0.0", "unit": u} for n, u in units.items() if n in real}
         assert values == defaults
 
 

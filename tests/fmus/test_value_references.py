@@ -4,14 +4,14 @@ import zipfile
 from xml.etree import ElementTree as ET
 
 import pytest
+from exported_loops import IN_LOOPS
 
-from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus import catalogue
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import catalogued_model, stored_model, variational_model
 
 NAMES = [*catalogue.NAMES]
-LOOPS = [f"{name}_loop" for name in CONTROLLERS]
+LOOPS = [f"{name}_loop" for name in IN_LOOPS]
 TANGENTS = ["pid_variational"]
 
 

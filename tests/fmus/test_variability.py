@@ -4,9 +4,9 @@ from functools import cache, partial
 
 import pytest
 import sympy as sp
+from exported_loops import IN_LOOPS
 from lxml import etree
 
-from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel, loop, loop_fmu_kernel
 from ballscrew.fmus.export import with_law_ports
 from ballscrew.fmus.interface import interface_of
@@ -24,7 +24,7 @@ from ballscrew.solver.component import (
     symbol,
 )
 
-LOOPS = {f"{name}_loop": name for name in CONTROLLERS}
+LOOPS = {f"{name}_loop": name for name in IN_LOOPS}
 FORMS = {
     "readable": lambda name: readable(kernel_of(name)),
     "native, FMI 2": lambda name: description.description_of(native_of(name), "t"),

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import replace
 
+import linear_axis as la
 import pytest
+import sympy as sp
 
 from ballscrew.controllers.linearization import input_output_linearization
+from ballscrew.controllers.p_pi import p_pi
 from ballscrew.controllers.pid import pid
 from ballscrew.controllers.pid_sampled import pid_sampled
 from ballscrew.fmus.catalogue import component
-from ballscrew.instruments.sample_and_hold import sampled_and_held
+from ballscrew.instruments.sample_and_hold import PERIOD, sampled
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import Component, ContractError
+from ballscrew.solver.component import TIME, Component, ContractError
 from ballscrew.solver.kernel import Model
 
 
 def test_a_held_command_is_the_continuous_law_at_the_last_sample() -> None:
     law = Model(generate(input_output_linearization()))
-    held = Model(generate(sampled_and_held(input_output_linearization(), "iol_sampled")))
+    held = Model(generate(sampled(input_output_linearization())))
     read = {"x": 0.03, "v": 0.02, "z": 1e-5, "i": 0.4, "x_d": 0.08}
     for model in (law, held):
         for name, value in read.items():
@@ -44,7 +49,7 @@ def test_the_sampled_loop_goes_to_the_continuous_one_in_the_first_order() -> Non
 
     errors = []
     for period in (1e-3, 5e-4):
-        law = sampled_and_held(pid(), "pid_held")
+        law = sampled(pid())
         given = replace(law.sample_time, default=period)
         errors.append(abs(end(replace(law, sample_time=given)) - end(pid())))
     assert errors[1] == pytest.approx(errors[0] / 2, rel=0.1)
@@ -52,7 +57,55 @@ def test_the_sampled_loop_goes_to_the_continuous_one_in_the_first_order() -> Non
 
 def test_what_is_sampled_already_or_has_modes_is_refused() -> None:
     with pytest.raises(ContractError, match="discrete states"):
-        sampled_and_held(pid_sampled(), "twice")
+        sampled(pid_sampled())
     with pytest.raises(ContractError, match="modes"):
-        sampled_and_held(component("plant_classical"), "sticking")
-    assert sampled_and_held(pid(), "held").sample_time is not None
+        sampled(component("plant_classical"))
+    assert sampled(pid()).sample_time is not None
+
+
+@pytest.mark.parametrize("delay", [1, 3])
+def test_a_delayed_command_is_that_of_so_many_samples_before(delay: int) -> None:
+    held = Model(generate(sampled(input_output_linearization(), delay=delay)))
+    law = Model(generate(input_output_linearization()))
+    expected = [0.0] * delay
+    for k in range(8):
+        for model in (held, law):
+            model.set_input("x", 1e-3 * k**2)
+            model.set_input("x_d", 0.08)
+        expected.append(law.outputs(0.0, law.x)["u"])
+        held.sample(k * 1e-3)
+        assert held.outputs(0.0, held.x)["u"] == pytest.approx(expected[k], rel=1e-12)
+
+
+def off_by(law: Component, period: float, delay: int, **values: float) -> float:
+    """How far the sampled loop is from the continuous one after 0.3 s [m]."""
+    exact = la.loop(la.sliding(), law, tolerance=1e-9, **values).simulate([0.0, 0.3])
+    digital = sampled(law, replace(PERIOD, default=period), delay)
+    model = la.loop(la.sliding(), digital, tolerance=1e-9, **values)
+    for k in range(round(0.3 / period)):
+        model.sample(k * period)
+        model.advance(k * period, (k + 1) * period)
+    return model.outputs(0.3, model.x)["x"] - exact.outputs["x"][-1]
+
+
+@pytest.mark.parametrize("delay", [0, 1])
+def test_a_law_with_states_goes_to_the_continuous_one_in_the_first_order(delay: int) -> None:
+    errors = [off_by(p_pi(), period, delay) for period in (8e-5, 4e-5, 2e-5)]
+    for coarse, fine in itertools.pairwise(errors):
+        assert math.log2(coarse / fine) == pytest.approx(1.0, abs=0.05)
+
+
+def test_each_sample_of_delay_is_felt_like_two_holds() -> None:
+    """Without states a hold is half a sample late in the mean; with d samples of delay, d + 1/2.
+
+    The set-point starts smoothly: what is late at a jump is the feedback alone.
+    """
+    law = la.following(pid(), sp.Rational(1, 50) * (1 - sp.cos(10 * TIME)))
+    errors = [off_by(law, 2e-5, delay, Ki=0.0) for delay in (0, 1, 2)]
+    assert [e / errors[0] for e in errors] == pytest.approx([1.0, 3.0, 5.0], rel=0.02)
+
+
+def test_a_delay_that_is_no_count_is_refused() -> None:
+    for delay in (-1, 0.5):
+        with pytest.raises(ContractError, match="expected 0, 1, 2"):
+            sampled(pid(), delay=delay)  # type: ignore[arg-type]

