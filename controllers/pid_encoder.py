@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..instruments.encoder import behind_encoder
+from ..instruments.encoder import encoder
+from ..instruments.measured_through import measured_through
 from ..solver.component import Component
 from .pid_sampled import pid_sampled
 
 
 def pid_encoder() -> Component:
     """`pid_sampled` behind the rig's encoder: it sees whole counts."""
+    counts = encoder()
+    named = replace(counts, outputs=(replace(counts.outputs[0], name="x_measured"),))
     return replace(
-        behind_encoder(pid_sampled()),
+        measured_through(pid_sampled(), [named]),
         name="pid_encoder",
         description="Digital position PID that sees an encoder's counts",
     )

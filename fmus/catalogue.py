@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ..controllers import CONTROLLERS
+from ..instruments import INSTRUMENTS
 from ..plant import PLANTS
 from ..solver import kernel_cache
 from ..solver.component_file import loaded_component, names_file
@@ -21,7 +22,7 @@ from .carried_runtime import carried_runtime
 if TYPE_CHECKING:
     from ..solver.component import Component
 
-NAMES = {**PLANTS, **CONTROLLERS}
+NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
 # what makes equations or files of components; named, since it is imported when it is needed
 _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
 _CONNECT = "ballscrew.solver.connect"
