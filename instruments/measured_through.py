@@ -10,6 +10,7 @@ import sympy as sp
 from ..solver.component import Component, ContractError, Parameter, symbol
 from . import MEASURED
 
+
 def measured_through(controller: Component, instruments: Sequence[Component]) -> Component:
     """The controller with measurements as instruments give them.
 
