@@ -645,8 +645,9 @@ def _named(part: Part) -> Any:
 
 def _as_it_is_now(part: Any) -> Any:
     """The same part; if it comes from a Python file, the file is read again."""
+    from .instruments import without_instruments
     from .solver.component_file import names_file, read_component
 
-    if isinstance(part, str) and names_file(part):
-        read_component(part)
+    if isinstance(part, str) and names_file(base := without_instruments(part)[0]):
+        read_component(base)
     return part

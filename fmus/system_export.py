@@ -1,8 +1,8 @@
 """Write a closed loop of FMUs as one .ssp (System Structure and Parameterization 1.0).
 
-Instruments may stand between plant and controller. Both sides carry their feedback-law ports, so that any master which connects signals runs the loop
-with an error of second order. An annotation names OMSimulator's master: its executable aborts on
-a system without one.
+Instruments may stand between plant and controller. Both sides carry their feedback-law ports, so
+that any master which connects signals runs the loop with an error of second order. An annotation
+names OMSimulator's master: its executable aborts on a system without one.
 """
 
 from __future__ import annotations
@@ -74,8 +74,9 @@ def export_system(
 
     Ports of the same name meet: the plant's outputs and the controller's inputs, the controller's
     outputs, law ports among them, and the plant's inputs. An instrument's ``x_measured`` goes where
-    ``x`` would go otherwise: to the instruments behind it and to the controller. SSP has no place for a master's step
-    size: OMSimulator finds `MASTER_STEP` in its annotation, others are told otherwise.
+    ``x`` would go otherwise: to the instruments behind it and to the controller. SSP has no place
+    for a master's step size: OMSimulator finds `MASTER_STEP` in its annotation, others are told
+    otherwise.
 
     Parameters
     ----------

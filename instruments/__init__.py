@@ -14,3 +14,12 @@ INSTRUMENTS = {
     "current_sensor": "ballscrew.instruments.current_sensor:current_sensor",
 }
 """The instruments that are exported by name. Adding one is a file and a line here."""
+
+
+def without_instruments(part: str) -> tuple[str, tuple[str, ...]]:
+    """The controller and the instruments of ``controller+instrument+...``, in their order."""
+    names = part.split("+")
+    first = len(names)
+    while first > 1 and names[first - 1] in INSTRUMENTS:
+        first -= 1
+    return "+".join(names[:first]), (*names[first:],)

@@ -48,7 +48,7 @@ def with_load(plant: Component, balance: str = "v") -> Component:
     """
     force, begin, rise = symbol("load_force"), symbol("load_time"), symbol("load_rise")
     share = sp.Piecewise(
-        (0, TIME < begin), (1, TIME >= begin + rise), ((TIME - begin) / rise, True)
+        (0, begin > TIME), (1, begin + rise <= TIME), ((TIME - begin) / rise, True)
     )
     turn = 2 * sp.pi * symbol("load_frequency") * TIME + symbol("load_phase")
     load = force * share + symbol("load_amplitude") * sp.sin(turn)

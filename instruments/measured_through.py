@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import sympy as sp
 
@@ -58,7 +59,7 @@ def measured_through(controller: Component, instruments: Sequence[Component]) ->
     fields["discrete"] = controller.equations_with(at_sample)["discrete"]
     parts.append(fields | {"parameters": controller.parameters})
 
-    def joined(kind: str) -> tuple[object, ...]:
+    def joined(kind: str) -> tuple[Any, ...]:
         return tuple(entry for part in reversed(parts) for entry in part[kind])
 
     names = [i.name for i in instruments]
@@ -95,8 +96,8 @@ def _check(instrument: Component, behind: Sequence[Component]) -> None:
         signal = output.name.removesuffix(MEASURED)
         if signal == output.name:
             raise ContractError(
-                f"{instrument.name}: output {output.name!r} does not say what it measures; expected "
-                f"the name of a signal and {MEASURED!r}"
+                f"{instrument.name}: output {output.name!r} does not say what it measures; "
+                f"expected the name of a signal and {MEASURED!r}"
             )
         if not any(i.name == signal for part in behind for i in part.inputs):
             names = ", ".join(p.name for p in behind)

@@ -1,4 +1,4 @@
-"""The noise of an instrument: L'Ecuyer's generator to the digit, normal, white, another per seed."""
+"""The noise of an instrument: L'Ecuyer's generator to the digit, normal, white, by its seed."""
 
 from __future__ import annotations
 
