@@ -24,7 +24,7 @@ from ballscrew.solver.component import DiscreteState, symbol
 
 # Without them an error of the coupling would be lost among the steps of the encoder.
 FAITHFUL = {"resolution": 1e-12, "first_harmonic": 0.0, "second_harmonic": 0.0}
-STOP = 0.005  # seconds, a hundred samples of nctf_sampled
+STOP = 0.0025  # seconds, fifty samples of nctf_sampled
 VALUES = {f"position_encoder_{n}": v for n, v in FAITHFUL.items()}
 
 
