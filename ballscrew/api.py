@@ -37,7 +37,7 @@ def catalogue() -> dict[str, tuple[str, ...]]:
     Returns
     -------
     dict of str to tuple of str
-        ``plants``, ``controllers`` and ``laws`` (of friction).
+        ``plants``, ``controllers``, ``instruments`` and ``laws`` (of friction).
 
     Examples
     --------
@@ -46,9 +46,11 @@ def catalogue() -> dict[str, tuple[str, ...]]:
     True
     """
     from .controllers import CONTROLLERS
+    from .instruments import INSTRUMENTS
     from .plant import LAWS, PLANTS
 
-    return {"plants": (*PLANTS,), "controllers": (*CONTROLLERS,), "laws": (*LAWS,)}
+    named = {"plants": PLANTS, "controllers": CONTROLLERS, "instruments": INSTRUMENTS, "laws": LAWS}
+    return {kind: (*names,) for kind, names in named.items()}
 
 
 def component(name: str) -> Component:
@@ -57,8 +59,9 @@ def component(name: str) -> Component:
     Parameters
     ----------
     name : str
-        A plant or a controller of `catalogue`, or ``path/to/file.py:function``. The file is run as
-        it is now, and the function is called without arguments.
+        A plant, a controller or an instrument of `catalogue`, or ``path/to/file.py:function``. The
+        file is run as it is now, and the function is called without arguments. A controller that
+        measures through instruments is ``controller+instrument+...``.
 
     Returns
     -------
@@ -645,8 +648,9 @@ def _named(part: Part) -> Any:
 
 def _as_it_is_now(part: Any) -> Any:
     """The same part; if it comes from a Python file, the file is read again."""
+    from .instruments import without_instruments
     from .solver.component_file import names_file, read_component
 
-    if isinstance(part, str) and names_file(part):
-        read_component(part)
+    if isinstance(part, str) and names_file(base := without_instruments(part)[0]):
+        read_component(base)
     return part

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 from . import native_command
 from .console import tell_export
 from .controllers import CONTROLLERS
+from .instruments import INSTRUMENTS
 from .options import TRUSTED, BadRequest, check_part, out_folder, read_whole_number
-from .params_option import add_params, bad_parameters, baked, read_params
+from .params_option import add_params, apart, bad_parameters, baked, read_params
 from .plant import PLANTS
 from .results_folder import prepare_folder, write_or_refuse
 from .sides import check_labels
@@ -29,6 +30,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         help="write the components as FMUs",
         epilog="examples:\n  ballscrew export --out fmus --only plant iol\n"
         "  ballscrew export --ssp --out loops\n"
+        "  ballscrew export --ssp --only pid_sampled+position_encoder --out loops\n"
         "  ballscrew export --native --platforms linux64,win64 --out native\n"
         "  ballscrew export --loop iol --native --out loops\n"
         "  ballscrew export --component mine.py:pi --native --out native\n",
@@ -41,14 +43,15 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         dest="only",
         nargs="+",
         metavar="PART",
-        help=f"some of {', '.join([*PLANTS, *CONTROLLERS])}, or mine.py:pi, a function of a Python "
-        "file that returns a Component",
+        help=f"some of {', '.join([*PLANTS, *CONTROLLERS, *INSTRUMENTS])}; or mine.py:pi, a "
+        "function of a Python file that returns a Component; or CONTROLLER+INSTRUMENT+..., a "
+        "controller that measures through instruments",
     )
     parser.add_argument(
         "--ssp",
         action="store_true",
-        help="instead, write one .ssp per closed loop: both FMUs, wired, with a parameter set; "
-        "with --native, of native FMUs",
+        help="instead, write one .ssp per closed loop: all FMUs, wired, with parameter sets; of "
+        "CONTROLLER+INSTRUMENT each instrument is an FMU, too; with --native, of native FMUs",
     )
     parser.add_argument(
         "--loop",
@@ -73,7 +76,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 def export(options: argparse.Namespace) -> int:
     whole = options.ssp or options.loop is not None
-    known = [*CONTROLLERS] if whole else [*PLANTS, *CONTROLLERS]
+    known = [*CONTROLLERS] if whole else [*PLANTS, *CONTROLLERS, *INSTRUMENTS]
     if options.loop is not None:
         for other in ("only", "ssp", "variational"):
             if getattr(options, other):
@@ -126,7 +129,7 @@ def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[
     if told is None or options.ssp:
         return known
     with bad_parameters():
-        return [told.plant_name, *CONTROLLERS]
+        return [told.plant_name, *CONTROLLERS, *INSTRUMENTS]
 
 
 def _export_one(
@@ -154,9 +157,11 @@ def _export_one(
                 path = Path(folder) / side / f"{catalogue.name_of(part)}.fmu"
                 return export_kernel(kernel, path)
 
-            sides = fmu(plant, "plant"), fmu(name, "controller")
+            base, instruments = apart(told, name)
+            sides = fmu(plant, "plant"), fmu(base, "controller"), target
+            between = {n: fmu(n, "between") for n in instruments}
             label = catalogue.name_of(name)
-            write_or_refuse(partial(export_system, *sides, target, name=label))
+            write_or_refuse(partial(export_system, *sides, name=label, instruments=between))
         return
     if options.variational:
         kernel = catalogue.variational_kernel(name, tangents)

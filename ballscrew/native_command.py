@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from .console import tell_export
 from .options import BAD_REQUEST, TRUSTED, BadRequest
-from .params_option import bad_parameters, baked
+from .params_option import apart, bad_parameters, baked
 from .results_folder import write_or_refuse
 
 if TYPE_CHECKING:
@@ -79,8 +79,7 @@ def export(
             elif options.loop:
                 plant = told.plant_name if told else "plant"
                 kernel = loop_fmu_kernel(name, plant)
-                stem = f"loop_{plant}_{name_of(name)}"
-                model = stored_model(stem, kernel, partial(loop, name, plant))
+                model = stored_model(kernel.name, kernel, partial(loop, name, plant))
             else:
                 model = catalogued_model(name)
             kernel = baked(told, name, model.kernel, loop=options.loop is not None)
@@ -148,10 +147,11 @@ def export_systems(
             for name in names:
                 label = name_of(name)
                 target = options.out / f"{label}.ssp"
-                controller = write(name, "controller")
-                write_or_refuse(
-                    partial(export_system, plant.path, controller.path, target, name=label)
-                )
+                base, instruments = apart(told, name)
+                controller = write(base, "controller")
+                between = {n: write(n, "between").path for n in instruments}
+                sides = plant.path, controller.path, target
+                write_or_refuse(partial(export_system, *sides, name=label, instruments=between))
                 print(target)
                 if controller.note:
                     print(f"note: {replace(controller, path=target).note}", file=sys.stderr)

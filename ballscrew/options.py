@@ -16,7 +16,7 @@ TRUSTED, NOT_TRUSTED, BAD_REQUEST = 0, 1, 2
 
 
 OWN = "a function of a Python file that returns a Component, as mine.py:pi, or the path of an FMU"
-PART = f"a name, {OWN}"
+PART = f"a name, a controller's as NAME+INSTRUMENT+..., {OWN}"
 SHORTEST = 1e-9  # motion [s]
 
 
@@ -54,18 +54,26 @@ def check_part(option: str, name: str, known: Iterable[str], fmus: bool = True) 
 
     A Python file is run here, as it is now; the command goes on with what its function made.
     """
+    from .instruments import INSTRUMENTS, without_instruments
     from .solver.component_file import BadComponentFile, names_file, read_component
 
-    if names_file(name):
+    base, _ = without_instruments(name)
+    if names_file(base):
         try:
-            read_component(name)
+            read_component(base)
         except BadComponentFile as error:
             raise BadRequest(f"{option}: {error}") from error
         return
-    if name in known or (fmus and (Path(name).suffix == ".fmu" or os.path.exists(name))):
+    if base in known or (fmus and (Path(name).suffix == ".fmu" or os.path.exists(name))):
         return
     import difflib
 
+    first, _, rest = base.partition("+")
+    if rest and first in known:
+        raise BadRequest(
+            f"{option} {name!r}: no instrument {rest.partition('+')[0]!r}; there are "
+            f"{', '.join(INSTRUMENTS)}"
+        )
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     hint = f", did you mean {near[0]}?" if near else ""
     files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"

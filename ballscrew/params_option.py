@@ -126,6 +126,26 @@ def _note(told: ParameterFile, what: str) -> None:
     print(f"note: {told.path}: {what}; left aside", file=sys.stderr)
 
 
+def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
+    """A controller and its instruments, as an .ssp has them, each with values of its own.
+
+    Raises
+    ------
+    BadRequest
+        If the file has values for both as one part.
+    """
+    from .instruments import without_instruments
+    from .orchestration.parts import label_of
+
+    base, instruments = without_instruments(name)
+    if told and instruments and label_of(name) in told.controllers:
+        raise BadRequest(
+            f"{told.path}: [controller.{label_of(name)}] is of one part, and an .ssp has its "
+            "instruments apart; export without --params, and run with --set ELEMENT.VARIABLE=VALUE"
+        )
+    return base, instruments
+
+
 def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = False) -> Kernel:
     """The kernel of a part, or of a loop with this controller, with the file's start values.
 
@@ -164,9 +184,10 @@ def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = Fa
 def _is_plant(part: str) -> bool:
     """Whether a part stands on the plant's side: nothing of it is measured or asked."""
     from .fmus.catalogue import component
+    from .instruments import without_instruments
     from .plant import PLANTS
     from .solver.component_file import names_file
 
-    if not names_file(part):
+    if not names_file(without_instruments(part)[0]):
         return part in PLANTS
     return not any(i.role in ("measurement", "reference") for i in component(part).inputs)

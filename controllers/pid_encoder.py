@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..instruments.encoder import behind_encoder
+from ..instruments.encoder import encoder
+from ..instruments.measured_through import measured_through
 from ..solver.component import Component
 from .pid import TUNABLE
 from .pid_sampled import pid_sampled
@@ -14,8 +15,10 @@ __all__ = ["TUNABLE", "pid_encoder"]
 
 def pid_encoder() -> Component:
     """`pid_sampled` behind the rig's encoder: it sees whole counts."""
+    counts = encoder()
+    named = replace(counts, outputs=(replace(counts.outputs[0], name="x_measured"),))
     return replace(
-        behind_encoder(pid_sampled()),
+        measured_through(pid_sampled(), [named]),
         name="pid_encoder",
         description="Digital position PID that sees an encoder's counts",
     )

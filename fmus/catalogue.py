@@ -1,7 +1,8 @@
 """Components by what a user calls them, and their FMUs kept ready on disk.
 
-A part is a name of the catalogue, a function of a user's file (``mine.py:pi``), or a component that
-was made a minute ago; all others are paths of FMUs.
+A part is a name of the catalogue, a function of a user's file (``mine.py:pi``), either of them
+with the instruments that it measures through (``pid_sampled+position_encoder``), or a component
+that was made a minute ago; all others are paths of FMUs.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ..controllers import CONTROLLERS
+from ..instruments import INSTRUMENTS, without_instruments
 from ..plant import PLANTS
 from ..solver import kernel_cache
 from ..solver.component_file import loaded_component, names_file
@@ -21,10 +23,11 @@ from .carried_runtime import carried_runtime
 if TYPE_CHECKING:
     from ..solver.component import Component
 
-NAMES = {**PLANTS, **CONTROLLERS}
+NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
 # what makes equations or files of components; named, since it is imported when it is needed
 _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
 _CONNECT = "ballscrew.solver.connect"
+_MEASURED = "ballscrew.instruments.measured_through"
 
 
 class UnknownComponent(KeyError):
@@ -36,28 +39,53 @@ class UnknownComponent(KeyError):
 
 def has_equations(part: str) -> bool:
     """Whether a part's name means equations; if not, it is the path of an FMU."""
-    return part in NAMES or names_file(part)
+    base, _ = without_instruments(part)
+    return base in NAMES or names_file(base)
 
 
 def component(part: str | Component) -> Component:
     """The component that a part means; made if it is a name of the catalogue.
 
+    Instruments sample with a controller that is sampled.
+
     Raises
     ------
     UnknownComponent
     BadComponentFile
+    ContractError
+        For instruments that do not go together with the controller.
     """
     if not isinstance(part, str):
         return part
+    base, instruments = without_instruments(part)
+    if instruments:
+        return _measured(component(base), [component(name) for name in instruments])
     if names_file(part):
         return loaded_component(part)
     module, _, function = _place_of(part).partition(":")
     return cast("Component", getattr(importlib.import_module(module), function)())
 
 
+def _measured(controller: Component, instruments: list[Component]) -> Component:
+    from dataclasses import replace
+
+    from ..instruments.measured_through import measured_through
+
+    if controller.sample_time:
+        period = controller.sample_time.default
+        instruments = [
+            replace(i, sample_time=replace(i.sample_time, default=period)) if i.sample_time else i
+            for i in instruments
+        ]
+    return measured_through(controller, instruments)
+
+
 def name_of(part: str | Component) -> str:
     """What to call a part in tables and files; raises as `component` does."""
-    return part if isinstance(part, str) and not names_file(part) else component(part).name
+    if not isinstance(part, str):
+        return part.name
+    base, instruments = without_instruments(part)
+    return "+".join([component(base).name if names_file(base) else base, *instruments])
 
 
 def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
@@ -66,8 +94,14 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
     Of a component that is not of the catalogue the name holds a hash of its equations. Raises as
     `component` does.
     """
-    if isinstance(part, str) and not names_file(part):
-        return part, (_place_of(part).partition(":")[0],)
+    if isinstance(part, str):
+        base, instruments = without_instruments(part)
+        if instruments:
+            kept = [kept_as(name) for name in (base, *instruments)]
+            modules = [module for _, own in kept for module in own]
+            return "_behind_".join(name for name, _ in kept), (*modules, _MEASURED)
+        if not names_file(part):
+            return part, (_place_of(part).partition(":")[0],)
     made = component(part)
     return f"{made.name}_{made.digest}", ()
 
@@ -136,7 +170,7 @@ SETPOINT = 0.08  # [m] where a loop goes by itself, so that its default run show
 def loop(controller: str, plant: str = "plant") -> Component:
     """The whole closed loop of a plant and a controller, as one component.
 
-    It is called ``<controller>_loop``, and its set-point starts at `SETPOINT`.
+    It is called after the controller, ``<name>_loop``, and its set-point starts at `SETPOINT`.
 
     Raises
     ------
@@ -148,9 +182,10 @@ def loop(controller: str, plant: str = "plant") -> Component:
 
     from ..solver.connect import connect
 
-    whole = connect(component(plant), component(controller))
+    law = component(controller)
+    whole = connect(component(plant), law)
     inputs = tuple(replace(i, start=SETPOINT) if i.role == "reference" else i for i in whole.inputs)
-    return replace(whole, name=f"{name_of(controller)}_loop", inputs=inputs)
+    return replace(whole, name=f"{law.name}_loop", inputs=inputs)
 
 
 def loop_fmu_kernel(controller: str, plant: str = "plant") -> Kernel:

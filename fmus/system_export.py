@@ -1,18 +1,20 @@
-"""Write a closed loop of two FMUs as one .ssp (System Structure and Parameterization 1.0).
+"""Write a closed loop of FMUs as one .ssp (System Structure and Parameterization 1.0).
 
-Both sides carry their feedback-law ports, so that any master which connects signals runs the loop
-with an error of second order. An annotation names OMSimulator's master: its executable aborts on
-a system without one.
+Instruments may stand between plant and controller. Both sides carry their feedback-law ports, so
+that any master which connects signals runs the loop with an error of second order. An annotation
+names OMSimulator's master: its executable aborts on a system without one.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from .. import __version__
+from ..instruments import MEASURED
 from ..solver.files import write_atomically
 from ..solver.kernel import DEFAULT_TOLERANCE
 from .archive import packed
@@ -24,6 +26,7 @@ from .system_xml import BASE_UNITS
 PLANT, CONTROLLER = "plant", "controller"
 # One name for both sides' sets: masters that choose a set by name then find both.
 PARAMETERS = "parameters"
+SAMPLE_TIME = "sample_time"  # what sampled parts call their period
 MASTER_STEP = 2e-4  # s; OMSimulator's master at it: iol right to 3e-6 m, nctf to 6e-6 m
 
 _STANDARD = "http://ssp-standard.org/SSP1/"
@@ -34,12 +37,13 @@ _NAMESPACES = {
     "xmlns:oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
 }
 
-_Connection = tuple[str, str, str]  # from element, to element, name of both connectors
+_Port = tuple[str, str]  # element, connector
+_Connection = tuple[_Port, _Port]  # from, to
 _Units = dict[str, dict[str, str]]  # attributes of each unit's BaseUnit
 
 
 class CannotConnect(ValueError):
-    """Two FMUs make no closed loop; the message says what is missing."""
+    """The FMUs make no closed loop; the message says what is missing."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +66,17 @@ def export_system(
     path: Path | str,
     *,
     name: str,
+    instruments: Mapping[str, Path | str] | None = None,
     setpoint: float = 0.08,
     stop: float = 20.0,
 ) -> Path:
-    """Write a closed loop of two FMUs as one .ssp, the same bytes for the same FMUs.
+    """Write a closed loop of FMUs as one .ssp, the same bytes for the same FMUs.
 
     Ports of the same name meet: the plant's outputs and the controller's inputs, the controller's
-    outputs, law ports among them, and the plant's inputs. SSP has no place for a master's step
-    size: OMSimulator finds `MASTER_STEP` in its annotation, others are told otherwise.
+    outputs, law ports among them, and the plant's inputs. An instrument's ``x_measured`` goes where
+    ``x`` would go otherwise: to the instruments behind it and to the controller. SSP has no place
+    for a master's step size: OMSimulator finds `MASTER_STEP` in its annotation, others are told
+    otherwise.
 
     Parameters
     ----------
@@ -79,6 +86,9 @@ def export_system(
         The .ssp to write; replaced as a whole or not at all.
     name : str
         Name of the system.
+    instruments : mapping of str to path-like, optional
+        FMUs by the names of their elements, in their order. What is sampled beside a controller
+        that is sampled gets its period.
     setpoint : float
         [m] Start of every input of the controller that the plant does not drive.
     stop : float
@@ -94,7 +104,7 @@ def export_system(
     FmuError
         If a file is no FMI 2.0 co-simulation FMU.
     CannotConnect
-        If the two do not meet, or the name or a number makes no sense.
+        If the parts do not meet, or a name or a number makes no sense.
     OSError
         If the file cannot be written.
     """
@@ -105,19 +115,20 @@ def export_system(
         raise CannotConnect(f"the set-point is {setpoint}, expected a finite number")
     if not (math.isfinite(stop) and stop > 0):
         raise CannotConnect(f"the stop time is {stop} s, expected a positive number")
-    sides = (_side(PLANT, plant), _side(CONTROLLER, controller))
-    connections = _connections(*sides)
-    driven = {port for _, to, port in connections if to == CONTROLLER}
-    references = [n for n in sides[1].names("input") if n not in driven]
-    files = {
-        "SystemStructure.ssd": _structure(name, sides, connections, stop),
-        f"resources/{PLANT}.fmu": sides[0].fmu,
-        f"resources/{PLANT}.ssv": _parameter_set(sides[0], {}),
-        f"resources/{CONTROLLER}.fmu": sides[1].fmu,
-        f"resources/{CONTROLLER}.ssv": _parameter_set(
-            sides[1], {n: 0.0 if n in DERIVATIVES else setpoint for n in references}
-        ),
-    }
+    if clash := {PLANT, CONTROLLER} & set(instruments or {}):
+        raise CannotConnect(f"an instrument is called {clash.pop()!r}, expected another name")
+    between = [_side(n, fmu) for n, fmu in (instruments or {}).items()]
+    first, last = _side(PLANT, plant), _side(CONTROLLER, controller)
+    sides = (first, *between, last)
+    connections = _connections(first, between, last)
+    driven = {port for _, (element, port) in connections if element == CONTROLLER}
+    references = [n for n in last.names("input") if n not in driven]
+    goals = {n: 0.0 if n in DERIVATIVES else setpoint for n in references}
+    files = {"SystemStructure.ssd": _structure(name, sides, connections, stop)}
+    for side in sides:
+        values = goals if side is last else _period(side, last)
+        files[f"resources/{side.name}.fmu"] = side.fmu
+        files[f"resources/{side.name}.ssv"] = _parameter_set(side, values)
     write_atomically(path, packed(files))
     return path
 
@@ -150,17 +161,58 @@ def _base_unit(given: dict[str, str]) -> dict[str, str]:
     return base
 
 
-def _connections(plant: _Side, controller: _Side) -> list[_Connection]:
-    """What drives what; ports of the same name, and gains only where their references are too."""
-    measured = [n for n in plant.names("output") if n in controller.names("input")]
+def _period(side: _Side, controller: _Side) -> dict[str, float]:
+    """The controller's sampling period for a part that is sampled beside it."""
+    sampled = all(SAMPLE_TIME in s.variables for s in (side, controller))
+    period = controller.variables[SAMPLE_TIME].start if sampled else None
+    return {} if period is None else {SAMPLE_TIME: period}
+
+
+def _signals(
+    plant: _Side, instruments: Sequence[_Side]
+) -> tuple[dict[str, _Port], list[_Connection]]:
+    """Where each signal is to be had behind all instruments, and what drives these."""
+    connections: list[_Connection] = []
+    signals = {n: (PLANT, n) for n in plant.names("output")}
+    for side in instruments:
+        for n in side.names("input"):
+            if n not in signals:
+                raise CannotConnect(
+                    f"nothing drives the input {n!r} of {side.path}: {plant.path} has the outputs "
+                    f"{', '.join(plant.names('output')) or 'none'}"
+                )
+            connections.append((signals[n], (side.name, n)))
+        for n in side.names("output"):
+            if not n.endswith(MEASURED):
+                raise CannotConnect(
+                    f"{side.path}: its output {n!r} does not say what it measures; expected the "
+                    f"name of a signal and {MEASURED!r}"
+                )
+            signals[n.removesuffix(MEASURED)] = (side.name, n)
+    return signals, connections
+
+
+def _connections(
+    plant: _Side, instruments: Sequence[_Side], controller: _Side
+) -> list[_Connection]:
+    """What drives what, see `export_system`; gains only where their references are too."""
+    signals, connections = _signals(plant, instruments)
+    measured = [n for n in signals if n in controller.names("input")]
+    connections += [(signals[n], (CONTROLLER, n)) for n in measured]
     shared = [n for n in controller.names("output") if n in plant.names("input")]
     pairs = {
-        (gain_port(command, signal), reference_port(command, signal))
+        (gain_port(command, signal), reference_port(command, signal)): signals[signal]
         for command in plant.names("input")
         for signal in plant.names("output")
     }
-    # A gain without the signals it was computed at would be multiplied by the whole signal.
-    alone = {p for pair in pairs for p in pair if not set(pair) <= set(shared)}
+    # A gain without the signals it was computed at would be multiplied by the whole signal, and
+    # behind an instrument it was computed at others than the plant's.
+    alone = {
+        p
+        for pair, (element, _) in pairs.items()
+        for p in pair
+        if not set(pair) <= set(shared) or element != PLANT
+    }
     commands = [n for n in shared if n not in alone]
     if not measured:
         raise CannotConnect(
@@ -168,6 +220,13 @@ def _connections(plant: _Side, controller: _Side) -> list[_Connection]:
             f"{', '.join(controller.names('input')) or 'none'}, the plant's outputs are "
             f"{', '.join(plant.names('output')) or 'none'}"
         )
+    for side in instruments:
+        if all(source[0] != side.name for source, _ in connections):
+            raise CannotConnect(
+                f"nothing takes the outputs {', '.join(side.names('output')) or 'none'} of "
+                f"{side.path}; {controller.path} has the inputs "
+                f"{', '.join(controller.names('input'))}"
+            )
     law = {p for pair in pairs for p in pair} | {rate_port(n) for n in plant.names("input")}
     for name in plant.names("input"):
         if name not in law and name not in commands:
@@ -175,14 +234,11 @@ def _connections(plant: _Side, controller: _Side) -> list[_Connection]:
                 f"nothing drives the input {name!r} of {plant.path.name}: {controller.path.name} "
                 f"has the outputs {', '.join(controller.names('output')) or 'none'}"
             )
-    return [
-        *((PLANT, CONTROLLER, n) for n in measured),
-        *((CONTROLLER, PLANT, n) for n in commands),
-    ]
+    return connections + [((CONTROLLER, n), (PLANT, n)) for n in commands]
 
 
 def _structure(
-    name: str, sides: tuple[_Side, _Side], connections: list[_Connection], stop: float
+    name: str, sides: Sequence[_Side], connections: list[_Connection], stop: float
 ) -> bytes:
     root = _root("ssd:SystemStructureDescription", name, "ssd", "ssc", "oms")
     # No connectors of the system itself: libcosim and ecos refuse a connection that lacks an
@@ -192,14 +248,14 @@ def _structure(
     for side in sides:
         _write_component(elements, side)
     listed = ET.SubElement(system, "ssd:Connections")
-    for source, target, port in connections:
+    for (source, output), (target, given) in connections:
         ET.SubElement(
             listed,
             "ssd:Connection",
             startElement=source,
-            startConnector=port,
+            startConnector=output,
             endElement=target,
-            endConnector=port,
+            endConnector=given,
         )
     _write_master(system)
     _write_units(root, "ssd:Units", _all_units(sides))
@@ -240,10 +296,10 @@ def _write_component(parent: ET.Element, side: _Side) -> None:
     ET.SubElement(bindings, "ssd:ParameterBinding", source=f"resources/{side.name}.ssv")
 
 
-def _parameter_set(side: _Side, inputs: dict[str, float]) -> bytes:
-    """Every parameter at its default, and the starts of inputs that nothing drives."""
+def _parameter_set(side: _Side, given: dict[str, float]) -> bytes:
+    """Every parameter at its default, and over them the values that are given."""
     values = {n: side.variables[n].start for n in side.names("parameter")}
-    values |= {n: float(value) for n, value in inputs.items()}
+    values |= {n: float(value) for n, value in given.items()}
     root = _root("ssv:ParameterSet", PARAMETERS, "ssv", "ssc")
     parameters = ET.SubElement(root, "ssv:Parameters")
     for name, value in values.items():
@@ -261,15 +317,17 @@ def _unit_of(side: _Side, name: str) -> dict[str, str]:
     return {"unit": unit} if unit in side.units else {}
 
 
-def _all_units(sides: tuple[_Side, _Side]) -> _Units:
-    first, second = sides
-    for name in first.units.keys() & second.units.keys():
-        if first.units[name] != second.units[name]:
-            raise CannotConnect(
-                f"unit {name!r} means {first.units[name]} in {first.path} and "
-                f"{second.units[name]} in {second.path}"
-            )
-    return first.units | second.units
+def _all_units(sides: Sequence[_Side]) -> _Units:
+    units: _Units = {}
+    of: dict[str, Path] = {}
+    for side in sides:
+        for name, base in side.units.items():
+            if units.setdefault(name, base) != base:
+                raise CannotConnect(
+                    f"unit {name!r} means {units[name]} in {of[name]} and {base} in {side.path}"
+                )
+            of.setdefault(name, side.path)
+    return units
 
 
 def _write_units(root: ET.Element, tag: str, units: _Units) -> None:

@@ -1,5 +1,25 @@
-"""Instruments, each a component and an FMU of its own (the rig's: Section 2.2 and Table 2.1).
+"""Instruments, each a component and an FMU of its own.
 
-Noise is an input, so that a seed outside decides it. Where the thesis prints no figure, the
-parameter's source says what was assumed.
+Those of the rig (Section 2.2 and Table 2.1) have their noise as an input, so that a seed outside
+decides it; where the thesis prints no figure, the parameter's source says what was assumed. Those
+of `INSTRUMENTS` stand between any plant and controller: their input has the name of the plant's
+signal, their output that name and `MEASURED`.
 """
+
+MEASURED = "_measured"
+
+INSTRUMENTS = {
+    "position_encoder": "ballscrew.instruments.position_encoder:position_encoder",
+    "velocity_estimate": "ballscrew.instruments.velocity_estimate:velocity_estimate",
+    "current_sensor": "ballscrew.instruments.current_sensor:current_sensor",
+}
+"""The instruments that are exported by name. Adding one is a file and a line here."""
+
+
+def without_instruments(part: str) -> tuple[str, tuple[str, ...]]:
+    """The controller and the instruments of ``controller+instrument+...``, in their order."""
+    names = part.split("+")
+    first = len(names)
+    while first > 1 and names[first - 1] in INSTRUMENTS:
+        first -= 1
+    return "+".join(names[:first]), (*names[first:],)

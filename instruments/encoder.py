@@ -2,11 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import sympy as sp
 
 from ..solver.component import Component, Input, Output, Parameter, symbol
+
+PHASE = Parameter(
+    "phase",
+    0.5,
+    "1",
+    "place of the origin between two counts",
+    "differs with every start",
+    minimum=0.0,
+    maximum=1.0,
+)
+
+
+def counted(position: sp.Expr, per_metre: sp.Expr, phase: sp.Expr) -> sp.Expr:
+    """A position as a counter gives it that is zero where it was turned on.
+
+    Parameters
+    ----------
+    position : expression
+        [m]
+    per_metre : expression
+        Counts per metre [1/m].
+    phase : expression
+        Where between two counts the origin is, 0 to 1.
+    """
+    return sp.floor(position * per_metre + phase) / per_metre
 
 
 def encoder() -> Component:
@@ -16,7 +39,7 @@ def encoder() -> Component:
     was.
     """
     per_metre = symbol("counts") * symbol("p")
-    position = sp.floor(symbol("x") * per_metre + symbol("phase")) / per_metre
+    position = counted(symbol("x"), per_metre, symbol("phase"))
     return Component(
         name="encoder",
         description="Incremental encoder on the motor shaft",
@@ -25,31 +48,8 @@ def encoder() -> Component:
             Parameter(
                 "p", 1000.0, "1/m", "revolutions of the screw per metre", "Table 2.1", minimum=1e-3
             ),
-            Parameter(
-                "phase",
-                0.5,
-                "1",
-                "place of the origin between two counts",
-                "differs with every start",
-                minimum=0.0,
-                maximum=1.0,
-            ),
+            PHASE,
         ),
         inputs=(Input("x", "m", "position of the block", nominal=1e-3),),
         outputs=(Output("x_counted", "m", "position by the encoder", position, nominal=1e-3),),
     )
-
-
-def behind_encoder(controller: Component, signal: str = "x") -> Component:
-    """The controller with one of its measurements as an encoder gives it.
-
-    Parameters
-    ----------
-    controller : Component
-        Has an input `signal` [m].
-    """
-    instrument = encoder()
-    counted = controller.equations_with({symbol(signal): instrument.outputs[0].value})
-    own = {p.name for p in controller.parameters}
-    added = tuple(p for p in instrument.parameters if p.name not in own)
-    return replace(controller, **counted, parameters=(*controller.parameters, *added))

@@ -11,7 +11,7 @@ from pathlib import Path
 from ..fmus.catalogue import fmu_kernel, has_equations, name_of
 from ..fmus.interface import START
 from ..fmus.reading import unpack
-from ..plant import PLANTS
+from ..plant import LAWS, PLANTS
 from ..solver.kernel import Kernel, ParameterInfo
 from .parameter_file import BALL_SCREW, DEFAULT_LAW, FMU, ParameterFile, used
 
@@ -131,8 +131,9 @@ def used_parameters(
     values = used(known, plant_values, {**file.plant, **file.found}, source)
     kind, law = FMU, ""
     own = set(known)
-    if plant in PLANTS:
-        kind, law = BALL_SCREW, plant.removeprefix("plant").removeprefix("_") or DEFAULT_LAW
+    name = plant.removeprefix("plant").removeprefix("_") or DEFAULT_LAW
+    if plant in PLANTS and name in LAWS:
+        kind, law = BALL_SCREW, name
     elif told is not None and set(told.plant) <= own:
         kind, law = told.kind, told.law
         own = set(told.plant)

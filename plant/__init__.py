@@ -22,4 +22,5 @@ PLANTS = {
     "plant_dahl": "ballscrew.plant.axis:dahl_axis",
     "plant_bliman_sorine": "ballscrew.plant.axis:bliman_sorine_axis",
     "plant_maxwell_slip": "ballscrew.plant.axis:maxwell_slip_axis",
+    "plant_loaded": "ballscrew.plant.axis:loaded_axis",
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..instruments.amplifier import with_amplifier
+from ..instruments.load import with_load
 from ..solver.component import Component
 from .ball_screw import ball_screw
 from .bliman_sorine import bliman_sorine
@@ -50,6 +51,11 @@ def bliman_sorine_axis() -> Component:
 def maxwell_slip_axis() -> Component:
     """The axis with generalized Maxwell-slip friction."""
     return _axis(maxwell_slip, "plant_maxwell_slip")
+
+
+def loaded_axis() -> Component:
+    """The nominal plant with a load: a force over time, and a payload that it picks up."""
+    return replace(with_load(axis()), name="plant_loaded")
 
 
 def _axis(friction: Law, name: str) -> Component:

@@ -38,7 +38,7 @@ SHORTEST = 2e-6  # s
 MAPS = {
     "hunting_of_the_sampled_pid": (
         *("map", "--controller", "pid_encoder", "--plant", "plant_classical"),
-        *("--x", "Ki=0:4000:21", "--y", "counts=1:41:21", "--stop", "60"),
+        *("--x", "Ki=0:4000:21", "--y", "encoder_counts=1:41:21", "--stop", "60"),
         *("--set", "plant.Fc=5", "--set", "plant.Fs=25", "--set", "controller.sample_time=0.005"),
     ),
     "hunting_over_friction": (

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from .component import Component
+from .component import Component, symbol
+from .functions import symbols_in
 
 
 def dithered_average(component: Component) -> Component:
@@ -14,11 +15,36 @@ def dithered_average(component: Component) -> Component:
     1/2, is ``e - 1/2``; of ``ceiling(e + d)`` it is ``e + 1/2`` (e.g. B. Widrow and I. Kollar,
     Quantization Noise, Cambridge 2008). A staircase itself has no derivative that says anything
     about stability: it is zero, but for jumps.
+
+    What only parameters decide, or whole numbers alone as in a generator of noise, is no staircase
+    of a signal, and stays.
     """
+    whole, given = _whole_states(component), {symbol(p.name) for p in component.all_parameters}
     half = sp.Rational(1, 2)
     table = {
         stair: stair.replace(sp.floor, lambda e: e - half).replace(sp.ceiling, lambda e: e + half)
         for _, expression in component.expressions()
         for stair in sp.sympify(expression).atoms(sp.floor, sp.ceiling)
+        if not (symbols_in(stair) <= given or _is_whole(stair.args[0], whole))
     }
     return component.substituted(table) if table else component
+
+
+def _whole_states(component: Component) -> set[sp.Symbol]:
+    """The discrete states that are whole numbers from their start on."""
+    updates = {symbol(d.name): sp.sympify(d.update) for d in component.discrete}
+    whole = {symbol(d.name) for d in component.discrete if float(d.start).is_integer()}
+    while left := {s for s in whole if not _is_whole(updates[s], whole)}:
+        whole -= left
+    return whole
+
+
+def _is_whole(expression: sp.Expr, whole: set[sp.Symbol]) -> bool:
+    """Whether an expression is a whole number where these symbols are."""
+    if isinstance(expression, sp.floor | sp.ceiling):
+        return True
+    if isinstance(expression, sp.Piecewise):
+        return all(_is_whole(pair.expr, whole) for pair in expression.args)
+    if isinstance(expression, sp.Add | sp.Mul | sp.Mod):
+        return all(_is_whole(part, whole) for part in expression.args)
+    return bool(expression.is_integer) or expression in whole

@@ -16,7 +16,7 @@ from ...solver.kernel_cache import hashed_name
 from ...solver.stored import stored_kernel
 from ...solver.tape import functions
 from ...solver.translation import in_c
-from ..catalogue import component, fmu_kernel, name_of, variational_kernel
+from ..catalogue import component, fmu_kernel, variational_kernel
 from ..export import with_law_ports
 from ..interface import MESSAGE, Interface, Variable, interface_of, numbered
 from ..variational import variational
@@ -113,7 +113,8 @@ def catalogued_model(part: str | Component) -> NativeModel:
     def make() -> Component:
         return with_law_ports(component(part))
 
-    return stored_model(name_of(part), fmu_kernel(part), make)
+    kernel = fmu_kernel(part)
+    return stored_model(kernel.name, kernel, make)
 
 
 def variational_model(part: str | Component, tangents: int) -> NativeModel:
@@ -128,8 +129,8 @@ def variational_model(part: str | Component, tangents: int) -> NativeModel:
     def make() -> Component:
         return variational(component(part), tangents)
 
-    stem = f"{name_of(part)}_variational_{tangents}"
-    return stored_model(stem, variational_kernel(part, tangents), make)
+    kernel = variational_kernel(part, tangents)
+    return stored_model(kernel.name, kernel, make)
 
 
 def with_kernel(model: NativeModel, kernel: Kernel) -> NativeModel:

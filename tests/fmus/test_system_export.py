@@ -405,3 +405,82 @@ def test_the_linearizing_loop_is_right_to_second_order_in_a_stranger_s_master(sy
         errors.append(np.abs(theirs[:, 0] - truth.outputs["x"][1:]).max())
     assert errors[0] < 4.5e-4
     assert 3.5 < errors[0] / errors[1] < 4.5
+
+
+# with instruments
+
+BETWEEN = ["position_encoder", "velocity_estimate"]
+
+
+@pytest.fixture(scope="module")
+def measured_system(fmus, tmp_path_factory):
+    """The sampled NCTF loop, position and velocity through instruments."""
+    return export_system(
+        fmus["plant"],
+        fmus["nctf_sampled"],
+        tmp_path_factory.mktemp("measured") / "nctf_sampled.ssp",
+        name="nctf_sampled",
+        instruments={name: fmus[name] for name in BETWEEN},
+    )
+
+
+def test_a_system_with_instruments_is_valid_by_the_standard_s_schemas(measured_system):
+    files = ["plant", *BETWEEN, "controller"]
+    for file, schema in (
+        ("SystemStructure.ssd", "SystemStructureDescription.xsd"),
+        *((f"resources/{n}.ssv", "SystemStructureParameterValues.xsd") for n in files),
+    ):
+        etree.XMLSchema(file=str(SCHEMAS / schema)).assertValid(read_xml(measured_system, file))
+
+
+def test_what_an_instrument_measures_goes_where_the_signal_went(measured_system):
+    connections = {
+        tuple(
+            c.get(key) for key in ("startElement", "startConnector", "endElement", "endConnector")
+        )
+        for c in structure(measured_system).iterfind(".//ssd:Connection", SPACES)
+    }
+    wanted = {("plant", s, "controller", s) for s in "zi"} | {
+        ("plant", "x", "position_encoder", "x"),
+        ("position_encoder", "x_measured", "velocity_estimate", "x"),
+        ("position_encoder", "x_measured", "controller", "x"),
+        ("velocity_estimate", "v_measured", "controller", "v"),
+    }
+    # the law acts on what the controller measures at the plant itself
+    law = {"u", "u_rate", *(f"u_{part}_{s}" for part in ("gain", "ref") for s in "zi")}
+    assert connections == wanted | {("controller", p, "plant", p) for p in law}
+
+
+def test_instruments_sample_with_a_sampled_controller(measured_system):
+    (period,) = read_xml(measured_system, "resources/velocity_estimate.ssv").iterfind(
+        ".//ssv:Parameter[@name='sample_time']/ssv:Real", SPACES
+    )
+    assert float(period.get("value")) == 5e-5
+
+
+def test_instruments_that_fit_nowhere_are_refused_with_one_line(fmus, tmp_path):
+    def write(controller, **instruments):
+        path = tmp_path / "a.ssp"
+        export_system(fmus["plant"], fmus[controller], path, name="a", instruments=instruments)
+
+    with pytest.raises(CannotConnect, match=r"nothing drives the input 'x_d' of "):
+        write("nctf", other=fmus["pid"])
+    with pytest.raises(CannotConnect, match="output 'x' does not say what it measures"):
+        write("nctf", other=without_inputs(fmus["plant"], tmp_path / "silent.fmu"))
+    with pytest.raises(CannotConnect, match="an instrument is called 'plant'"):
+        write("nctf", plant=fmus["position_encoder"])
+    blind = without_outputs(fmus["nctf"], tmp_path / "blind.fmu", "i")
+    with pytest.raises(CannotConnect, match="nothing takes the outputs i_measured of "):
+        export_system(
+            fmus["plant"],
+            blind,
+            tmp_path / "a.ssp",
+            name="a",
+            instruments={"sensor": fmus["current_sensor"]},
+        )
+
+
+def without_inputs(source, target):
+    """A copy of an FMU whose description has no inputs."""
+    inputs = fmpy.read_model_description(str(source)).modelVariables
+    return without_outputs(source, target, *(v.name for v in inputs if v.causality == "input"))

@@ -120,7 +120,7 @@ def test_quantized_loops_have_the_exponents_of_the_average_and_the_verdict_of_th
     None
 ):
     exact = loop_lyapunov("pid_sampled", 2.0, plant="plant_classical", tolerance=1e-9)
-    values = {"counts": 1.0, "p": 20.0}  # a count is 5 cm
+    values = {"encoder_counts": 1.0, "encoder_p": 20.0}  # a count is 5 cm
     run = loop_lyapunov("pid_encoder", 2.0, 0.08, "plant_classical", None, values, 1e-9)
     assert "dithered average" in run.method
     assert run.exponents == pytest.approx(exact.exponents, rel=1e-6)
