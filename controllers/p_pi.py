@@ -23,7 +23,9 @@ VELOCITY_TIME = 0.11
 TUNABLE = {"Kx": (0.5, 50.0), "Kp": (0.0, 500.0), "Ki": (100.0, 1e5)}
 REFERENCES = (
     Input("v_d", "m/s", "velocity of the set-point", nominal=0.1, role="reference_derivative"),
-    Input("a_d", "m/s^2", "acceleration of the set-point", nominal=1.0, role="reference_derivative"),
+    Input(
+        "a_d", "m/s^2", "acceleration of the set-point", nominal=1.0, role="reference_derivative"
+    ),
 )
 
 

@@ -131,11 +131,12 @@ class Plan:
     tuning : Tuning
     plants : int
         Drawn plants on which the tuned controllers are judged.
-    period, delay : float
-        Sampling period of all controllers, 0 for continuous ones, and the time until a computed
-        command is applied [s].
+    period : float
+        Sampling period of all controllers [s]; 0 for continuous ones, without instruments.
+    delay : int
+        Samples until a computed command is put out.
     instruments : tuple of str
-        Through which the controllers measure.
+        Through which the controllers measure, one behind the other, see `measured_through`.
     voltage_limit : float
         The amplifier's [V].
     count : float
@@ -152,7 +153,7 @@ class Plan:
     tuning: Tuning = field(default_factory=Tuning)
     plants: int = 20
     period: float = 1e-3
-    delay: float = 0.0
+    delay: int = 0
     instruments: tuple[str, ...] = ()
     voltage_limit: float = NOMINAL_VOLTAGE
     count: float = 1 / 512_000
@@ -228,7 +229,7 @@ def _plan(table: dict[str, Any]) -> Plan:
         variations=tuple(_variation(given) for given in variations),
         tuning=_tuning(tuning, limits),
         instruments=tuple(map(str, table.pop("instruments", ()))),
-        **_numbers("the study", table, {"plants": 2, "seed": 0}),
+        **_numbers("the study", table, {"plants": 2, "seed": 0, "delay": 0}),
     )
     _check(plan)
     return plan
@@ -327,12 +328,13 @@ def _check(plan: Plan) -> None:
     for duty in plan.judged_duties:
         if duty.reference in seen:
             raise BadPlan(f"duty {duty.name} is judged by a motion that is tuned on")
+    if not plan.period and (plan.instruments or plan.delay):
+        raise BadPlan("instruments and a delay need a sampling period, and period is 0")
     names = [d.name for d in plan.duties]
     if len(set(names)) < len(names):
         raise BadPlan("two duties have one name")
     for name, value, least in (
         ("period", plan.period, 0.0),
-        ("delay", plan.delay, 0.0),
         ("voltage_limit", plan.voltage_limit, 1e-9),
         ("count", plan.count, 1e-15),
         ("tolerance", plan.tolerance, 1e-12),

@@ -7,7 +7,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,17 +145,34 @@ def discard_parts(folder: Path) -> None:
 
 
 def composed(plan: Plan, entrant: Entrant) -> Component:
-    """The entrant's controller as it takes part: digital, behind the instruments."""
+    """The entrant's controller as it takes part: digital, behind the instruments.
+
+    Raises
+    ------
+    UnknownComponent, BadComponentFile, ContractError
+    """
     from ...fmus.catalogue import component
-    from ...instruments.sample_and_hold import PERIOD, sampled_and_held
+    from ...instruments import INSTRUMENTS
+    from ...instruments.measured_through import measured_through
+    from ...instruments.sample_and_hold import PERIOD, sampled
+
+    def in_time(part: Component) -> Component:
+        return replace(part, sample_time=period) if part.sample_time else part
 
     controller = component(entrant.component)
-    if plan.period > 0 and not controller.discrete:
-        from dataclasses import replace
-
-        period = replace(PERIOD, default=plan.period, source="the study")
-        controller = sampled_and_held(controller, f"{controller.name}_sampled", period)
-    return controller
+    if not plan.period:
+        return controller
+    period = replace(PERIOD, default=plan.period, source="the study")
+    if controller.discrete:
+        controller = in_time(controller)
+    elif not controller.modes:
+        controller = sampled(controller, period, plan.delay)
+    unknown = [name for name in plan.instruments if name not in INSTRUMENTS]
+    if unknown:
+        raise BadPlan(f"no instrument {unknown[0]!r}; there are {', '.join(INSTRUMENTS)}")
+    if not plan.instruments:
+        return controller
+    return measured_through(controller, [in_time(component(n)) for n in plan.instruments])
 
 
 def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:

@@ -85,5 +85,7 @@ def following(controller: Component, course: object) -> Component:
     for _ in range(2):
         rates.append(rates[-1].diff(TIME))
     given = dict(zip(map(symbol, ("x_d", "v_d", "a_d")), rates, strict=True))
-    kept = tuple(i for i in controller.inputs if i.role not in ("reference", "reference_derivative"))
+    kept = tuple(
+        i for i in controller.inputs if i.role not in ("reference", "reference_derivative")
+    )
     return controller.substituted(given, inputs=kept)
