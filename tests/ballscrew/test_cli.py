@@ -339,6 +339,7 @@ def test_the_wheel_holds_every_module(tmp_path):
     expected = {"ballscrew/py.typed"}
     for name in ("faultless_evidence.csv", "report.html.jinja"):
         expected.add(f"ballscrew/diagnosis/{name}")
+    expected.add("ballscrew/orchestration/study/report.html.jinja")
     for name in ("controller", "test_controller"):
         expected.add(f"ballscrew/templates/{name}.py.jinja")
     parts = {p.parent.name for p in root.glob("*/__init__.py")} - {"ballscrew", "tests", "proofs"}
