@@ -16,7 +16,13 @@ _PUBLIC = {
     **dict.fromkeys(
         (
             *("catalogue", "component", "connect", "export", "run", "swap", "lyapunov"),
-            *("stability_map", "run_trial", "read_force_records", "read_drive_records"),
+            *(
+                "stability_map",
+                "swap_study",
+                "run_trial",
+                "read_force_records",
+                "read_drive_records",
+            ),
             *("read_parameters", "identify", "diagnose"),
         ),
         "ballscrew.api",
@@ -48,6 +54,7 @@ if TYPE_CHECKING:
     from .api import run_trial as run_trial
     from .api import stability_map as stability_map
     from .api import swap as swap
+    from .api import swap_study as swap_study
 
 
 def __getattr__(name: str) -> Any:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .results.map_result import StabilityMap
     from .results.rig_record import RigRecord
     from .results.run_result import RunResult
+    from .results.swap_study import SwapStudy
     from .solver.component import Component
 
     Part = str | Path | Component
@@ -417,6 +418,71 @@ def stability_map(
     study.check()
     summary = make_map(study, Path(folder), Processes(workers), resume, refine)
     return StabilityMap(summary, Path(folder))
+
+
+def swap_study(
+    study: Path | str, folder: Path | str, resume: bool = False, workers: int = 1
+) -> SwapStudy:
+    """Tune several controllers alike, judge them on what no tuning saw, and compare.
+
+    Parameters
+    ----------
+    study : path-like
+        A study file, see ``docs/study.md``.
+    folder : path-like
+        Where tasks that are done are kept until all are; a study that was killed goes on there with
+        `resume`.
+    resume : bool
+        Whether to finish the study that the folder holds.
+    workers : int
+        Processes.
+
+    Returns
+    -------
+    SwapStudy
+        ``trusted`` says whether no run failed and a twentieth of them, done again over FMUs, came
+        out the same.
+
+    Raises
+    ------
+    ValueError
+        If the study makes no sense, or the folder holds another one.
+    OSError
+        If the results cannot be written.
+
+    Notes
+    -----
+    Controllers are compared by the ratio of their rms errors, with intervals after Welch (1947).
+
+    Examples
+    --------
+    >>> import ballscrew, pathlib, tempfile
+    >>> text = """
+    ... version = 1
+    ... plants = 2
+    ... controllers = {pid = {tune = {Kp = [50.0, 2000.0]}}, nctf = {tune = {}}}
+    ... duty = [
+    ...     {name = "there", reference = "step:size=1e-3", stop = 0.2, tune = true},
+    ...     {name = "back", reference = "step:size=-1e-3", stop = 0.2}]
+    ... tuning = {budget = 2, seeds = 1}
+    ... """
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = pathlib.Path(folder, "study.toml").write_text(text)
+    ...     found = ballscrew.swap_study(folder + "/study.toml", folder + "/out")
+    >>> found.headline()
+    '2 controllers, 1 duties, 4 runs'
+    """
+    from .orchestration.study.plan import read_plan
+    from .orchestration.study.study import discard_parts, do_study
+    from .orchestration.workers import Processes
+    from .results.swap_study import SwapStudy
+
+    plan = read_plan(study)
+    for part in (plan.plant, *(e.component for e in plan.entrants)):
+        _as_it_is_now(part)
+    result = SwapStudy.of(do_study(plan, Path(folder), Processes(workers), resume))
+    discard_parts(Path(folder))
+    return result
 
 
 def run_trial(

@@ -8,6 +8,7 @@ import numpy as np
 import own_records
 import provenance
 import pytest
+import swap_study
 import variational
 from hidden.trials import plan_trials, run_trial
 from scipy.stats import binomtest
@@ -88,6 +89,14 @@ def test_a_rig_whose_interval_missed_the_truth_misses_it_again_by_the_same_bound
     for name, miss in stored.items():
         for field in ("truth", "value", "low", "high"):
             assert getattr(again[name], field) == pytest.approx(miss[field], rel=1e-5)
+
+
+def test_a_study_of_two_equal_controllers_made_again_ends_as_stored():
+    stored = provenance.stored("swap_study")
+    again = swap_study.outcome(stored["outcomes"][7]["seed"])
+    assert again["ratio"] == pytest.approx(stored["outcomes"][7]["ratio"], rel=1e-6)
+    assert stored["summary"] == swap_study.summary(stored["outcomes"])
+    assert stored["summary"]["met"]
 
 
 def test_exponents_over_fmus_at_the_stored_steps_are_as_far_off_as_stored():
