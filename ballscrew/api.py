@@ -457,7 +457,7 @@ def swap_study(
     Examples
     --------
     >>> import ballscrew, pathlib, tempfile
-    >>> text = """
+    >>> text = '''
     ... version = 1
     ... plants = 2
     ... controllers = {pid = {tune = {Kp = [50.0, 2000.0]}}, nctf = {tune = {}}}
@@ -465,7 +465,7 @@ def swap_study(
     ...     {name = "there", reference = "step:size=1e-3", stop = 0.2, tune = true},
     ...     {name = "back", reference = "step:size=-1e-3", stop = 0.2}]
     ... tuning = {budget = 2, seeds = 1}
-    ... """
+    ... '''
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = pathlib.Path(folder, "study.toml").write_text(text)
     ...     found = ballscrew.swap_study(folder + "/study.toml", folder + "/out")
