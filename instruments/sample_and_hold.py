@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import sympy as sp
 
-from ..solver.component import Component, ContractError, DiscreteState, Output, Parameter, symbol
+from ..solver.component import (
+    Component,
+    ContractError,
+    DiscreteState,
+    Mode,
+    Output,
+    Parameter,
+    symbol,
+)
 
 PERIOD = Parameter("sample_time", 1e-3, "s", "sampling period", "a common servo rate", minimum=1e-6)
 
@@ -20,10 +29,13 @@ def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -
     samples they follow their own equations with the measurements that were read, to the solver's
     tolerance.
 
+    Modes that change outputs alone, as of a relay, are looked at the same instants: one event may
+    happen at each, before the command is computed.
+
     Parameters
     ----------
     controller : Component
-        Continuous, without modes.
+        Continuous; modes may differ in their outputs.
     period : Parameter
         The sampling period [s], a parameter of the result.
     delay : int
@@ -38,13 +50,16 @@ def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -
     Raises
     ------
     ContractError
-        For a controller that is sampled already or has modes, or a delay that is no count.
+        For a controller that is sampled already or has modes that change more than outputs, or a
+        delay that is no count.
     """
-    if controller.discrete or controller.modes:
-        what = "discrete states" if controller.discrete else "modes"
-        raise ContractError(f"{controller.name} has {what}; only a continuous law can be sampled")
+    if controller.discrete:
+        raise ContractError(
+            f"{controller.name} has discrete states; only a continuous law can be sampled"
+        )
     if delay < 0 or delay != int(delay):
         raise ContractError(f"a delay of {delay} samples, expected 0, 1, 2, ...")
+    values, looked_at = _by_mode(controller)
     used = controller.used_symbols()
     read = [i for i in controller.inputs if i.role == "measurement" and symbol(i.name) in used]
     held = {symbol(i.name): symbol(f"{i.name}_read") for i in read}
@@ -67,11 +82,49 @@ def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -
                 )
                 for i in read
             ),
-            *(state for o in controller.all_outputs for state in _held(o, int(delay))),
+            *looked_at,
+            *(
+                state
+                for o in controller.all_outputs
+                for state in _held(replace(o, value=values[o.name]), int(delay))
+            ),
         ),
         outputs=tuple(replace(o, value=symbol(f"{o.name}_held")) for o in controller.outputs),
         sample_time=period,
+        modes=(),
     )
+
+
+def _by_mode(controller: Component) -> tuple[dict[str, sp.Expr], tuple[DiscreteState, ...]]:
+    """Each output as it is after the event that is due, and the mode as a discrete state."""
+    modes = controller.modes
+    if not modes:
+        return {o.name: sp.sympify(o.value) for o in controller.all_outputs}, ()
+    events = [e for m in modes for e in m.events]
+    if any(m.derivatives for m in modes) or any(e.reset or not e.direction for e in events):
+        raise ContractError(
+            f"{controller.name} has modes that change more than outputs; it cannot be sampled"
+        )
+    names = [m.name for m in modes]
+
+    def after(value: Callable[[Mode], sp.Expr]) -> sp.Expr:
+        """What depends on the mode, after the first of its events that is due."""
+        pieces = []
+        for number, mode in enumerate(modes):
+            chosen = value(mode)
+            for event in reversed(mode.events):
+                target = modes[names.index(event.next_mode or mode.name)]
+                due = event.direction * event.indicator > 0
+                chosen = sp.Piecewise((value(target), due), (chosen, True))
+            pieces.append((chosen, symbol("mode") < number + sp.Rational(1, 2)))
+        return sp.Piecewise(*pieces[:-1], (pieces[-1][0], True))
+
+    outputs = {
+        o.name: after(lambda m, o=o: sp.sympify(m.outputs.get(o.name, o.value)))  # type: ignore[misc]
+        for o in controller.all_outputs
+    }
+    number = after(lambda m: sp.Integer(names.index(m.name)))
+    return outputs, (DiscreteState("mode", "1", "number of the mode", number),)
 
 
 def _held(output: Output, delay: int) -> tuple[DiscreteState, ...]:

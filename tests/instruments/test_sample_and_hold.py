@@ -14,6 +14,7 @@ from ballscrew.controllers.linearization import input_output_linearization
 from ballscrew.controllers.p_pi import p_pi
 from ballscrew.controllers.pid import pid
 from ballscrew.controllers.pid_sampled import pid_sampled
+from ballscrew.controllers.relay import relay
 from ballscrew.fmus.catalogue import component
 from ballscrew.instruments.sample_and_hold import PERIOD, sampled
 from ballscrew.orchestration.whole_loop import loop_kernel
@@ -103,6 +104,16 @@ def test_each_sample_of_delay_is_felt_like_two_holds() -> None:
     law = la.following(pid(), sp.Rational(1, 50) * (1 - sp.cos(10 * TIME)))
     errors = [off_by(law, 2e-5, delay, Ki=0.0) for delay in (0, 1, 2)]
     assert [e / errors[0] for e in errors] == pytest.approx([1.0, 3.0, 5.0], rel=0.02)
+
+
+def test_a_sampled_relay_switches_at_the_first_instant_beyond_its_hysteresis() -> None:
+    digital = Model(generate(sampled(relay())))
+    commands = []
+    for k, x in enumerate([0.0, 0.5e-4, -1.5e-4, 0.5e-4, 1.5e-4, 0.0, -1.5e-4]):
+        digital.set_input("x", x)
+        digital.sample(k * 1e-3)
+        commands.append(digital.outputs(0.0, digital.x)["u"])
+    assert commands == [0.0, 0.0, 15.0, 15.0, -15.0, -15.0, 15.0]
 
 
 def test_a_delay_that_is_no_count_is_refused() -> None:
