@@ -35,6 +35,7 @@ def written(tmp_path_factory):
             *("map", *loop, "--x", "plant.Fc=1:2:2", "--y", "plant.Fs=2.2:3:2"),
             *("--refine", "--workers", "1"),
         ),
+        "study": ("study", DATA / "small_study.toml", "--workers", "1"),
         "rig": ("rig", "2.8"),
         "lugre": ("identify", *(out / "rig" / f"2.8-0{k}" for k in (1, 2)), "--law", "lugre"),
         "dahl": ("identify", out / "rig" / "2.8-01", "--law", "dahl"),
