@@ -165,7 +165,7 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
     period = replace(PERIOD, default=plan.period, source="the study")
     if controller.discrete:
         controller = in_time(controller)
-    elif not controller.modes:
+    else:
         controller = sampled(controller, period, plan.delay)
     unknown = [name for name in plan.instruments if name not in INSTRUMENTS]
     if unknown:
