@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 Matrix = npt.NDArray[np.float64]
 
-LEVEL = 0.95
+LEVEL = 0.90
+"""Equal controllers may be called different in one study of ten at most."""
 RELEVANT = 0.02
 """Smallest ratio less one of two figures that matters to anybody."""
 
@@ -24,7 +25,7 @@ class Difference:
     ratio : float
         Geometric mean of first over second.
     low, high : float
-        95 % interval of it, over plants and tunings.
+        90 % interval of it, over plants and tunings.
     told_apart : bool
         Whether the interval leaves out everything within 2 % of equal.
     """
