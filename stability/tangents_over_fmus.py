@@ -40,7 +40,7 @@ ACCURACY = 1e-2  # nats that the corrections may change the growth by in all
 # Of the FMUs' own solvers. From 1e-10 to here it moves the growth of no slow tangent by 1e-5 nats,
 # that of a fast one by 4e-9 of it (loop with NCTF, 20 s), at a fifth of the steps.
 TOLERANCE = 1e-6
-RUNAWAY = 1e6  # times an output's nominal value
+RUNAWAY = 1e4  # times an output's nominal value, as in a run without tangents
 CHUNK = 256  # steps between two chances to interrupt
 
 
@@ -68,6 +68,8 @@ class TangentRun:
         Why the run ended before its time; empty if it did not.
     diverged : bool
         Whether it ended because an output left every bound.
+    unmet : int
+        Steps that were as short as they get, and whose correction still changed more than asked.
     """
 
     time: Vector
@@ -79,6 +81,7 @@ class TangentRun:
     accuracy: str
     stopped: str
     diverged: bool
+    unmet: int
 
     @property
     def exponents(self) -> Vector:
@@ -133,21 +136,14 @@ def follow_over_fmus(
     StepFailed
         If a part refuses its parameters or initial values.
     """
-    for instance in (plant, controller):
-        if not instance.can_save:
-            raise TangentsImpossible(
-                f"{instance.name} cannot save and restore its state, which tangents need here"
-            )
+    _check_saving(plant, controller)
     wiring = wire(ordinary(plant), ordinary(controller), mapping)
     refs = np.full(len(wiring.references), reference)
     p = Side(plant)
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}
     ports = reports <= set(controller.outputs)
     c = Side(controller) if ports else ProbedController(controller, wiring)
-    if not p.states or not wiring.accepts_law:
-        raise TangentsImpossible(
-            f"{plant.name} has no tangent ports; export it with tangents (export --variational)"
-        )
+    _check_plant(p, wiring)
     plant.initialize({"solver_tolerance": TOLERANCE, **(plant_values or {})}, stop)
     given = {"solver_tolerance": TOLERANCE} if isinstance(c, Side) and c.states else {}
     controller.initialize({**given, **(controller_values or {})}, stop)
@@ -169,10 +165,27 @@ def follow_over_fmus(
         trail.trace,
         (*p.states, *c.states),
         "tangent ports" if ports else "probed by differences",
-        _stated(c, accuracy),
+        _stated(c, accuracy) + _unmet(trail),
         trail.stopped,
         trail.diverged,
+        trail.unmet,
     )
+
+
+def _check_saving(*instances: Instance) -> None:
+    for instance in instances:
+        if not instance.can_save:
+            raise TangentsImpossible(
+                f"{instance.name} cannot save and restore its state, which tangents need here"
+            )
+
+
+def _check_plant(p: Side, wiring: Wiring) -> None:
+    if not p.states or not wiring.accepts_law:
+        raise TangentsImpossible(
+            f"{p.instance.name} has no tangent ports; export it with tangents "
+            "(export --variational)"
+        )
 
 
 def _check_tangents(sides: Sequence[Side], count: int) -> None:
@@ -217,6 +230,16 @@ class _Trail:
     trace: Vector
     stopped: str
     diverged: bool
+    unmet: int
+
+
+def _unmet(trail: _Trail) -> str:
+    if not trail.unmet:
+        return ""
+    return (
+        f"; {trail.unmet} of {len(trail.times) - 1} steps were as short as they get and changed "
+        "more: where these matter the exponents are wrong by more"
+    )
 
 
 class _Joint:
@@ -285,4 +308,5 @@ class _Joint:
             beyond = np.nan_to_num(np.abs(outputs[-1]) / bound, nan=np.inf)
             name = names[int(np.argmax(beyond))]
             stopped = f"the loop diverges: {name} leaves every bound at t = {clock.now:.6g} s"
-        return _Trail(times[:, 0], outputs, growth, trace[:, 0], stopped, why == DIVERGES)
+        unmet = int(trail.record.unmet)
+        return _Trail(times[:, 0], outputs, growth, trace[:, 0], stopped, why == DIVERGES, unmet)
