@@ -138,7 +138,7 @@ def follow_over_fmus(
     """
     _check_saving(plant, controller)
     wiring = wire(ordinary(plant), ordinary(controller), mapping)
-    refs = np.full(len(wiring.references), reference)
+    refs = np.array([0.0 if order else reference for order in wiring.orders])
     p = Side(plant)
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}
     ports = reports <= set(controller.outputs)
