@@ -52,8 +52,8 @@ def loop_lyapunov_over_fmus(
     if all(map(has_equations, parts_of_loop)):
         if held_loop_kernel(*parts_of_loop).sample_time:
             raise NoExponents(
-                f"{name_of(loop.controller)} is sampled, and no FMU has tangents of a sampled part; "
-                "use the equations, --via model"
+                f"{name_of(loop.controller)} is sampled, and no FMU has tangents of a sampled "
+                "part; use the equations, --via model"
             )
         given = loop.setpoint, loop.plant, loop.plant_values, loop.controller_values
         known = loop_lyapunov(loop.controller, stop, *given, progress=progress)

@@ -1,16 +1,19 @@
 """Exponents of loops of FMUs by name and by file, native, readable and not ours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
 from third_party_fmus import STATE_FEEDBACK_PORTS, proportional, state_feedback
 
 from ballscrew.controllers.linearization import measurements_of
+from ballscrew.fmus.export import export
 from ballscrew.fmus.native import ready
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import variational_model
 from ballscrew.plant.axis import axis
-from ballscrew.solver.component import Component, Output, symbol
+from ballscrew.solver.component import Component, Input, Output, symbol
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.fmu_parts import FmuLoop
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
@@ -71,6 +74,21 @@ def test_a_third_party_controller_is_probed_in_a_process_of_its_own(stranger):
     assert share_of_allowed(run.exponents, expected.exponents) < 3.0
     assert np.all(run.error < 5e-3 * np.maximum(1.0, np.abs(run.exponents)))
     assert run.names == ["x", "v", "z", "i"]
+
+
+def test_derivatives_of_a_set_point_that_stands_still_are_zero(tmp_path):
+    plain = equations_of_the_stranger()
+    output = plain.outputs[0]
+    forward = Input("v_d", "m/s", "desired velocity", role="reference_derivative")
+    made = replace(
+        plain,
+        inputs=(*plain.inputs, forward),
+        outputs=(replace(output, value=output.value + 20 * symbol("v_d")),),
+    )
+    path = export(made, tmp_path / "forward.fmu")
+    run = loop_lyapunov_over_fmus(FmuLoop(str(path)), 0.1, STEP)
+    expected = loop_lyapunov(plain, 0.1)
+    assert share_of_allowed(run.exponents, expected.exponents) < 3.0
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
