@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .named_loop import add_loop_options, read_loop
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, check_steps, guarded, read_number
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, guarded
 from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
@@ -17,7 +17,9 @@ _EXAMPLES = """examples:
   ballscrew lyapunov --controller nctf --stop 300 --out out/nctf
   ballscrew lyapunov --controller iol --set controller.sigma1_hat=342.5 --stop 20 --out out/cycle
   ballscrew lyapunov --controller mine.py:pi --stop 20 --out out/mine
-  ballscrew lyapunov --controller nctf --stop 20 --via fmu --step 1e-3 --out out/over_fmus
+  ballscrew lyapunov --controller nctf --stop 20 --via fmu --out out/over_fmus
+  ballscrew lyapunov --controller hand.fmu --map position=x --map voltage=u --via fmu \
+      --stop 20 --out out/hand
 """
 TOLERANCE = "1e-11"
 
@@ -34,26 +36,10 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_loop_options(parser, stop="300", tolerance=TOLERANCE)
-    parser.add_argument(
-        "--via",
-        default="model",
-        choices=("model", "fmu"),
-        help="the equations in one solver, or variational FMUs and their master (default model)",
-    )
-    parser.add_argument(
-        "--step",
-        metavar="S",
-        help="with --via fmu: communication step (default 1e-3)",
-    )
     parser.set_defaults(action=_lyapunov)
 
 
 def _lyapunov(options: argparse.Namespace) -> int:
-
-    if options.step is not None and options.via != "fmu":
-        raise BadRequest("--step is for --via fmu; the equations have a solver that chooses steps")
-    if options.tolerance is not None and options.via == "fmu":
-        raise BadRequest("--tolerance is for --via model; FMUs have a solver of their own")
     asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
     prepare_folder(options.out, [options.params])
     from .results.exponents import Exponents
@@ -67,23 +53,18 @@ def _lyapunov(options: argparse.Namespace) -> int:
         "plant": asked.plant,
         "plant_values": asked.plant_values,
         "controller_values": asked.controller_values,
-        "progress": tell,
     }
     try:
-        if options.via == "fmu":
-            from .stability.loop_lyapunov import loop_lyapunov_over_fmus
+        if asked.step is not None:
+            from .stability.fmu_parts import FmuLoop
+            from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 
-            step = read_number("--step", options.step or "1e-3")
-            if not 0 < step <= stop:
-                raise BadRequest(f"--step is {options.step}, expected more than 0, at most --stop")
-            check_steps(stop, step)
-            result = guarded(
-                lambda: loop_lyapunov_over_fmus(asked.controller, stop, step=step, **loop)
-            )
+            over = FmuLoop(asked.controller, **loop, mapping=asked.mapping)
+            step = asked.step
+            result = guarded(lambda: loop_lyapunov_over_fmus(over, stop, step, tell))
         else:
-            result = guarded(
-                lambda: loop_lyapunov(asked.controller, stop, tolerance=asked.tolerance, **loop)
-            )
+            loop |= {"tolerance": asked.tolerance, "progress": tell}
+            result = guarded(lambda: loop_lyapunov(asked.controller, stop, **loop))
     except NoExponents as error:
         raise BadRequest(str(error)) from error
 

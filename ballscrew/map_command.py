@@ -16,6 +16,8 @@ from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
 
 if TYPE_CHECKING:
+    from .named_loop import NamedLoop
+    from .stability.fmu_parts import OverFmus
     from .stability.study import Axis
 
 _EXAMPLES = """examples:
@@ -24,6 +26,7 @@ _EXAMPLES = """examples:
   ballscrew map --controller nctf --x design.sigma0=50000:85000:21 \\
       --y design.sigma1=250:450:21 --exponents --out out/gamma2
   ballscrew map --controller pid --x plant.Fc=0.5:2:16 --y plant.Fs=2.1:3:16 --refine --out out/fcfs
+  ballscrew map --controller mine.fmu --via fmu --x Kp=100:500:9 --y plant.Fs=2.1:3:9 --out out/mine
 """
 TOLERANCE = "1e-6"  # verdicts by motion; a tenth of it is tried where they might differ
 TOLERANCE_OF_EXPONENTS = "1e-8"
@@ -91,9 +94,10 @@ def _map(options: argparse.Namespace) -> int:
             x=axes[0],
             y=axes[1],
             exponents=options.exponents,
-            **{name: value for name, value in vars(asked).items() if name != "told"},
+            fmus=_fmus(asked, options),
+            **{n: v for n, v in vars(asked).items() if n not in ("told", "step", "mapping")},
         )
-        study.check()
+        guarded(study.check)
         prepare_folder(options.out, [options.params])
         workers = Dask(options.dask) if options.dask else Processes(count)
         progress = _MapProgress()
@@ -102,14 +106,9 @@ def _map(options: argparse.Namespace) -> int:
             asked.parameters().save(stage)
             save_map_picture(study, stage)
 
-        summary = make_map(
-            study,
-            options.out,
-            workers,
-            options.resume,
-            options.refine,
-            progress,
-            beside,
+        again, refine = options.resume, options.refine
+        summary = guarded(
+            lambda: make_map(study, options.out, workers, again, refine, progress, beside)
         )
         progress.finish()
     except (BadMap, NotEnoughMemory, WorkersLost) as error:
@@ -129,6 +128,22 @@ def _map(options: argparse.Namespace) -> int:
     return TRUSTED
 
 
+def _fmus(asked: NamedLoop, options: argparse.Namespace) -> OverFmus | None:
+    """The FMUs of a map over FMUs."""
+    if asked.step is None:
+        return None
+    if options.dask:
+        raise BadRequest("--dask and --via fmu: the FMUs are on this machine; use --workers")
+    from .solver.tape import UnsupportedComponent
+    from .stability.fmu_parts import over_fmus
+
+    parts = asked.plant, asked.controller
+    try:
+        return over_fmus(*parts, asked.step, asked.mapping, options.exponents)
+    except UnsupportedComponent as error:
+        raise BadRequest(f"--exponents: {error}") from error
+
+
 def _only_once(axis: Axis, options: argparse.Namespace) -> None:
     """Refuse ``--set`` of what an axis goes through: it would do nothing."""
 
@@ -144,10 +159,11 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
     from .solver.tables import table_path
 
     cells = figures["cells"]
+    again = "at half the step" if figures["study"]["fmus"] else "at a tenth of the tolerance"
     for verdict, number in sorted(figures["verdicts"].items(), key=lambda row: -row[1]):
         print(f"{number:>9} of {cells}  {verdict}")
     print(
-        f"again at a tenth of the tolerance: {figures['checked_tighter']} cells, "
+        f"again {again}: {figures['checked_tighter']} cells, "
         f"{figures['disagreed']} with another verdict; of {figures['checked_at_random']} away from "
         f"borders, {figures['disagreed_at_random']}"
     )

@@ -1,25 +1,39 @@
-"""The loop that ``lyapunov`` and ``map`` are about: two parts with equations, and a set-point."""
+"""The loop that ``lyapunov`` and ``map`` are about: two parts around a set-point."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .loop_options import read_settings
-from .options import BadRequest, check_part, guarded, out_folder, read_length, read_number
+from .options import (
+    BadRequest,
+    check_part,
+    check_steps,
+    guarded,
+    out_folder,
+    read_length,
+    read_number,
+)
 from .params_option import add_params, params_values, read_params
+from .sides import mappings
 
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
 
+STEP = "1e-3"  # [s]
+
 
 @dataclass(frozen=True)
 class NamedLoop:
-    """A closed loop of two parts with equations, as asked for and checked.
+    """A closed loop, as asked for and checked.
 
     Attributes
     ----------
+    controller, plant : str
+        Names of the catalogue; over FMUs also paths.
     plant_values, controller_values : dict of str to float
         Parameters and initial states that are not nominal.
     setpoint, stop : float
@@ -28,6 +42,10 @@ class NamedLoop:
         Of the solver, relative.
     told : ParameterFile or None
         Where values come from.
+    step : float or None
+        Communication step over FMUs [s]; None: over the equations.
+    mapping : dict of str to str
+        Ports of FMUs, ``theirs -> ours``.
     """
 
     controller: str
@@ -38,6 +56,8 @@ class NamedLoop:
     stop: float
     tolerance: float
     told: ParameterFile | None
+    step: float | None
+    mapping: dict[str, str]
 
     def parameters(self) -> ParameterFile:
         """All parameters of plant and controller as they are used."""
@@ -50,11 +70,31 @@ class NamedLoop:
 def add_loop_options(parser: argparse.ArgumentParser, stop: str, tolerance: str) -> None:
     """Add the options that `read_loop` reads, and those for the results."""
     add = parser.add_argument
-    add("--controller", required=True, metavar="PART", help="one of our controllers, or mine.py:pi")
+    add(
+        "--controller",
+        required=True,
+        metavar="PART",
+        help="one of our controllers, or mine.py:pi; with --via fmu also the path of an FMU",
+    )
     add(
         "--plant",
         metavar="PART",
-        help="one of our plants, or mine.py:axis (default plant, or what --params describes)",
+        help="one of our plants, or mine.py:axis; with --via fmu also the path of an FMU (default "
+        "plant, or what --params describes)",
+    )
+    add(
+        "--via",
+        default="model",
+        choices=("model", "fmu"),
+        help="the equations in one solver, or FMUs and their master (default model)",
+    )
+    add("--step", metavar="S", help=f"with --via fmu: communication step (default {STEP})")
+    add(
+        "--map",
+        action="append",
+        default=[],
+        metavar="THEIRS=OURS",
+        help="with --via fmu: a third-party FMU's port and the one it meets",
     )
     add_params(add)
     add(
@@ -96,10 +136,22 @@ def read_loop(
     from .controllers import CONTROLLERS
     from .plant import PLANTS
 
-    check_part("--controller", options.controller, CONTROLLERS, fmus=False)
-    if options.plant is not None:
-        check_part("--plant", options.plant, PLANTS, fmus=False)
+    over_fmus = options.via == "fmu"
+    for option in () if over_fmus else ("step", "map"):
+        if getattr(options, option):
+            raise BadRequest(
+                f"--{option} is for --via fmu; the equations have one solver that chooses its steps"
+            )
+    if over_fmus and options.tolerance is not None:
+        raise BadRequest("--tolerance is for --via model; FMUs have solvers of their own")
+    for option, known in (("controller", CONTROLLERS), ("plant", PLANTS)):
+        part = getattr(options, option)
+        if not over_fmus and part and Path(part).suffix == ".fmu":
+            raise BadRequest(f"--{option} {part}: an FMU gives no equations; add --via fmu")
+        if part is not None:
+            check_part(f"--{option}", part, known, fmus=over_fmus)
     stop = read_length("--stop", options.stop)
+    step = _read_step(options, stop) if over_fmus else None
     number = read_number("--tolerance", options.tolerance or tolerance)
     if not finest <= number <= coarsest:
         raise BadRequest(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
@@ -109,10 +161,10 @@ def read_loop(
     plant, told_plant, told_of = params_values(told, options.plant, [options.controller])
     plant_values = told_plant | given
     controller_values = told_of[options.controller] | given_to[options.controller]
-    from .orchestration.closed_loop import check_named
+    from .orchestration.closed_loop import check_part_values
 
-    guarded(lambda: check_named("plant", plant, plant_values))
-    guarded(lambda: check_named("controller", options.controller, controller_values))
+    guarded(lambda: check_part_values("plant", plant, plant_values))
+    guarded(lambda: check_part_values("controller", options.controller, controller_values))
     return NamedLoop(
         options.controller,
         plant,
@@ -122,4 +174,15 @@ def read_loop(
         stop,
         number,
         told,
+        step,
+        mappings(options, [options.controller])[options.controller],
     )
+
+
+def _read_step(options: argparse.Namespace, stop: float) -> float:
+    text = options.step or STEP
+    step = read_number("--step", text)
+    if not 0 < step <= stop:
+        raise BadRequest(f"--step is {text} s, expected more than 0 and at most --stop")
+    check_steps(stop, step)
+    return step

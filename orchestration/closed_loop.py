@@ -20,7 +20,7 @@ from .isolated import TIME_LIMIT, IsolatedInstance, open_fmu
 from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
 from .parameter_file import ParameterFile
-from .parts import label_of, used_parameters
+from .parts import label_of, part_of, used_parameters
 from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
 from .step_choice import FIRST, choose_step
@@ -141,30 +141,49 @@ def _run_once(
         path = _file(study.controller)
         controller = open_fmu(path, "controller", study.isolate, study.time_limit)
         opened.callback(controller.close)
-        for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
-            check_values(side.name, values or {}, side.parameters)
-        wiring = wire(plant, controller, study.mapping)
-        notes = _connection_notes(study, controller, wiring)
-        if not has_equations(study.controller):
-            notes += _meet_samples(study, study.step, plant, controller, wiring)
-        run = run_loop(
-            plant,
-            controller,
-            study.reference,
-            study.stop,
-            study.step,
-            coupling=study.coupling,
-            corrections=study.corrections,
-            adaptive=study.adaptive,
-            plant_values=study.plant_values,
-            controller_values=study.controller_values,
-            mapping=study.mapping,
-            wiring=wiring,
-            progress=progress,
-            look_again=look_again,
-        )
-        limits = study.plant_values or {}
-        notes += amplifier_notes(run, plant.parameters, limits, "--limit-voltage ")
+        return run_parts(study, plant, controller, progress, look_again)
+
+
+def run_parts(
+    study: Study,
+    plant: _Fmu,
+    controller: _Fmu,
+    progress: Progress | None = None,
+    look_again: bool = True,
+) -> tuple[LoopRun, tuple[str, ...]]:
+    """As `run_study`, with the study's step, of parts that are open and not initialized.
+
+    Returns
+    -------
+    LoopRun
+    tuple of str
+        Notes on it.
+    """
+    assert study.step is not None
+    for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
+        check_values(side.name, values or {}, side.parameters)
+    wiring = wire(plant, controller, study.mapping)
+    notes = _connection_notes(study, controller, wiring)
+    if not has_equations(study.controller):
+        notes += _meet_samples(study, study.step, plant, controller, wiring)
+    run = run_loop(
+        plant,
+        controller,
+        study.reference,
+        study.stop,
+        study.step,
+        coupling=study.coupling,
+        corrections=study.corrections,
+        adaptive=study.adaptive,
+        plant_values=study.plant_values,
+        controller_values=study.controller_values,
+        mapping=study.mapping,
+        wiring=wiring,
+        progress=progress,
+        look_again=look_again,
+    )
+    limits = study.plant_values or {}
+    notes += amplifier_notes(run, plant.parameters, limits, "--limit-voltage ")
     return run, notes
 
 
@@ -282,6 +301,21 @@ def check_named(side: str, name: str, values: Mapping[str, float]) -> None:
                 f"{side}: parameter {parameter} = {value:g} is out of its range "
                 f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
             )
+
+
+def check_part_values(side: str, name: str, values: Mapping[str, float]) -> None:
+    """As `check_named`, of a part by name or by file; a file tells no ranges.
+
+    Raises
+    ------
+    BadParameter
+    FmuError
+        If the file is no FMU that can run here.
+    """
+    if has_equations(name):
+        check_named(side, name, values)
+    else:
+        check_values(side, values, list(part_of(name).parameters))
 
 
 def _file(name: str) -> Path:

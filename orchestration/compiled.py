@@ -179,6 +179,7 @@ TRAIL = np.dtype(
         ("bound", VECTOR),  # outputs beyond which the loop diverges
         ("accuracy", float),  # nats, and share of the growth, that correcting may change in all
         ("relative", float),
+        ("unmet", np.int64),  # steps that were as short as they get, and changed more
     ]
 )
 """The run as it is recorded, and how wrong its steps may be."""

@@ -57,6 +57,8 @@ class LoopRun:
     verdict : Verdict
     stopped : str
         Why the run ended before its time; empty if it did not.
+    diverged : bool
+        Whether it ended because an output left every bound.
     """
 
     time: Vector
@@ -72,6 +74,7 @@ class LoopRun:
     step_range: tuple[float, float]
     verdict: Verdict
     stopped: str = ""
+    diverged: bool = False
 
 
 class RecordedLoop:

@@ -258,6 +258,7 @@ class Stop:
 
     reason: str = ""
     advice: str = UNBOUNDED
+    diverged: bool = False
 
 
 def march_on(
@@ -312,11 +313,11 @@ def _stop(why: int, t: float, main: RecordedLoop, nominal: Vector) -> Stop:
         where = f"in the step from t = {t:.6g} s" if why == STEP_FAILED else f"at t = {t:.6g} s"
         return Stop(f"{error} ({where})", error.advice)
     if why == NOT_FINITE:
-        return Stop(f"an output is not finite at t = {t:.6g} s")
+        return Stop(f"an output is not finite at t = {t:.6g} s", diverged=True)
     if why == DIVERGES:
         worst = int(np.argmax(np.abs(main.loop.outputs) / nominal))
         name = list(main.loop.plant.outputs)[worst]
-        return Stop(f"the loop diverges: {name} leaves every bound at t = {t:.6g} s")
+        return Stop(f"the loop diverges: {name} leaves every bound at t = {t:.6g} s", diverged=True)
     return Stop()
 
 
@@ -376,6 +377,7 @@ def _concluded(
         step_range=ended.clock.used,
         verdict=ended.verdict(names, coupling),
         stopped=ended.why.reason,
+        diverged=ended.why.diverged,
     )
 
 

@@ -7,6 +7,7 @@ spectrum with a zero may be a line of equilibria, a cycle, or a run that was too
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -18,6 +19,7 @@ from ..solver.spectrum import Returns, follow_returns, follow_tangents
 from .equilibria import Equilibrium, equilibrium_near, sample_after
 
 Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
 
 SETTLED = 1e-7  # nominal magnitudes from an equilibrium that are as good as none
 NEAR = 100.0  # nominal magnitudes within which an equilibrium may be what a motion falls to
@@ -42,6 +44,7 @@ class Kind(StrEnum):
 
     FIXED_POINT = "isolated fixed point"
     LINE = "stuck on a line of equilibria"
+    REST = "at rest"
     CYCLE = "limit cycle"
     TORUS = "torus"
     CHAOS = "chaos"
@@ -277,16 +280,22 @@ def _ranges(model: Model, passes: Returns) -> dict[str, float]:
     return dict(zip(names, (0.5 * (passes.high - passes.low)).tolist(), strict=True))
 
 
-def _cycle(model: Model, passes: Returns, exponents: bool) -> Attractor | None:
-    """A cycle, where states one period apart close upon each other faster than the motion dies."""
-    count = len(passes.time)
-    size = passes.high - passes.low
-    size[size == 0.0] = np.inf
-    noise = NOISE * model.tolerance
+def closings(states: Matrix, size: Vector, noise: float) -> Iterator[tuple[int, float]]:
+    """After how many returns the states close upon each other, and by how much over their size.
+
+    Parameters
+    ----------
+    states : ndarray, shape (returns, n)
+    size : ndarray, shape (n,)
+        Ranges of the motion.
+    noise : float
+        Share of them by which states that are the same may differ.
+    """
+    count = len(states)
     for lag in range(1, LONGEST_CYCLE + 1):
         if count < 3 * lag + 1:
-            break
-        same_phase = passes.states[count - 1 - 3 * lag :: lag] / size
+            return
+        same_phase = states[count - 1 - 3 * lag :: lag] / size
         new, old, older = np.abs(np.diff(same_phase, axis=0)).max(axis=1)[::-1]
         if new > noise:
             # what is still to come, were the distances to shrink on as they do
@@ -294,6 +303,14 @@ def _cycle(model: Model, passes: Returns, exponents: bool) -> Attractor | None:
             shrinking = share < 1.0 and old < older
             if new > CLOSED or not shrinking or new * share / (1.0 - share) > CLOSED:
                 continue
+        yield lag, float(new)
+
+
+def _cycle(model: Model, passes: Returns, exponents: bool) -> Attractor | None:
+    """A cycle, where states one period apart close upon each other faster than the motion dies."""
+    size = passes.high - passes.low
+    size[size == 0.0] = np.inf
+    for lag, error in closings(passes.states, size, NOISE * model.tolerance):
         period = float(passes.time[-1] - passes.time[-1 - lag])
         begin = float(passes.time[-1])
         model.x[:] = passes.states[-1]
@@ -303,7 +320,7 @@ def _cycle(model: Model, passes: Returns, exponents: bool) -> Attractor | None:
         wide = once.high - once.low
         if np.max(np.abs(wide - size)[np.isfinite(size)] / size[np.isfinite(size)]) > 0.5:
             continue  # the motion has shrunk or grown since: no cycle yet
-        closed = _closed(model, once, lag, period, float(new), exponents)
+        closed = _closed(model, once, lag, period, error, exponents)
         if closed is not None:
             return closed
     return None

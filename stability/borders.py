@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .attractor import Kind
-from .cell import run_cell
+from .cell import cells_of
 from .study import MapStudy
 
 if TYPE_CHECKING:
@@ -34,18 +34,15 @@ def border_cells(verdicts: npt.NDArray[np.int8]) -> npt.NDArray[np.int64]:
 def run_border(study: MapStudy, task: tuple[bool, float, float, float, str, str]) -> dict[str, Any]:
     """Halve the distance between two cells of different verdict until it is small."""
     along_x, fixed, low, high, below, above = task
-    others = []
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        point = (middle, fixed) if along_x else (fixed, middle)
-        found = run_cell(study, *point, study.tolerance).verdict.value
-        if found == below:
-            low = middle
-        else:
-            high = middle
-            if found != above:
-                others.append(found)
-                above = found
+    with cells_of(study, 1.0) as cell_at:
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            point = (middle, fixed) if along_x else (fixed, middle)
+            found = cell_at(*point).verdict.value
+            if found == below:
+                low = middle
+            else:
+                high, above = middle, found
     position = 0.5 * (low + high)
     return {
         study.x.name: position if along_x else fixed,

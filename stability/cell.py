@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..solver.kernel import CONTROLLER, PLANT, Model
 from ..solver.spectrum import follow_returns, follow_tangents
 from .attractor import Attractor, Kind, classify_attractor
 from .store import Columns
-from .study import DESIGN, SETPOINT, MapStudy, kernel_of
+from .study import MapStudy, kernel_of
 
 LAST = 0.1  # share of the run over which the oscillation is measured
 _BITS = 1.0 / math.log(2.0)
@@ -22,23 +23,9 @@ _BITS = 1.0 / math.log(2.0)
 def model_at(
     study: MapStudy, x: float, y: float, tolerance: float, system: System | None = None
 ) -> Model:
-    values = {PLANT + k: v for k, v in study.plant_values.items()}
-    values |= {CONTROLLER + k: v for k, v in study.controller_values.items()}
-    setpoint = study.setpoint
-    designed: dict[str, float] = {}
-    for axis, value in ((study.x, x), (study.y, y)):
-        if axis.side == SETPOINT:
-            setpoint = value
-        elif axis.side == DESIGN:
-            designed[axis.parameter] = value
-        else:
-            head = PLANT if axis.side == "plant" else CONTROLLER
-            values[head + axis.parameter] = value
-    if designed:
-        from ..controllers.nctf import design
-
-        found = design({**study.plant_values, **designed}).parameters()
-        values = {CONTROLLER + k: v for k, v in found.items()} | values
+    plant, controller, setpoint = study.values_at(x, y)
+    values = {PLANT + k: v for k, v in plant.items()}
+    values |= {CONTROLLER + k: v for k, v in controller.items()}
     model = Model(kernel_of(study), values, tolerance, system)
     for signal in kernel_of(study).inputs:
         if signal.role == "reference":
@@ -108,8 +95,30 @@ def run_cell(
     return Cell(motion.kind, error, growth / study.stop * _BITS, swing)
 
 
-def run_chunk(study: MapStudy, cells: Sequence[int], tolerance: float) -> Columns:
-    """Run some cells; their columns, as they go into the table."""
+@contextlib.contextmanager
+def cells_of(study: MapStudy, share: float) -> Iterator[Callable[[float, float], Cell]]:
+    """A function that runs the cell at a point, with what all cells have in common made once.
+
+    Parameters
+    ----------
+    study : MapStudy
+    share : float
+        Of its tolerance, or of its step over FMUs.
+    """
+    if study.fmus is None:
+        system = kernel_of(study).system()
+        yield lambda x, y: run_cell(study, x, y, share * study.tolerance, system)
+        return
+    from .fmu_cell import run_fmu_cell
+    from .fmu_parts import opened_parts
+
+    fmus = study.fmus
+    with opened_parts(study.plant, study.controller, fmus.tangents) as parts:
+        yield lambda x, y: run_fmu_cell(study, fmus, parts, x, y, share)
+
+
+def run_chunk(study: MapStudy, cells: Sequence[int], share: float) -> Columns:
+    """Run some cells, as `cells_of`; their columns, as they go into the table."""
     columns: Columns = {
         "cell": list(cells),
         study.x.name: [],
@@ -119,14 +128,14 @@ def run_chunk(study: MapStudy, cells: Sequence[int], tolerance: float) -> Column
         "lambda1_bits_per_s": [],
         "oscillation_amplitude": [],
     }
-    system = kernel_of(study).system()
-    for cell in cells:
-        x, y = study.point(cell)
-        found = run_cell(study, x, y, tolerance, system)
-        row = (x, y, found.verdict.value, found.final_error, found.lambda1, found.oscillation)
-        for name, value in zip(list(columns)[1:], row, strict=True):
-            unknown = isinstance(value, float) and math.isnan(value)
-            columns[name].append(None if unknown else value)
+    with cells_of(study, share) as cell_at:
+        for cell in cells:
+            x, y = study.point(cell)
+            found = cell_at(x, y)
+            row = (x, y, found.verdict.value, found.final_error, found.lambda1, found.oscillation)
+            for name, value in zip(list(columns)[1:], row, strict=True):
+                unknown = isinstance(value, float) and math.isnan(value)
+                columns[name].append(None if unknown else value)
     return columns
 
 

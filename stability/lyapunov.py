@@ -95,10 +95,11 @@ class LyapunovRun:
     def sum_rule_error(self) -> float | None:
         """How far the exponents' sum is from the mean trace, relative to the larger of both.
 
-        None where not all exponents were computed, or one is minus infinity.
+        None where not all exponents were computed, one is minus infinity, or the trace is not
+        known.
         """
         growth, trace = self.spectrum.growth[-1], float(self.spectrum.trace[-1])
-        if len(growth) < len(self.names) or not np.isfinite(growth).all():
+        if len(growth) < len(self.names) or not np.isfinite([*growth, trace]).all():
             return None
         total = float(growth.sum())
         largest = max(abs(total), abs(trace))
@@ -242,7 +243,7 @@ def lyapunov(
         if progress:
             progress(f"what the motion becomes after {stop:g} s")
         motions.append(classify_attractor(onward, stop, stop, exponents=average is None))
-    motion = _agreed(*motions)
+    motion = agreed(motions[0], motions[1])
     perturbations: list[PerturbationGrowth] = []
     if average and onward is not None and motion.kind is not Kind.DIVERGES:
         perturbations = perturbation_growth(onward, 0.0, stop)
@@ -265,8 +266,8 @@ def _ended(run: Spectrum, model: Model) -> Attractor:
     return Attractor(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
 
 
-def _agreed(first: Attractor, second: Attractor) -> Attractor:
-    """The second verdict, the tighter, unless the first is another."""
+def agreed(first: Attractor, second: Attractor, how: str = "a tenth of the tolerance") -> Attractor:
+    """The second verdict, the tighter, unless the first is another; `how` says what is tighter."""
     same = first.kind is second.kind
     text = f"{first.kind.value} ({first.evidence}) against {second.kind.value}"
     if same and first.period and second.period:
@@ -281,8 +282,8 @@ def _agreed(first: Attractor, second: Attractor) -> Attractor:
     if not same:
         return Attractor(
             Kind.UNDECIDED,
-            f"a tenth of the tolerance changes the verdict: {text}",
-            "a tighter tolerance, until two in a row agree",
+            f"{how} changes the verdict: {text}",
+            "tighter ones, until two in a row agree",
         )
     if first.limit is None or second.limit is None or second.limit_error is None:
         return second

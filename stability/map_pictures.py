@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 COLOUR = {
     Kind.FIXED_POINT: "#009E73",
     Kind.LINE: "#56B4E9",
+    Kind.REST: "#999933",
     Kind.CREEPING: "#0072B2",
     Kind.CYCLE: "#E69F00",
     Kind.TORUS: "#F0E442",
@@ -113,6 +114,8 @@ def _draw_boundary(axes: Any, study: MapStudy) -> list[Any]:
     from .cell import stuck_growth
     from .study import DESIGN, kernel_of
 
+    if study.fmus is not None:
+        return []  # an FMU gives no Jacobian of the whole loop
     if DESIGN in (study.x.side, study.y.side):
         return []  # a design for each of its points would take longer than the map
     if kernel_of(study).sample_time:

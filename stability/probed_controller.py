@@ -41,6 +41,7 @@ class ProbedController:
         self.remarks: list[str] = []
         self.error: BaseException | None = None
         self._added = np.zeros(0)  # to the command, along each tangent
+        self._driven, self._fades = np.zeros(0), 0.0  # per second, as last measured
 
     def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Find out how it answers and whether it has a state; once it is initialized."""
@@ -56,6 +57,7 @@ class ProbedController:
         responses, fading = self._response(t, h, signals, reference)
         if np.any(responses):
             self.states = [f"{name}: what its state adds to {self.wiring.commands[0][0]}"]
+            self._note_rates(h, responses, fading)
             slow, fast = float(np.min(fading)), float(np.max(fading))
             if fast - slow > 1e-3 * max(abs(slow), abs(fast)):
                 self.remarks.append(
@@ -101,6 +103,8 @@ class ProbedController:
         out[:] = 0.0
         out[0] = [*law.command, *law.gain.ravel(), *law.rate]
         out[1:, 0] = signals[1:] @ law.gain[0] + self._added
+        if self.states:  # how the state goes on within the step, by what was measured in the last
+            out[1:, 1 + n] = self._fades * self._added + signals[1:] @ self._driven
 
     def _advance(self, t: float, h: float, at: int) -> None:
         signals = self._signals_at(at)
@@ -108,9 +112,16 @@ class ProbedController:
             responses, fading = self._response(t, h, signals[0], self._reference)
             if not len(fading):
                 raise StepFailed(f"{self.instance.name}: its state cannot be seen any more")
-            strongest = float(fading[np.argmax(np.abs(responses[responses != 0.0]))])
+            strongest = self._note_rates(h, responses, fading)
             self._added[:] = strongest * self._added + signals[1:] @ responses
         self.side.advance(t, h, signals[0], self._reference)
+
+    def _note_rates(self, h: float, responses: Vector, fading: Vector) -> float:
+        """Keep what a step says of the state's rates; the share of it that is left after a step."""
+        strongest = float(fading[np.argmax(np.abs(responses[responses != 0.0]))])
+        self._driven = responses / h
+        self._fades = math.log(strongest) / h if strongest > 0.0 else 0.0
+        return strongest
 
     def _response(
         self, t: float, h: float, signals: Vector, reference: Vector

@@ -2,7 +2,8 @@
 
 A map is cut into chunks of cells, each computed alone and written as soon as it is there, so that a
 killed run goes on where it was. Cells at borders between verdicts, and a random share of the rest,
-are computed again at a tenth of the tolerance; what changes its verdict there is undecided.
+are computed again at a tenth of the tolerance, or over FMUs at half the step; what changes its
+verdict there is undecided.
 """
 
 from __future__ import annotations
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
 
 
 Progress = Callable[[int, int], None]
-TIGHTER = 0.1
 CHECKED = 0.05  # share of the cells away from borders that is computed again
 
 
@@ -70,7 +70,8 @@ def make_map(
     """
     parts = folder / PARTS
     finished = claim_folder(study, folder, resume)
-    kernel_of(study).compile()  # thousands of runs are worth half a second
+    if study.fmus is None:
+        kernel_of(study).compile()  # thousands of runs are worth half a second
     new = finished is None
     if finished is None:
         finished = _complete(study, parts, workers, progress)
@@ -106,7 +107,7 @@ def _complete(
 ) -> MapSummary:
     """Compute what is missing, then make one table of all, among the parts."""
     plain = chunks_of(study.cells, "c", [range(study.cells)])
-    _compute(study, parts, plain, study.tolerance, workers, progress)
+    _compute(study, parts, plain, 1.0, workers, progress)
     verdicts = np.array(
         [k for name in plain for k in verdict_codes(load(parts / name)["verdict"])],
         dtype=np.int8,
@@ -116,7 +117,7 @@ def _complete(
     away = np.setdiff1d(np.arange(study.cells), border)
     some = np.sort(random.choice(away, math.ceil(CHECKED * len(away)), replace=False))
     again = chunks_of(study.cells, "t", [border.tolist(), some.tolist()])
-    _compute(study, parts, again, study.tolerance * TIGHTER, workers, progress)
+    _compute(study, parts, again, study.finer, workers, progress)
     checked: dict[int, int] = {}
     for name in again:
         columns = load(parts / name)
@@ -143,14 +144,14 @@ def _compute(
     study: MapStudy,
     parts: Path,
     chunks: Mapping[str, Sequence[int]],
-    tolerance: float,
+    share: float,
     workers: Workers,
     progress: Progress | None,
 ) -> None:
     missing = {name: cells for name, cells in chunks.items() if not is_whole(parts / name, cells)}
     total = sum(map(len, chunks.values()))
     done = total - sum(map(len, missing.values()))
-    tasks = ((name, (study, cells, tolerance)) for name, cells in missing.items())
+    tasks = ((name, (study, cells, share)) for name, cells in missing.items())
     for name, columns in workers.map(run_chunk, tasks):
         write_atomically(parts / name, json.dumps(columns).encode())
         done += len(columns["cell"])

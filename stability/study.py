@@ -16,13 +16,16 @@ import numpy.typing as npt
 from ..fmus.catalogue import component, kept_as
 from ..instruments import without_instruments
 from ..orchestration.memory import check_memory
-from ..orchestration.parts import label_of
+from ..orchestration.parts import label_of, part_of
 from ..orchestration.whole_loop import held_loop_kernel
 from ..solver.component_file import names_file, remember_component
-from ..solver.kernel import CONTROLLER, PLANT, Kernel
+from ..solver.kernel import PLANT, Kernel, ParameterInfo
+from .fmu_parts import OverFmus
 
 Vector = npt.NDArray[np.float64]
 TOLERANCE = 1e-8
+TIGHTER = 0.1
+SHORTER = 0.5  # a coupling of second order is four times as good
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
 MOST_BYTES = 10**30  # counts on the command line have any number of digits
 SETPOINT, DESIGN = "setpoint", "design"
@@ -81,6 +84,10 @@ class MapStudy:
         Length of each run [s].
     exponents : bool
         Whether to compute the largest exponent of each cell.
+    tolerance : float
+        Of the solver of the equations.
+    fmus : OverFmus, optional
+        Of a map over FMUs; then controller and plant may be paths of FMUs.
     """
 
     controller: str
@@ -94,13 +101,19 @@ class MapStudy:
     exponents: bool = False
     tolerance: float = TOLERANCE
     seed: int = 0
+    fmus: OverFmus | None = None
+
+    @property
+    def finer(self) -> float:
+        """Share of the tolerance, or of the step over FMUs, at which cells are looked at again."""
+        return TIGHTER if self.fmus is None else SHORTER
 
     @property
     def cells(self) -> int:
         return self.x.count * self.y.count
 
     def check(self) -> None:
-        """Make sure that the two sides differ and that all values are in range.
+        """Make sure that the two sides differ, values are in range, and FMUs can be coupled.
 
         Raises
         ------
@@ -113,7 +126,7 @@ class MapStudy:
             f"{self.x.count} x {self.y.count} cells need",
             "map fewer points, or one part after another",
         )
-        if self.exponents and kernel_of(self).quantized:
+        if self.fmus is None and self.exponents and kernel_of(self).quantized:
             raise BadMap(
                 f"{label_of(self.controller)} or {label_of(self.plant)} quantizes a signal, and a "
                 "staircase has no tangents; map it without --exponents, and see lyapunov for "
@@ -121,17 +134,20 @@ class MapStudy:
             )
         if (self.x.side, self.x.parameter) == (self.y.side, self.y.parameter):
             raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
-        if PLANT + "x" not in [s.name for s in kernel_of(self).states]:
+        if self.fmus is None and PLANT + "x" not in [s.name for s in kernel_of(self).states]:
             raise BadMap(f"{label_of(self.plant)} has no state x, whose motion a map judges")
-        ranges = {p.name: (p.minimum, p.maximum) for p in kernel_of(self).parameters}
         for axis in (self.x, self.y):
-            head = CONTROLLER if axis.side == "controller" else PLANT
-            low, high = ranges.get(head + axis.parameter, (-math.inf, math.inf))
+            about = _about(axis, self.plant, self.controller)
+            low, high = (about.minimum, about.maximum) if about else (-math.inf, math.inf)
             if axis.low < low or axis.high > high:
                 raise BadMap(
                     f"{axis.name} runs from {axis.low:g} to {axis.high:g}, expected values within "
                     f"[{low:g}, {high:g}]"
                 )
+        if self.fmus is not None:
+            from .fmu_cell import check_parts
+
+            check_parts(self, self.fmus)
 
     def __getstate__(self) -> dict[str, Any]:
         """What goes to workers: they may lack the files of parts, or find them edited."""
@@ -145,14 +161,40 @@ class MapStudy:
         vars(self).update(state)
 
     def fingerprint(self) -> str:
-        """Hash of the study and of the equations that it is about."""
-        text = json.dumps(asdict(self), sort_keys=True) + kernel_of(self).module
+        """Hash of the study and of the equations, or the FMUs, that it is about."""
+        text = json.dumps(asdict(self), sort_keys=True)
+        if self.fmus is None:
+            text += kernel_of(self).module
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def point(self, cell: int) -> tuple[float, float]:
         """Values of x and y in a cell; x runs fastest."""
         row, column = divmod(cell, self.x.count)
         return self.x.value(column), self.y.value(row)
+
+    def values_at(self, x: float, y: float) -> tuple[dict[str, float], dict[str, float], float]:
+        """Values of the plant, values of the controller, and set-point [m] at a point.
+
+        Raises
+        ------
+        ValueError
+            If no controller can be designed on this plant.
+        """
+        plant, controller = dict(self.plant_values), dict(self.controller_values)
+        setpoint = self.setpoint
+        designed: dict[str, float] = {}
+        for axis, value in ((self.x, x), (self.y, y)):
+            if axis.side == SETPOINT:
+                setpoint = value
+            elif axis.side == DESIGN:
+                designed[axis.parameter] = value
+            else:
+                (plant if axis.side == "plant" else controller)[axis.parameter] = value
+        if designed:
+            from ..controllers.nctf import design
+
+            controller = design({**self.plant_values, **designed}).parameters() | controller
+        return plant, controller, setpoint
 
 
 def read_axis(text: str, plant: str, controller: str) -> Axis:
@@ -188,10 +230,7 @@ def _owner(name: str, plant: str, controller: str) -> tuple[str, str]:
 
     if name == SETPOINT:
         return SETPOINT, SETPOINT
-    kernel = held_loop_kernel(plant, controller)
-    known = [p.name for p in kernel.parameters] + [f"{s.name}_start" for s in kernel.states]
-    theirs = [n.removeprefix(CONTROLLER) for n in known if n.startswith(CONTROLLER)]
-    ours = [n.removeprefix(PLANT) for n in known if n.startswith(PLANT)]
+    ours, theirs = ([*part_of(part).parameters] for part in (plant, controller))
     ours_is, theirs_is = label_of(plant), label_of(controller)
     side, dot, own = name.partition(".")
     if dot and side == DESIGN:
@@ -229,10 +268,12 @@ def kernel_of(study: MapStudy) -> Kernel:
 def axis_unit(study: MapStudy, name: str) -> str:
     """The unit of an axis, for its label."""
     axis = study.x if name == study.x.name else study.y
+    about = _about(axis, study.plant, study.controller)
+    return about.unit if about else "m"
+
+
+def _about(axis: Axis, plant: str, controller: str) -> ParameterInfo | None:
+    """What is known of an axis' parameter; None of set-points."""
     if axis.side == SETPOINT:
-        return "m"
-    head = CONTROLLER if axis.side == "controller" else PLANT
-    kernel = kernel_of(study)
-    units = {p.name: p.unit for p in kernel.parameters}
-    units |= {f"{s.name}_start": s.unit for s in kernel.states}
-    return units[head + axis.parameter]
+        return None
+    return part_of(controller if axis.side == "controller" else plant).parameters[axis.parameter]

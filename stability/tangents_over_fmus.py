@@ -26,11 +26,11 @@ import numpy.typing as npt
 
 from ..fmus.tangent_ports import tangent_port
 from ..orchestration.clock import Clock
-from ..orchestration.compiled import GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
+from ..orchestration.compiled import DIVERGES, GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
 from ..orchestration.fmi_calls import Bound, failure_of
 from ..orchestration.fmu_instance import Instance, StepFailed
 from ..orchestration.structs import struct
-from ..orchestration.wiring import Wiring, wire
+from ..orchestration.wiring import PLANT, Wiring, names_on, wire
 from .fmu_with_tangents import Side, TangentsImpossible, ordinary
 from .probed_controller import RELATIVE, ProbedController
 
@@ -40,7 +40,7 @@ ACCURACY = 1e-2  # nats that the corrections may change the growth by in all
 # Of the FMUs' own solvers. From 1e-10 to here it moves the growth of no slow tangent by 1e-5 nats,
 # that of a fast one by 4e-9 of it (loop with NCTF, 20 s), at a fifth of the steps.
 TOLERANCE = 1e-6
-RUNAWAY = 1e6  # times an output's nominal value
+RUNAWAY = 1e4  # times an output's nominal value, as in a run without tangents
 CHUNK = 256  # steps between two chances to interrupt
 
 
@@ -53,7 +53,7 @@ class TangentRun:
     time : ndarray, shape (m,)
         Communication points [s].
     outputs : dict of str to ndarray, shape (m,)
-        The plant's outputs.
+        The plant's outputs, under the names they are mapped to.
     growth : ndarray, shape (m, count)
         Logarithms of the lengths of the orthonormalized tangents since the start [nats].
     trace : ndarray, shape (m,)
@@ -66,6 +66,10 @@ class TangentRun:
         What is known of the error, in a sentence.
     stopped : str
         Why the run ended before its time; empty if it did not.
+    diverged : bool
+        Whether it ended because an output left every bound.
+    unmet : int
+        Steps that were as short as they get, and whose correction still changed more than asked.
     """
 
     time: Vector
@@ -76,6 +80,8 @@ class TangentRun:
     method: str
     accuracy: str
     stopped: str
+    diverged: bool
+    unmet: int
 
     @property
     def exponents(self) -> Vector:
@@ -96,13 +102,14 @@ def follow_over_fmus(
     controller_values: Mapping[str, float] | None = None,
     mapping: Mapping[str, str] | None = None,
     accuracy: float = ACCURACY,
+    count: int | None = None,
 ) -> TangentRun:
-    """Run a loop of two FMUs and follow all its tangents.
+    """Run a loop of two FMUs and follow its tangents.
 
     Parameters
     ----------
     plant, controller : Participant
-        Not initialized yet. The plant has tangents, at least as many as both have states together.
+        Not initialized yet. The plant has tangents, at least as many as are followed.
     reference : float
         Set-point, for every input of the controller that the plant does not drive.
     stop, step : float
@@ -114,6 +121,9 @@ def follow_over_fmus(
     accuracy : float
         By how much correcting the steps may change a tangent's growth in all [nats], besides a
         share of the growth itself; infinite for steps that are all as long as asked for.
+    count : int, optional
+        Only so many tangents, for the largest exponents; default as many as both parts have
+        states together.
 
     Returns
     -------
@@ -126,51 +136,64 @@ def follow_over_fmus(
     StepFailed
         If a part refuses its parameters or initial values.
     """
-    for instance in (plant, controller):
-        if not instance.can_save:
-            raise TangentsImpossible(
-                f"{instance.name} cannot save and restore its state, which tangents need here"
-            )
+    _check_saving(plant, controller)
     wiring = wire(ordinary(plant), ordinary(controller), mapping)
-    refs = np.full(len(wiring.references), reference)
+    refs = np.array([0.0 if order else reference for order in wiring.orders])
     p = Side(plant)
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}
     ports = reports <= set(controller.outputs)
     c = Side(controller) if ports else ProbedController(controller, wiring)
-    if not p.states or not wiring.accepts_law:
-        raise TangentsImpossible(
-            f"{plant.name} has no tangent ports; export it with tangents (export --variational)"
-        )
+    _check_plant(p, wiring)
     plant.initialize({"solver_tolerance": TOLERANCE, **(plant_values or {})}, stop)
     given = {"solver_tolerance": TOLERANCE} if isinstance(c, Side) and c.states else {}
     controller.initialize({**given, **(controller_values or {})}, stop)
     if isinstance(c, ProbedController):
         at = plant.reader([ours for ours, _ in wiring.signals])()
         c.look(0.0, min(step, stop), at, refs)
-    count = len(p.states) + len(c.states)
+    states = len(p.states) + len(c.states)
+    count = min(count or states, states)
     _check_tangents([p, c] if isinstance(c, Side) else [p], count)
     joint = _Joint(p, c, wiring, count, refs)
     names = list(ordinary(plant).outputs)
+    ours = names_on(PLANT, [*names, *plant.inputs], mapping or {})
     bound = RUNAWAY * np.array([plant.nominal(n) for n in names])
     trail = joint.march(names, bound, Clock(stop, step, adaptive=True), accuracy)
     return TangentRun(
         trail.times,
-        {n: trail.outputs[:, j] for j, n in enumerate(names)},
+        {ours[n]: trail.outputs[:, j] for j, n in enumerate(names)},
         trail.growth,
         trail.trace,
         (*p.states, *c.states),
         "tangent ports" if ports else "probed by differences",
-        _stated(c, accuracy),
+        _stated(c, accuracy) + _unmet(trail),
         trail.stopped,
+        trail.diverged,
+        trail.unmet,
     )
+
+
+def _check_saving(*instances: Instance) -> None:
+    for instance in instances:
+        if not instance.can_save:
+            raise TangentsImpossible(
+                f"{instance.name} cannot save and restore its state, which tangents need here"
+            )
+
+
+def _check_plant(p: Side, wiring: Wiring) -> None:
+    if not p.states or not wiring.accepts_law:
+        raise TangentsImpossible(
+            f"{p.instance.name} has no tangent ports; export it with tangents "
+            "(export --variational)"
+        )
 
 
 def _check_tangents(sides: Sequence[Side], count: int) -> None:
     for side in sides:
         if side.states and side.tangents < count:
             raise TangentsImpossible(
-                f"{side.instance.name} carries {side.tangents} tangents and the loop has "
-                f"{count} states; export it with {count}"
+                f"{side.instance.name} carries {side.tangents} tangents and {count} are followed; "
+                f"export it with {count} (export --variational --tangents {count})"
             )
 
 
@@ -206,6 +229,17 @@ class _Trail:
     growth: Matrix
     trace: Vector
     stopped: str
+    diverged: bool
+    unmet: int
+
+
+def _unmet(trail: _Trail) -> str:
+    if not trail.unmet:
+        return ""
+    return (
+        f"; {trail.unmet} of {len(trail.times) - 1} steps were as short as they get and changed "
+        "more: where these matter the exponents are wrong by more"
+    )
 
 
 class _Joint:
@@ -234,11 +268,12 @@ class _Joint:
         else:
             self._bound = (*bound, *c.bind(side, self._whole, count, reference))
         m, n, rows = len(wiring.commands), len(signals), 1 + count
+        states = len(p.states) + len(c.states)
         self._whole.set(m=m, n=n, count=count, reference=reference, applied=np.zeros(rows * m))
         self._whole.set(**{name: np.zeros(rows * n) for name in ("start", "end", "middle")})
         laws = ("law", "corrected", "ramped")
         self._whole.set(**{name: np.zeros(rows * m * (2 + n)) for name in laws})
-        self._whole.set(frame=np.eye(count), plain=np.zeros((count, count)))
+        self._whole.set(frame=np.eye(count, states), plain=np.zeros((count, states)))
         self._whole.set(plain_logs=np.zeros(count), logs=np.zeros(count))
 
     def march(self, names: Sequence[str], bound: Vector, clock: Clock, accuracy: float) -> _Trail:
@@ -273,4 +308,5 @@ class _Joint:
             beyond = np.nan_to_num(np.abs(outputs[-1]) / bound, nan=np.inf)
             name = names[int(np.argmax(beyond))]
             stopped = f"the loop diverges: {name} leaves every bound at t = {clock.now:.6g} s"
-        return _Trail(times[:, 0], outputs, growth, trace[:, 0], stopped)
+        unmet = int(trail.record.unmet)
+        return _Trail(times[:, 0], outputs, growth, trace[:, 0], stopped, why == DIVERGES, unmet)

@@ -44,6 +44,7 @@ typedef struct {
     int64_t rows;
     Vector bound;              /* outputs beyond which the loop diverges */
     double accuracy, relative; /* nats, and share of the growth, that correcting may change in all */
+    int64_t unmet;             /* steps that were as short as they get, and changed more */
 } Trail;
 
 static int read_rows(Calls *c, double *rows)
@@ -253,6 +254,7 @@ static int joint_row(Joint *j, Clock *clock, Trail *trail)
         clock_adapt(clock, share);
     }
     TRY(take(&j->shown, outputs));
+    trail->unmet += !(share <= 1.0) && trail->accuracy < HUGE_VAL;
     clock_accept(clock);
     clock_adapt(clock, share);
     const int64_t row = ++trail->rows;

@@ -10,6 +10,8 @@ from diagnosed import run
 from hidden.strong import strong_record, write_strong
 from jsonschema import Draft202012Validator
 
+from ballscrew.fmus.catalogue import fmu
+
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = {p.stem: json.loads(p.read_text("utf-8")) for p in ROOT.glob("docs/reference/schemas/*")}
 pytestmark = pytest.mark.xdist_group("file_formats")  # whose commands run once
@@ -36,6 +38,13 @@ def written(tmp_path_factory):
             *("--refine", "--workers", "1"),
         ),
         "study": ("study", DATA / "small_study.toml", "--workers", "1"),
+        "exponents_of_a_file": (
+            *("lyapunov", "--controller", fmu("pid"), "--stop", "0.1", "--via", "fmu"),
+        ),
+        "map_over_fmus": (
+            *("map", *loop, "--x", "plant.Fc=1:2:2", "--y", "plant.Fs=2.2:3:2"),
+            *("--via", "fmu", "--workers", "1"),
+        ),
         "rig": ("rig", "2.8"),
         "lugre": ("identify", *(out / "rig" / f"2.8-0{k}" for k in (1, 2)), "--law", "lugre"),
         "dahl": ("identify", out / "rig" / "2.8-01", "--law", "dahl"),

@@ -112,10 +112,24 @@ def test_a_loop_that_runs_away_says_when(tmp_path):
         (["--controller", "iol", "--tolerance", "1"], "--tolerance is 1"),
         (["--controller", "pid_sampled", "--via", "fmu"], "pid_sampled is sampled"),
         (["--controller", "iol", "--via", "fmu", "--step", "0"], "--step is 0"),
+        (["--controller", "iol", "--step", "1e-3"], "--step is for --via fmu"),
+        (["--controller", "iol", "--map", "a=x"], "--map is for --via fmu"),
+        (["--controller", "mine.fmu"], "an FMU gives no equations; add --via fmu"),
+        (["--controller", "mine.fmu", "--via", "fmu"], "mine.fmu: no such file"),
+        (
+            ["--controller", "PID_FMU", "--via", "fmu", "--map", "q=x"],
+            "neither side has a port 'q'",
+        ),
+        (["--controller", "PID_FMU", "--via", "fmu", "--set", "controller.K=1"], "no parameter"),
+        (["--controller", "SAMPLED_FMU", "--via", "fmu"], "follows its inputs at once"),
+        (["--controller", "iol", "--plant", "PLANT_FMU", "--via", "fmu"], "no tangent ports"),
+        (["--controller", "iol", "--plant", "plant_classical"], "no output 'z'"),
         (["--controller", "iol", "--setpoint", "x"], "--setpoint is 'x'"),
     ],
 )
-def test_lyapunov_answers_bad_input_with_one_line(arguments, words, tmp_path, capsys):
+def test_lyapunov_answers_bad_input_with_one_line(arguments, words, tmp_path, capsys, fmus):
+    files = {"PID_FMU": "pid", "SAMPLED_FMU": "pid_sampled", "PLANT_FMU": "plant"}
+    arguments = [str(fmus[files[a]]) if a in files else a for a in arguments]
     assert main(["lyapunov", *arguments, "--out", str(tmp_path / "out")]) == 2
     heard = capsys.readouterr().err
     assert words in heard
@@ -153,6 +167,10 @@ def test_map_writes_what_it_promises_and_refuses_to_overwrite(tmp_path, capsys):
         ([*X, "--y", "Kp=1:2:3"], "neither iol nor plant has 'Kp'"),
         ([*X, *Y, "--workers", "0"], "--workers is '0'"),
         ([*X, *Y, "--stop", "-1"], "--stop is -1"),
+        ([*X, *Y, "--step", "1e-3"], "--step is for --via fmu"),
+        ([*X, *Y, "--via", "fmu", "--dask", "tcp://127.0.0.1:1"], "use --workers"),
+        ([*X, *Y, "--via", "fmu", "--plant", "none.fmu"], "none.fmu: no such file"),
+        ([*X, "--y", "Kx=1:2:2", "--via", "fmu"], "neither iol nor plant has 'Kx'"),
         ([*X, *Y, "--dask", "tcp://127.0.0.1:1"], "no Dask scheduler answers"),
     ],
 )
@@ -181,7 +199,7 @@ def test_exponents_over_fmus_come_with_their_distance_to_one_solver(tmp_path, ca
     arguments = ["lyapunov", "--controller", "iol", "--stop", "0.3", "--via", "fmu", "--json"]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     figures = json.loads(capsys.readouterr().out)
-    assert "tangent ports" in figures["method"]
+    assert "variational FMUs, tangent ports" in figures["method"]
     exponents = np.array(figures["exponents_bits_per_s"])
     error = np.array(figures["exponents_error_bits_per_s"])
     assert np.all(error <= np.maximum(1e-3 * np.abs(exponents), 1e-3))

@@ -91,6 +91,26 @@ def test_a_controller_without_tangents_is_probed_and_the_loss_is_said(over_fmus)
     assert worst(run, reference) < 3.0
 
 
+def test_a_probed_state_goes_on_within_the_step_so_that_steps_stay_long(over_fmus):
+    probed, ports = (over_fmus("pid", 0.2, 1e-3, ports=p) for p in (False, True))
+    assert len(probed.time) < 1.1 * len(ports.time)
+    assert probed.growth[-1].sum() == pytest.approx(ports.growth[-1].sum(), rel=1e-5)
+    assert probed.unmet == ports.unmet == 0
+
+
+def test_the_largest_exponents_alone_are_those_of_all(over_fmus):
+    whole_frame, first = over_fmus("nctf", 0.3, 1e-3), over_fmus("nctf", 0.3, 1e-3, count=1)
+    assert first.growth.shape[1] == 1
+    assert len(first.time) < 0.3 * len(whole_frame.time)  # the fast ones ask for short steps
+    assert first.growth[-1] == pytest.approx(whole_frame.growth[-1, :1], abs=ACCURACY)
+
+
+def test_steps_that_are_too_long_at_their_shortest_are_counted_and_said(over_fmus):
+    run = over_fmus("iol", 0.05, 0.05, accuracy=1e-9)
+    assert 0 < run.unmet < len(run.time)
+    assert f"{run.unmet} of {len(run.time) - 1} steps were as short as they get" in run.accuracy
+
+
 def test_too_few_tangents_are_refused_with_the_number_needed(fmus):
     plant = FmuInstance(variational_fmu("plant", 1), "plant")
     controller = FmuInstance(fmus["iol"], "iol")

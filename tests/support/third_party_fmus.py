@@ -79,3 +79,47 @@ def feedthrough(folder: Path, name: str) -> Path:
     script.write_text(FEEDTHROUGH.format(name=name))
     FmuBuilder.build_FMU(script, dest=folder / f"{name}.fmu")
     return folder / f"{name}.fmu"
+
+
+STATE_FEEDBACK = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+
+
+class {name}(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.position = 0.0
+        self.speed = 0.0
+        self.goal = 0.0
+        self.gain = 400.0
+        for name in ("position", "speed", "goal"):
+            self.register_variable(Real(name, causality=Fmi2Causality.input))
+        self.register_variable(
+            Real(
+                "gain",
+                causality=Fmi2Causality.parameter,
+                variability=Fmi2Variability.tunable,
+            )
+        )
+        self.register_variable(
+            Real(
+                "voltage",
+                causality=Fmi2Causality.output,
+                getter=lambda: self.gain * (self.goal - self.position) - 2.0 * self.speed,
+            )
+        )
+
+    def do_step(self, current_time, step_size):
+        return True
+"""
+STATE_FEEDBACK_PORTS = {"position": "x", "speed": "v", "goal": "x_d", "voltage": "u"}
+
+
+def state_feedback(folder: Path, name: str, saves: bool = True) -> Path:
+    """A controller voltage = gain (goal - position) - 2 speed that answers at once."""
+    folder.mkdir(parents=True, exist_ok=True)
+    script = folder / f"script_{name.lower()}.py"
+    script.write_text(STATE_FEEDBACK.format(name=name))
+    path = folder / f"{name}.fmu"
+    FmuBuilder.build_FMU(script, dest=path, **({"canGetAndSetFMUstate": True} if saves else {}))
+    return path

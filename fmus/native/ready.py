@@ -1,0 +1,75 @@
+"""FMUs of the catalogue for runs of our own: native ones where there is a compiler."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+from ... import solver
+from ...solver import kernel_cache
+from ...solver.compilers import CompilerFailed, compiler_for, own_platform
+from ...solver.stored import fingerprint
+from ..catalogue import fmu, fmu_kernel, variational_fmu, variational_kernel
+from .export import write_native
+from .sources import catalogued_model, variational_model
+
+NATIVE, READABLE = "native", "readable"
+
+
+@dataclass(frozen=True)
+class ReadyFmu:
+    """An FMU in the user's cache; `build` is `NATIVE` or `READABLE`."""
+
+    path: Path
+    build: str
+
+
+def ready_fmu(name: str, tangents: int = 0) -> ReadyFmu:
+    """The FMU of this name in the user's cache, made if it is not there yet.
+
+    Parameters
+    ----------
+    name : str
+        Of the catalogue.
+    tangents : int
+        How many it carries; 0 for the ordinary FMU.
+
+    Raises
+    ------
+    UnknownComponent
+    UnsupportedComponent
+        If there are no tangents of it.
+    """
+    try:
+        return ReadyFmu(_native(name, tangents), NATIVE)
+    except CompilerFailed:
+        return ReadyFmu(variational_fmu(name, tangents) if tangents else fmu(name), READABLE)
+
+
+def _native(name: str, tangents: int) -> Path:
+    """Raises CompilerFailed also where there is no compiler."""
+    kernel = variational_kernel(name, tangents) if tangents else fmu_kernel(name)
+    content = kernel.to_json() + _way_of_making()
+    stem = kernel_cache.hashed_name(f"{kernel.name}_native", content)
+    path = kernel_cache.folder() / "fmus" / f"{stem}.fmu"
+    if path.is_file():
+        return path
+    platform = own_platform()
+    if not platform or not compiler_for(platform):
+        raise CompilerFailed("there is no C compiler")
+    model = variational_model(name, tangents) if tangents else catalogued_model(name)
+    return write_native(model, path, 2, [platform]).path
+
+
+@cache
+def _way_of_making() -> str:
+    """Hash of what decides what is written besides the equations: Python and C sources."""
+    digest = hashlib.sha256(fingerprint("ballscrew.fmus.native.export").encode())
+    for folder in (resources.files(__package__) / "c", resources.files(solver) / "c"):
+        for file in sorted(folder.iterdir(), key=lambda f: f.name):
+            if file.name.endswith((".c", ".h")):
+                digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()

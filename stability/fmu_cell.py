@@ -1,0 +1,118 @@
+"""One cell of a map over FMUs: a coupled run of both, and what its signals tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..fmus.reading import FmuError
+from ..orchestration.closed_loop import BadParameter, Study, run_parts
+from ..orchestration.fmu_instance import StepFailed
+from ..orchestration.loop_run import CouplingError, LoopRun
+from ..orchestration.reference_signal import Reference
+from ..orchestration.wiring import WiringError
+from ..solver.tape import UnsupportedComponent
+from .attractor import Attractor, Kind
+from .cell import LAST, Cell
+from .fmu_parts import FmuLoop, FmuParts, OverFmus, opened_parts
+from .fmu_with_tangents import TangentsImpossible
+from .lyapunov import agreed
+from .signal_motion import Signals, signal_motion
+from .study import BadMap, MapStudy
+from .tangents_over_fmus import ACCURACY
+
+POSITION = "x"
+_BITS = 1.0 / math.log(2.0)
+_UNKNOWN = Cell(Kind.UNDECIDED, math.nan, math.nan, math.nan)
+
+
+def run_fmu_cell(
+    study: MapStudy, fmus: OverFmus, parts: FmuParts, x: float, y: float, share: float
+) -> Cell:
+    """Run one loop of a map over FMUs.
+
+    Where both parts have tangents, or an exponent is asked for, one tangent is followed along, and
+    its correction chooses the steps; where even the shortest are too long for it, there is no
+    exponent. Where no tangent is followed, a run whose coupling is trusted tells, or else two
+    that agree, one of half the step.
+
+    Parameters
+    ----------
+    study : MapStudy
+    fmus : OverFmus
+        The study's.
+    parts : FmuParts
+        With as many tangents as `fmus` says.
+    share : float
+        Of the study's step, and of its square the accuracy of the tangent.
+
+    Raises
+    ------
+    TangentsImpossible, WiringError, CouplingError
+        If the parts cannot be coupled so.
+    """
+    try:
+        plant_values, controller_values, setpoint = study.values_at(x, y)
+    except ValueError:  # no controller can be designed on this plant
+        return _UNKNOWN
+    names = study.controller, study.plant
+    loop = FmuLoop(*names, setpoint, plant_values, controller_values, fmus.mapping)
+    step, lambda1 = share * fmus.step, math.nan
+    run: Signals
+    try:
+        if fmus.tangents:
+            followed = loop.followed(parts, study.stop, step, share**2 * ACCURACY, fmus.tangents)
+            growth = followed.growth[:, 0]
+            run, motion = followed, signal_motion(followed, loop.nominal(parts), growth)
+            if study.exponents and not run.stopped and not followed.unmet:
+                lambda1 = float(growth[-1]) / study.stop * _BITS
+        else:
+            run, motion = _coupled(loop, parts, study.stop, step)
+    except StepFailed:  # a part refuses these values
+        return _UNKNOWN
+    if run.stopped or POSITION not in run.outputs:
+        return Cell(motion.kind, math.nan, lambda1, math.nan)
+    position = run.outputs[POSITION]
+    tail = position[run.time >= (1.0 - LAST) * run.time[-1]]
+    return Cell(motion.kind, float(position[-1]) - setpoint, lambda1, 0.5 * float(np.ptp(tail)))
+
+
+def _coupled(loop: FmuLoop, parts: FmuParts, stop: float, step: float) -> tuple[LoopRun, Attractor]:
+    """A run without tangents, or the finer of two, and what its motion becomes."""
+
+    def at(step: float) -> tuple[LoopRun, Attractor]:
+        asked = Study(
+            *(loop.controller, loop.plant, Reference.constant(loop.setpoint), stop, step),
+            plant_values=loop.plant_values,
+            controller_values=loop.controller_values,
+            mapping=loop.mapping,
+        )
+        with parts.fresh() as (plant, controller):
+            run, _ = run_parts(asked, plant, controller)
+        return run, signal_motion(run, loop.nominal(parts))
+
+    run, motion = at(step)
+    if run.verdict.trusted:
+        return run, motion
+    finer, again = at(0.5 * step)
+    return finer, agreed(motion, again, "half the step")
+
+
+def check_parts(study: MapStudy, fmus: OverFmus) -> None:
+    """Make sure that the FMUs can be coupled as the cells will couple them, by one step.
+
+    Raises
+    ------
+    BadMap
+    """
+    brief = replace(study, stop=min(fmus.step, study.stop))
+    try:
+        with opened_parts(study.plant, study.controller, fmus.tangents) as parts:
+            run_fmu_cell(brief, fmus, parts, *study.point(0), 1.0)
+    except (
+        *(FmuError, WiringError, CouplingError, BadParameter),
+        *(TangentsImpossible, UnsupportedComponent),
+    ) as error:
+        raise BadMap(str(error)) from error

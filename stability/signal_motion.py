@@ -1,0 +1,141 @@
+"""What a motion becomes, as far as its signals tell: for loops of FMUs, which give no equations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .attractor import Attractor, Kind, closings
+
+Vector = npt.NDArray[np.float64]
+
+WINDOW = 0.1  # of the run: three of them at its end are compared
+SETTLED = 1e-7  # of a signal's range: a swing that is as good as none
+SMALL = 1e-3  # of a signal's range: a swing of what is nearly at rest, and of a cycle that closes
+FALLING = 0.5  # of the swing in the window before, at most, of what comes to rest
+LEAST = 1e-6  # of its nominal value: the range of a signal that stands still all along
+SHRUNK = 0.5  # share of its size that a motion may lose over its second half and be a cycle
+NEUTRAL, DECAYED = 1e-2, 0.1  # nats: a tangent that neither grows nor falls, and one that falls
+
+
+class Signals(Protocol):
+    """A coupled run: times [s], the plant's outputs, and how it ended."""
+
+    @property
+    def time(self) -> Vector: ...
+    @property
+    def outputs(self) -> dict[str, Vector]: ...
+    @property
+    def stopped(self) -> str: ...
+    @property
+    def diverged(self) -> bool: ...
+
+
+def signal_motion(
+    run: Signals, nominal: Mapping[str, float], growth: Vector | None = None
+) -> Attractor:
+    """What the motion of a coupled run becomes.
+
+    Rest and cycles are told from the last three tenths of the run, nothing beyond. Whether rest is
+    one of a line of equilibria shows in the first tangent alone: at rest it neither grows nor falls
+    where a direction is neutral.
+
+    Parameters
+    ----------
+    run : Signals
+    nominal : mapping of str to float
+        Nominal values of the outputs.
+    growth : ndarray, shape (m,), optional
+        Logarithm of the length of the first tangent at the times of the run [nats].
+    """
+    if run.diverged:
+        return Attractor(Kind.DIVERGES, run.stopped, since=float(run.time[-1]))
+    if run.stopped:
+        return Attractor(Kind.UNDECIDED, run.stopped, "a run that gets beyond that point")
+    names, table = list(run.outputs), np.column_stack(list(run.outputs.values()))
+    least = LEAST * np.array([nominal[n] for n in names])
+    scale = np.maximum(np.ptp(table, axis=0), least)
+    end = run.time[-1]
+    swings = []
+    for k in (3, 2, 1):
+        first, behind = np.searchsorted(
+            run.time, [(1 - k * WINDOW) * end, (1 - (k - 1) * WINDOW) * end]
+        )
+        swings.append(np.ptp(table[first : behind + 1], axis=0) / scale)
+    before, middle, last = (float(s.max()) for s in swings)
+    moves = f"over the last tenth of the run no output moves by more than {last:.2g} of its range"
+    falls = middle <= FALLING * before and last <= FALLING * middle and last <= SMALL
+    if falls or max(middle, last) <= SETTLED:
+        if falls:
+            moves += f", after {middle:.2g} and {before:.2g} in the tenths before"
+        return _rest(run, moves, growth)
+    widest = int(np.argmax(swings[-1]))
+    cycle = _cycle(run, names, table, widest)
+    return cycle or Attractor(
+        Kind.UNDECIDED,
+        "neither rest nor returns that close: over the last tenth of the run "
+        f"{names[widest]} moves by {last:.2g} of its range",
+        "a longer run, or the equations (--via model)",
+    )
+
+
+def _rest(run: Signals, moves: str, growth: Vector | None) -> Attractor:
+    if growth is None:
+        return Attractor(Kind.REST, moves)
+    begin = (1.0 - WINDOW) * run.time[-1]
+    grown = float(growth[-1] - np.interp(begin, run.time, growth))
+    text = f"{moves}; the first tangent grows by {grown:.2g} nats meanwhile"
+    if abs(grown) <= NEUTRAL:
+        return Attractor(Kind.LINE, f"{text}: a direction is neutral")
+    if grown < -DECAYED:
+        return Attractor(Kind.FIXED_POINT, f"{text}: no direction is neutral")
+    if grown > 0.0:
+        return Attractor(Kind.UNDECIDED, f"{text}: a disturbance may leave", "a longer run")
+    return Attractor(Kind.REST, text)
+
+
+def _cycle(
+    run: Signals, names: list[str], table: npt.NDArray[np.float64], widest: int
+) -> Attractor | None:
+    """A cycle, where states of the second half, one period apart, are the same."""
+    half = run.time >= 0.5 * run.time[-1]
+    time, rows = run.time[half], table[half]
+    low, high = rows.min(axis=0), rows.max(axis=0)
+    above = rows[:, widest] - 0.5 * (low + high)[widest]
+    at = np.flatnonzero((above[:-1] < 0.0) & (above[1:] >= 0.0))
+    share = -above[at] / (above[at + 1] - above[at])
+    returns = rows[at] + share[:, None] * (rows[at + 1] - rows[at])
+    times = time[at] + share * (time[at + 1] - time[at])
+    size = np.where(high > low, high - low, np.inf)
+    if len(at) < 2:
+        return None
+    # of few outputs a return alone says little: how long it took, and how far it went, belong to it
+    between = np.diff(times)
+    whole = np.column_stack(
+        [
+            returns[1:],
+            np.maximum.reduceat(rows, at)[:-1],
+            np.minimum.reduceat(rows, at)[:-1],
+            between,
+        ]
+    )
+    sizes = np.concatenate([size, size, size, [between.mean()]])
+    for lag, error in closings(whole, sizes, SMALL):
+        period = float(times[-1] - times[-1 - lag])
+        wide = np.ptp(rows[time >= times[-1] - period], axis=0)
+        if np.max(np.abs(wide - size) / size, where=np.isfinite(size), initial=0.0) > SHRUNK:
+            continue
+        swing = 0.5 * float((high - low)[widest])
+        return Attractor(
+            Kind.CYCLE,
+            f"outputs {period:.6g} s apart ({lag} return{'s' if lag > 1 else ''}) differ by "
+            f"{error:.2g} of the motion's size, {names[widest]} swings by {swing:.4g} to either "
+            "side",
+            period=period,
+            amplitude=dict(zip(names, (0.5 * (high - low)).tolist(), strict=True)),
+            return_error=error,
+        )
+    return None

@@ -1,0 +1,134 @@
+"""Exponents of loops of FMUs by name and by file, native, readable and not ours."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+from third_party_fmus import STATE_FEEDBACK_PORTS, proportional, state_feedback
+
+from ballscrew.controllers.linearization import measurements_of
+from ballscrew.fmus.export import export
+from ballscrew.fmus.native import ready
+from ballscrew.fmus.native.export import write_native
+from ballscrew.fmus.native.sources import variational_model
+from ballscrew.plant.axis import axis
+from ballscrew.solver.component import Component, Input, Output, symbol
+from ballscrew.stability.attractor import Kind
+from ballscrew.stability.fmu_parts import FmuLoop
+from ballscrew.stability.loop_lyapunov import loop_lyapunov
+from ballscrew.stability.lyapunov import NoExponents
+from ballscrew.stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
+
+STOP, STEP = 0.3, 1e-3
+
+
+def share_of_allowed(found, expected):
+    """Largest difference over what is allowed: 1e-3 relative, or 1e-3 bits/s near zero."""
+    bits, goal = found / np.log(2), expected / np.log(2)
+    return float(np.max(np.abs(bits - goal) / np.maximum(1e-3 * np.abs(goal), 1e-3)))
+
+
+@pytest.fixture(scope="module")
+def stranger(tmp_path_factory):
+    return state_feedback(tmp_path_factory.mktemp("strangers"), "Feedback")
+
+
+def equations_of_the_stranger():
+    """What `state_feedback` does, written as a component."""
+    inputs = [i for i in measurements_of(axis()) if i.name in ("x", "v", "x_d")]
+    command = 400 * (symbol("x_d") - symbol("x")) - sp.Integer(2) * symbol("v")
+    return Component(
+        name="feedback",
+        description="State feedback",
+        inputs=tuple(inputs),
+        outputs=(Output("u", "V", "motor voltage", command, nominal=10.0),),
+    )
+
+
+@pytest.mark.parametrize("controller", ["iol", "pid"])
+def test_native_variational_fmus_have_the_exponents_of_the_equations(native, controller):
+    run = loop_lyapunov_over_fmus(FmuLoop(controller), STOP, STEP)
+    assert run.method.startswith("native variational FMUs, tangent ports")
+    assert share_of_allowed(run.exponents, np.sort(run.tighter.exponents)[::-1]) < 1.0
+    assert run.motion.evidence == loop_lyapunov(controller, STOP).motion.evidence
+
+
+def test_readable_and_native_fmus_give_the_same_exponents(native, monkeypatch):
+    own = loop_lyapunov_over_fmus(FmuLoop("pid"), 0.1, STEP)
+    monkeypatch.setattr(ready, "_native", _no_compiler)
+    readable = loop_lyapunov_over_fmus(FmuLoop("pid"), 0.1, STEP)
+    assert readable.method.startswith("readable variational FMUs")
+    np.testing.assert_allclose(readable.exponents, own.exponents, rtol=1e-7, atol=1e-7)
+
+
+def _no_compiler(name, tangents):
+    raise ready.CompilerFailed("hidden")
+
+
+def test_a_third_party_controller_is_probed_in_a_process_of_its_own(stranger):
+    loop = FmuLoop(str(stranger), mapping=STATE_FEEDBACK_PORTS)
+    run = loop_lyapunov_over_fmus(loop, STOP, STEP)
+    expected = loop_lyapunov(equations_of_the_stranger(), STOP)
+    assert "controller: third-party FMU, probed by differences" in run.method
+    assert share_of_allowed(run.exponents, expected.exponents) < 3.0
+    assert np.all(run.error < 5e-3 * np.maximum(1.0, np.abs(run.exponents)))
+    assert run.names == ["x", "v", "z", "i"]
+
+
+def test_derivatives_of_a_set_point_that_stands_still_are_zero(tmp_path):
+    plain = equations_of_the_stranger()
+    output = plain.outputs[0]
+    forward = Input("v_d", "m/s", "desired velocity", role="reference_derivative")
+    made = replace(
+        plain,
+        inputs=(*plain.inputs, forward),
+        outputs=(replace(output, value=output.value + 20 * symbol("v_d")),),
+    )
+    path = export(made, tmp_path / "forward.fmu")
+    run = loop_lyapunov_over_fmus(FmuLoop(str(path)), 0.1, STEP)
+    expected = loop_lyapunov(plain, 0.1)
+    assert share_of_allowed(run.exponents, expected.exponents) < 3.0
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_a_plain_export_of_a_controller_with_a_state_is_probed(native, fmi):
+    """Its state is followed in volts: the sum of all exponents stays, and so do the fast ones."""
+    run = loop_lyapunov_over_fmus(FmuLoop(str(native("pid", fmi))), STOP, STEP)
+    expected = np.sort(loop_lyapunov("pid", STOP).exponents)[::-1]
+    assert run.exponents.sum() == pytest.approx(expected.sum(), rel=1e-4)
+    assert run.exponents[-1] == pytest.approx(expected[-1], rel=2e-3)
+    assert "differ by a constant over the time" in run.method
+    assert run.sum_rule_error() is None  # a stranger tells no trace
+
+
+def test_without_equations_the_signals_tell_and_it_is_said_that_they_tell_no_more(native):
+    loop = FmuLoop("iol", str(write_variational_plant(native)))
+    run = loop_lyapunov_over_fmus(loop, 20.0, 2e-3)
+    assert run.motion.kind is Kind.LINE
+    assert "the first tangent grows by" in run.motion.evidence
+    assert run.motion.limit is None
+    assert "finite-time only" in run.method
+    early = loop_lyapunov_over_fmus(loop, 0.5, 2e-3)
+    assert early.motion.kind is Kind.UNDECIDED
+    assert not early.decided
+
+
+def write_variational_plant(native):
+    """A plant with tangents, as `export --native --variational` writes it."""
+    path = native("plant").with_name("plant_variational.fmu")
+    return path if path.is_file() else write_native(variational_model("plant", 5), path, 2).path
+
+
+def test_what_cannot_be_followed_is_refused_with_what_is_missing(tmp_path, fmus):
+    def refused(words, **loop):
+        with pytest.raises(NoExponents, match=words):
+            loop_lyapunov_over_fmus(FmuLoop(**loop), 0.1, STEP)
+
+    ports = {"mapping": STATE_FEEDBACK_PORTS}
+    refused("sampled", controller="pid_sampled")
+    refused("cannot save", controller=str(state_feedback(tmp_path, "Forgets", False)), **ports)
+    refused("no tangent ports", controller="pid", plant=str(fmus["plant"]))
+    refused("follows its inputs at once", controller=str(fmus["pid_sampled"]))
+    refused("cannot save", controller=str(proportional(tmp_path, "Stepped")))
+    refused("modes", controller="pid", plant="plant_classical")
