@@ -101,7 +101,7 @@ def follow_tangents(
     count = n if count is None else count
     if not 1 <= count <= n:
         raise ValueError(f"{count} tangents, expected 1 to {n}, the number of states")
-    rows = np.array(np.eye(n)[:count] if frame is None else frame, dtype=float)
+    rows = np.array(np.eye(n)[:count] if frame is None else frame, dtype=float, order="C")
     if rows.shape != (count, n):
         raise ValueError(f"the frame has the shape {rows.shape}, expected {(count, n)}")
     grid = np.asarray(times, dtype=float)

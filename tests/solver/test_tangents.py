@@ -77,6 +77,14 @@ def test_finite_time_exponents_are_those_of_the_first_frame_asked_for():
     assert np.max(np.abs(turned - linear_exponents(MATRIX, 1.0).exponents)) > 0.1
 
 
+def test_a_frame_may_lie_in_memory_column_by_column():
+    """As the transpose of another one does."""
+    matrix = np.array([[-1.0, 0.4, 0.0], [0.0, -300.0, 1.0], [0.2, 0.0, -2e4]])
+    frame = np.linalg.qr(np.arange(9.0).reshape(3, 3) + 5 * np.eye(3))[0]
+    expected = linear_exponents(matrix, 1.0, frame=np.ascontiguousarray(frame.T)).exponents
+    np.testing.assert_array_equal(linear_exponents(matrix, 1.0, frame=frame.T).exponents, expected)
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_fewer_tangents_give_the_same_first_exponents(count):
     few = linear_exponents(MATRIX, 1.0, count=count)
