@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...solver.kernel import CONTROLLER, PLANT
+from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT
 from ..closed_loop import Study, run_study
 from .loop import STEP, StudyLoop
 
@@ -31,8 +31,9 @@ class FmuCheck:
         Largest distance of the two positions [m].
     allowed : float
         Ten times what the study's own run is uncertain by: the most that one unit in the last place
-        of any parameter of the plant, or a tenth of the solver's tolerance, moves it [m]; and,
-        where the controller is not sampled, the master's own estimate of its coupling error.
+        of any parameter of the plant, a tenth of the solver's tolerance, or that of the FMUs' own
+        solvers, moves it [m]; and, where the controller is not sampled, the master's own estimate
+        of its coupling error.
     agrees : bool
     """
 
@@ -67,7 +68,8 @@ def check_over_fmus(
         return FmuCheck(math.nan, math.nan, True)  # a failed run is reported as such already
     # all of them: one alone may be lucky, and leave every count of an encoder as it was
     others = [loop.run(v, reference, duty.stop, tolerance) for v in _nearest(loop, values)]
-    others.append(loop.run(values, reference, duty.stop, tolerance / 10))
+    finer = {tolerance / 10, min(tolerance / 10, DEFAULT_TOLERANCE)}  # the FMUs' own is the latter
+    others += [loop.run(values, reference, duty.stop, finest) for finest in finer]
     apart_of = [np.abs(o.position - own.position).max() for o in others if not o.stopped]
     uncertain = float(max(apart_of, default=math.inf))
     step = own.time[1] if loop.sampled else STEP
