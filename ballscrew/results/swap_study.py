@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..orchestration.pictures import write_figure
 from ..orchestration.study.result import StudyResult
 from ..solver.files import finite_or_null, write_atomically, write_json
 from ..solver.tables import write_table
@@ -45,7 +46,7 @@ class SwapStudy(Result, StudyResult):
         yield "again over FMUs", f"{len(self.checks)} runs, at most {worst:.2g} m apart"
 
     def save(self, folder: Path | str, pictures: bool = True) -> None:
-        """Write ``study.json``, the table of runs and, by default, ``report.html``."""
+        """Write ``study.json``, the table of runs and, by default, the report and its picture."""
         from ..orchestration.study.report import report
 
         folder = Path(folder)
@@ -54,6 +55,7 @@ class SwapStudy(Result, StudyResult):
         write_table(folder, "runs", [self.rows()])
         if pictures:
             write_atomically(folder / "report.html", report(self).encode())
+            write_figure(self.plot(), folder, "study")
 
     def pictures(self) -> dict[str, Any]:
         from ..orchestration.study.pictures import effort_figure

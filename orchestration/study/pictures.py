@@ -11,7 +11,23 @@ if TYPE_CHECKING:
 
 # after Okabe and Ito: colours that the colour-blind can tell apart; then the same with other marks
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+FEW_DECADES = 60.0  # ratio of the ends of an axis
 MARKS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def _label(axis: Any) -> None:
+    """Plain numbers at 1, 2, 5 of each decade; of many decades at 1 alone."""
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
+
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high / low < FEW_DECADES else (1,)))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_locator(NullLocator())
+
+
+def mark_of(number: int) -> int:
+    """Which mark a controller has: no two of 49 have both the mark and the colour in common."""
+    return (number + number // len(COLOURS)) % len(MARKS)
 
 
 def effort_figure(study: StudyResult) -> Any:
@@ -28,7 +44,7 @@ def effort_figure(study: StudyResult) -> Any:
             panel.loglog(
                 study.mean("total_variation", entrant.name, duty),
                 1e6 * study.mean(JUDGED_BY, entrant.name, duty),
-                marker=MARKS[k % len(MARKS)],
+                marker=MARKS[mark_of(k)],
                 color=COLOURS[k % len(COLOURS)],
                 linestyle="none",
                 label=entrant.name,
@@ -37,6 +53,8 @@ def effort_figure(study: StudyResult) -> Any:
         panel.set_xlabel("total variation of the command [V]")
         panel.set_ylabel("rms error [$\\mu$m]")
         panel.grid(True, which="major", alpha=0.3)
+        for axis in (panel.xaxis, panel.yaxis):
+            _label(axis)
     for panel in panels[len(duties) :]:
         panel.set_axis_off()
     handles, labels = panels[0].get_legend_handles_labels()

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from .figures import NAMES, UNITS
-from .pictures import COLOURS
+from .pictures import COLOURS, mark_of
 from .result import JUDGED_BY
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def number(value: float) -> str:
 def _trace(k: int, name: str, **data: Any) -> dict[str, Any]:
     marker = {
         "color": COLOURS[k % len(COLOURS)],
-        "symbol": _SYMBOLS[k % len(_SYMBOLS)],
+        "symbol": _SYMBOLS[mark_of(k)],
         "size": 9,
     }
     return {"type": "scatter", "mode": "markers", "name": name, "marker": marker, **data}

@@ -108,7 +108,12 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     printed = capsys.readouterr().out
     assert "2 controllers, 1 duties, 12 runs" in printed
     assert "again over FMUs" in printed
-    assert {p.name for p in out.iterdir()} >= {"report.html", "study.json", "runs.parquet"}
+    assert {p.name for p in out.iterdir()} >= {
+        "report.html",
+        "study.json",
+        "runs.parquet",
+        "study.png",
+    }
     told = json.loads((out / "study.json").read_text())
     assert [a["order"] for a in told["answers"]] == [list(a.order) for a in result.answers]
     page = (out / "report.html").read_text()
