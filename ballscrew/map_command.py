@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Bar, print_notes
 from .loop_options import read_settings
 from .named_loop import add_loop_options, read_loop
-from .options import TRUSTED, BadRequest, guarded, read_whole_number
+from .options import TRUSTED, BadRequest, guarded
 from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
+from .worker_options import add_worker_options, open_workers, read_worker_count
 
 if TYPE_CHECKING:
     from .named_loop import NamedLoop
@@ -30,7 +30,6 @@ _EXAMPLES = """examples:
 """
 TOLERANCE = "1e-6"  # verdicts by motion; a tenth of it is tried where they might differ
 TOLERANCE_OF_EXPONENTS = "1e-8"
-MOST_WORKERS = 1000
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -61,13 +60,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         )
     add("--exponents", action="store_true", help="the largest Lyapunov exponent of each cell, too")
     add("--refine", action="store_true", help="find the borders between verdicts: borders.csv")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--workers", metavar="N", help="processes of this machine (default: one a core)"
-    )
-    where.add_argument(
-        "--dask", metavar="ADDRESS", help="a Dask scheduler, such as tcp://host:8786"
-    )
+    add_worker_options(parser)
     add("--resume", action="store_true", help="finish the map that this folder holds")
     parser.set_defaults(action=_map)
 
@@ -76,11 +69,9 @@ def _map(options: argparse.Namespace) -> int:
 
     usual = TOLERANCE_OF_EXPONENTS if options.exponents else TOLERANCE
     asked = read_loop(options, usual, finest=1e-12, coarsest=1e-4)
-    count = os.cpu_count() or 1
-    if options.workers is not None:
-        count = read_whole_number("--workers", options.workers, 1, MOST_WORKERS)
+    count = read_worker_count(options)
     from .orchestration.memory import NotEnoughMemory
-    from .orchestration.workers import Dask, Processes, WorkersLost
+    from .orchestration.workers import WorkersLost
     from .stability.map_pictures import save_map_picture
     from .stability.stability_map import make_map
     from .stability.study import BadMap, MapStudy, read_axis
@@ -99,7 +90,7 @@ def _map(options: argparse.Namespace) -> int:
         )
         guarded(study.check)
         prepare_folder(options.out, [options.params])
-        workers = Dask(options.dask) if options.dask else Processes(count)
+        workers = open_workers(options, count)
         progress = _MapProgress()
 
         def beside(stage: Path) -> None:

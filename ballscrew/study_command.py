@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Bar
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder, read_whole_number
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder
 from .results_folder import prepare_folder, save_results
 from .supervision import tell, tell_kept
+from .worker_options import add_worker_options, open_workers, read_worker_count
 
 if TYPE_CHECKING:
     from .results.swap_study import SwapStudy
@@ -20,7 +20,6 @@ _EXAMPLES = """examples:
   ballscrew study STUDY.toml --out out/study
   ballscrew study STUDY.toml --workers 2 --out out/study --resume
 """
-MOST_WORKERS = 1000
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -38,31 +37,23 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add = parser.add_argument
     add("study", type=Path, metavar="STUDY.toml", help="what to do, see docs/study.md")
     add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--workers", metavar="N", help="processes of this machine (default: one a core)"
-    )
-    where.add_argument(
-        "--dask", metavar="ADDRESS", help="a Dask scheduler, such as tcp://host:8786"
-    )
+    add_worker_options(parser)
     add("--resume", action="store_true", help="finish the study that this folder holds")
     add("--json", action="store_true", help="print the answers as JSON")
     parser.set_defaults(action=_study)
 
 
 def _study(options: argparse.Namespace) -> int:
-    count = os.cpu_count() or 1
-    if options.workers is not None:
-        count = read_whole_number("--workers", options.workers, 1, MOST_WORKERS)
+    count = read_worker_count(options)
     from .orchestration.study.plan import BadPlan, read_plan
     from .orchestration.study.study import discard_parts, do_study
-    from .orchestration.workers import Dask, Processes, WorkersLost
+    from .orchestration.workers import WorkersLost
     from .results.swap_study import SwapStudy
 
     try:
         plan = read_plan(options.study)
         prepare_folder(options.out, [options.study])
-        workers = Dask(options.dask) if options.dask else Processes(count)
+        workers = open_workers(options, count)
         progress = _StudyProgress()
         result = SwapStudy.of(do_study(plan, options.out, workers, options.resume, progress))
         progress.finish()

@@ -16,6 +16,7 @@ import numpy as np
 from ...solver.files import write_atomically, write_json
 from ...solver.kernel import CONTROLLER, PLANT
 from ..whole_loop import loop_kernel
+from ..workers import Processes
 from .figures import NAMES, Figures, figures_of
 from .loop import StudyLoop
 from .over_fmus import SHARE, FmuCheck, check_over_fmus
@@ -61,7 +62,8 @@ def do_study(
     parts = _claim(plan, loops, folder / PARTS, resume)
     tunings, figures = tuned_and_judged(plan, loops, parts, workers, progress)
     again = _checks(plan, loops, tunings)
-    checked = _computed(parts, again, _checked, workers, "over FMUs", progress)
+    here = workers if isinstance(workers, Processes) else Processes(1)  # the FMUs are files
+    checked = _computed(parts, again, _checked, here, "over FMUs", progress)
     checks = [FmuCheck(**checked[name]) for name in again]
     return concluded(plan, tunings, figures, checks)
 
