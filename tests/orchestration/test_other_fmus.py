@@ -20,8 +20,8 @@ STOP, STEP = 0.3, 1e-3
 
 
 def course(plant, controller, **options):
-    options = {"step": STEP, **options}
-    run = run_study(Study(str(controller), str(plant), stop=STOP, **options)).run
+    options = {"step": STEP, "stop": STOP, **options}
+    run = run_study(Study(str(controller), str(plant), **options)).run
     assert not run.stopped
     return run, run.outputs | run.commands
 
@@ -78,17 +78,18 @@ def test_a_clock_is_refused_in_one_line(tmp_path, capsys, described):
     assert heard.count("\n") == 1
 
 
-@pytest.mark.parametrize("step", [STEP, STEP / 4])
+@pytest.mark.parametrize(("step", "stop"), [(STEP, STOP), (STEP / 4, 0.03)])
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize("plant", ["plant", "plant_classical"])
-def test_model_exchange_runs_as_co_simulation_does(native, exchanged, fmi, plant, step):
+def test_model_exchange_runs_as_co_simulation_does(native, exchanged, fmi, plant, step, stop):
     """A sampled controller by its time events, dry friction by its state events.
 
     With shorter steps than the sampling period a sample has to be taken at the instant itself.
     """
-    asked = {"coupling": Coupling.GAUSS_SEIDEL, "step": step}
-    _, expected = course(native(plant), native("pid_sampled"), **asked)
-    _, found = course(exchanged(plant, fmi), exchanged("pid_sampled", fmi), step=step)
+    asked = {"step": step, "stop": stop}
+    held = {"coupling": Coupling.GAUSS_SEIDEL, **asked}
+    _, expected = course(native(plant), native("pid_sampled"), **held)
+    _, found = course(exchanged(plant, fmi), exchanged("pid_sampled", fmi), **asked)
     np.testing.assert_allclose(found["x"], expected["x"], rtol=0, atol=1e-8)
 
 
