@@ -10,7 +10,7 @@ from ballscrew.cli import command_parser
 project = "ballscrew"
 version = release = __version__
 copyright = "the authors of ballscrew"
-extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc"]
+extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx-mathjax-offline"]
 html_theme = "furo"
 html_title = f"ballscrew {__version__}"
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
