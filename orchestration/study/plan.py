@@ -7,7 +7,7 @@ import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -183,7 +183,7 @@ class Plan:
         return np.vstack([np.ones((1, drawn.shape[1])), drawn]) if purpose == "tune" else drawn
 
     def to_json(self) -> str:
-        return json.dumps(self, default=lambda o: vars(o), sort_keys=True)
+        return json.dumps(asdict(self), sort_keys=True)
 
 
 @cache
@@ -217,9 +217,9 @@ def _plan(table: dict[str, Any]) -> Plan:
         raise BadPlan(f"version is {version!r}, expected {VERSION}")
     controllers = _part(table, "controllers", dict)
     duties = _part(table, "duty", list)
-    variations = table.pop("vary", [])
-    tuning = dict(table.pop("tuning", {}))
-    limits = tuning.pop("limits", {})
+    variations = _list("vary", table.pop("vary", []))
+    tuning = _table("tuning", table.pop("tuning", {}))
+    limits = _table("tuning.limits", tuning.pop("limits", {}))
     known = {f.name for f in fields(Plan)} - {"entrants", "duties", "variations", "tuning"}
     _check_names("the study", table, known)
     plan = Plan(
@@ -228,7 +228,7 @@ def _plan(table: dict[str, Any]) -> Plan:
         duties=tuple(_duty(k, given) for k, given in enumerate(duties)),
         variations=tuple(_variation(given) for given in variations),
         tuning=_tuning(tuning, limits),
-        instruments=tuple(map(str, table.pop("instruments", ()))),
+        instruments=tuple(map(str, _list("instruments", table.pop("instruments", [])))),
         **_numbers("the study", table, {"plants": 2, "seed": 0, "delay": 0}),
     )
     _check(plan)
@@ -243,16 +243,25 @@ def _part(table: dict[str, Any], name: str, kind: type) -> Any:
     return found
 
 
-def _entrant(name: str, given: Any) -> Entrant:
+def _table(where: str, given: Any) -> dict[str, Any]:
     if not isinstance(given, dict):
-        raise BadPlan(f"controllers.{name} is {given!r}, expected a table")
+        raise BadPlan(f"{where} is {given!r}, expected a table")
+    return dict(given)
+
+
+def _list(where: str, given: Any) -> list[Any]:
+    if not isinstance(given, list):
+        raise BadPlan(f"{where} is {given!r}, expected a list")
+    return given
+
+
+def _entrant(name: str, given: Any) -> Entrant:
     where = f"controllers.{name}"
+    given = _table(where, given)
     _check_names(where, given, ("component", "values", "tune"))
     component = str(given.get("component", name))
-    values = _numbers(f"{where}.values", dict(given.get("values", {})), {})
-    ranges = given.get("tune")
-    if ranges is None:
-        ranges = tunable(component)
+    values = _numbers(f"{where}.values", _table(f"{where}.values", given.get("values", {})), {})
+    ranges = _table(f"{where}.tune", given.get("tune", tunable(component)))
     return Entrant(name, component, values, {n: _range(where, n, r) for n, r in ranges.items()})
 
 
@@ -266,7 +275,8 @@ def _range(where: str, name: str, given: Any) -> tuple[float, float]:
     return numbers[0], numbers[1]
 
 
-def _duty(k: int, given: Mapping[str, Any]) -> Duty:
+def _duty(k: int, given: Any) -> Duty:
+    given = _table(f"duty {k + 1}", given)
     _check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune"))
     for name in ("name", "reference", "stop"):
         if name not in given:
@@ -282,7 +292,8 @@ def _duty(k: int, given: Mapping[str, Any]) -> Duty:
     return duty
 
 
-def _variation(given: Mapping[str, Any]) -> Variation:
+def _variation(given: Any) -> Variation:
+    given = _table("vary", given)
     _check_names("vary", given, ("parameters", "uniform"))
     names = given.get("parameters", [])
     if not isinstance(names, list) or not names:
@@ -330,6 +341,9 @@ def _check(plan: Plan) -> None:
             raise BadPlan(f"duty {duty.name} is judged by a motion that is tuned on")
     if not plan.period and (plan.instruments or plan.delay):
         raise BadPlan("instruments and a delay need a sampling period, and period is 0")
+    for duty in plan.tuning_duties:
+        if not duty.signal().values.any():
+            raise BadPlan(f"duty {duty.name} does not move, and gives nothing to tune on")
     names = [d.name for d in plan.duties]
     if len(set(names)) < len(names):
         raise BadPlan("two duties have one name")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...solver.files import write_atomically, write_json
-from ...solver.kernel import CONTROLLER, PLANT
+from ...solver.kernel import CONTROLLER, PLANT, Kernel
 from ..whole_loop import loop_kernel
 from ..workers import Processes
 from .figures import NAMES, Figures, figures_of
@@ -179,23 +179,37 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
 
 def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:
     from ...fmus.catalogue import UnknownComponent, component
-    from ...solver.component import ContractError
+    from ...solver.component_file import BadComponentFile
+    from ...solver.contract_error import ContractError
 
     try:
         kernel = loop_kernel(component(plan.plant), composed(plan, entrant))
-    except (UnknownComponent, ContractError) as error:
-        raise BadPlan(f"controllers.{entrant.name}: {error}") from error
-    known = {p.name for p in kernel.parameters}
-    for side, names, where in (
-        (CONTROLLER, [*entrant.values, *entrant.tune], f"controllers.{entrant.name}"),
-        (PLANT, [n for v in plan.variations for n in v.parameters], "vary"),
-    ):
-        for name in names:
-            if side + name not in known:
-                there = ", ".join(sorted(n.removeprefix(side) for n in known if n.startswith(side)))
-                raise BadPlan(f"{where}: no parameter {name!r}; there are {there}")
+    except (UnknownComponent, BadComponentFile, ContractError) as error:
+        raise BadPlan(f"controllers.{entrant.name} on {plan.plant}: {error}") from error
+    _check_parameters(plan, entrant, kernel)
     kernel.compile()
     return StudyLoop(kernel)
+
+
+def _check_parameters(plan: Plan, entrant: Entrant, kernel: Kernel) -> None:
+    """Make sure that all that is set, tuned or varied is there, and stays in its range."""
+    known = {p.name: p for p in kernel.parameters}
+    where = f"controllers.{entrant.name}"
+    asked = [(where, CONTROLLER, n, (value,)) for n, value in entrant.values.items()]
+    asked += [(where, CONTROLLER, n, ends) for n, ends in entrant.tune.items()]
+    asked += [("vary", PLANT, n, v.uniform) for v in plan.variations for n in v.parameters]
+    for place, side, name, ends in asked:
+        p = known.get(side + name)
+        if p is None:
+            there = ", ".join(sorted(n.removeprefix(side) for n in known if n.startswith(side)))
+            raise BadPlan(f"{place}: no parameter {name!r}; there are {there}")
+        for end in ends:
+            value = end * p.default if side == PLANT else end
+            if not p.minimum <= value <= p.maximum:
+                raise BadPlan(
+                    f"{place}: {name} would be {value:g}, expected within "
+                    f"[{p.minimum:g}, {p.maximum:g}]"
+                )
 
 
 def values_for(

@@ -74,6 +74,12 @@ def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
         ("stop = 1.0", "stop = 0", "stop is 0 s"),
         ("[controllers.pid]", "[controler.pid]", "has no .controllers.NAME."),
         ("stop = 1.0", "stop = 1.0 s", "is no TOML"),
+        ("plants = 5", "plants = 5\ninstruments = 3", "instruments is 3, expected a list"),
+        ("tune = {Kp = [10.0, 3000.0]}", "tune = 3", "pid.tune is 3, expected a table"),
+        ("tune = {Kp = [10.0, 3000.0]}", "values = 3", "pid.values is 3, expected a table"),
+        ("[tuning.limits]\novershoot = 1e-3", "limits = 3", "limits is 3, expected a table"),
+        ('[[vary]]\nparameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]', "[vary]", "expected a list"),
+        ("move:distance=0.01", "step:size=0", "does not move, and gives nothing to tune on"),
     ],
 )
 def test_bad_studies_are_refused_in_one_line(tmp_path, old, new, message):

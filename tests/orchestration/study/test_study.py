@@ -126,6 +126,11 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     [
         ("[controllers.pid]", "[controllers.pidd]", "pidd"),
         ("Kp =", "Kpp =", "no parameter 'Kpp'; there are Kd, Ki, Kp"),
+        ("[controllers.pid]", '[controllers.pid]\ncomponent = "no.py:f"', "there is no file no.py"),
+        ("plants = 3", 'plants = 3\nplant = "no.py:f"', "there is no file no.py"),
+        ("plants = 3", 'plants = 3\ninstruments = ["encodr"]', "no instrument 'encodr'"),
+        ("uniform = [0.7, 1.3]", "uniform = [-1.0, 1.0]", "Fc would be -1"),
+        ("[5.0, 60.0]", "[-5.0, 60.0]", "c would be -5, expected within [0, inf]"),
         ('"Fc", "Fs"', '"Fc", "Fz"', "vary: no parameter 'Fz'; there are Fc, Fs"),
     ],
 )
