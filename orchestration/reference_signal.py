@@ -97,13 +97,18 @@ class Reference:
 
     def all_at(self, t: float, orders: Sequence[int]) -> Vector:
         """The set-point's derivatives of these orders (0: itself) at a time [s], shape (n,)."""
-        after = int(np.searchsorted(self.times, t, side="right"))
-        k = max(after - 1, 0)
-        table = [self.derivative(order) for order in orders]
-        if after in (0, len(self.times)):
-            return np.array([column[k] for column in table])
-        since, span = t - self.times[k], self.times[after] - self.times[k]
-        return np.array([(c[after] - c[k]) / span * since + c[k] for c in table])
+        return np.array([self.on(np.array([t]), order)[0] for order in orders])
+
+    def on(self, grid: Vector, order: int) -> Vector:
+        """The set-point (order 0) or a derivative at times [s] of any order, shape (m,)."""
+        values = self.derivative(order)
+        after = np.searchsorted(self.times, grid, side="right")  # the first point after each
+        here, last = np.maximum(after - 1, 0), len(values) - 1
+        inside = (after > 0) & (after <= last)
+        following = np.where(inside, after, here)
+        span = np.where(inside, self.times[following] - self.times[here], 1.0)
+        slope = (values[following] - values[here]) / span
+        return np.asarray(slope * (grid - self.times[here]) * inside + values[here])
 
     def derivative(self, order: int) -> Vector:
         """Values at the points of the set-point (order 0) or of a derivative, shape (m,).

@@ -106,6 +106,13 @@ def _with_ramps(loop: Component) -> Component:
     return loop.substituted(ramps, inputs=(*loop.inputs, *rates, started))
 
 
+def reference_orders(kernel: Kernel) -> dict[str, int]:
+    """Inputs of a loop that take the set-point (0) or its derivatives, and the order of each."""
+    orders = {i.name: 0 for i in kernel.inputs if i.role == "reference"}
+    derived = (i.name for i in kernel.inputs if i.role == "reference_derivative")
+    return orders | {name: DERIVATIVES[name] for name in derived}
+
+
 def run_monolithic(
     plant: str,
     controller: str,
@@ -185,15 +192,13 @@ def _simulate(
     times = np.minimum(np.arange(points + 1) * step, stop)
     table = np.empty((points + 1, len(kernel.outputs)))
     nominal = np.array([o.nominal for o in kernel.outputs])
-    driven = {i.name: 0 for i in kernel.inputs if i.role == "reference"}
-    driven |= {
-        i.name: DERIVATIVES[i.name] for i in kernel.inputs if i.role == "reference_derivative"
-    }
+    orders = reference_orders(kernel)
+    driven = {name: reference.on(times, order) for name, order in orders.items()}
     stopped = ""
     for k, t in enumerate(times):
         end = times[min(k + 1, points)]
-        now, then = (reference.all_at(s, list(driven.values())) for s in (t, end))
-        for name, value, later in zip(driven, now, then, strict=True):
+        for name, signal in driven.items():
+            value, later = signal[k], signal[min(k + 1, points)]
             model.set_input(name, value)
             model.set_input(name + "_rate", (later - value) / (end - t) if end > t else 0.0)
         model.set_input("t_step", t)

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from ...fmus.set_point import DERIVATIVES
 from ...solver import core
 from ...solver.kernel import IntegrationError, Kernel, Model
 from ..reference_signal import Reference
+from ..whole_loop import reference_orders
 
 Vector = npt.NDArray[np.float64]
 
@@ -89,7 +89,7 @@ class StudyLoop:
         period = model.sample_time
         step = period or STEP
         time = np.arange(math.ceil(stop / step - 1e-9) + 1, dtype=np.float64) * step
-        x_d, v_d = reference_on(time, reference, 0), reference_on(time, reference, 1)
+        x_d, v_d = reference.on(time, 0), reference.on(time, 1)
         at = _inputs(self.kernel, time, reference, ramps=not period)
         before = np.vstack([at[:1], at[:-1]])
         try:
@@ -101,30 +101,16 @@ class StudyLoop:
         return Course(time, y["x"], y["v"], y["i"], y["u"], x_d, v_d)
 
 
-def reference_on(time: Vector, reference: Reference, order: int) -> Vector:
-    """A derivative of the set-point at increasing times, the later of two values at a step."""
-    times, values = reference.times, reference.derivative(order)
-    after = np.searchsorted(times, time, side="right")
-    k = np.clip(after - 1, 0, len(times) - 1)
-    end = np.minimum(after, len(times) - 1)
-    span = times[end] - times[k]
-    inside = (after > 0) & (after < len(times)) & (span > 0)
-    share = np.where(inside, (time - times[k]) / np.where(span > 0, span, 1.0), 0.0)
-    return np.asarray(values[k] + share * (values[end] - values[k]))
-
-
 def _inputs(kernel: Kernel, time: Vector, reference: Reference, ramps: bool) -> Vector:
     """Each input at each time; a controller that is not sampled sees ramps in between."""
     names = [i.name for i in kernel.inputs]
     table = np.zeros((len(time), len(names)))
-    for column, given in enumerate(kernel.inputs):
-        if given.role not in ("reference", "reference_derivative"):
-            continue
-        values = reference_on(time, reference, DERIVATIVES.get(given.name, 0))
-        table[:, column] = values
+    for name, order in reference_orders(kernel).items():
+        values = reference.on(time, order)
+        table[:, names.index(name)] = values
         if ramps:
             rates = np.diff(values, append=values[-1:]) / (time[1] - time[0])
-            table[:, names.index(f"{given.name}_rate")] = rates
+            table[:, names.index(f"{name}_rate")] = rates
     table[:, names.index("t_step")] = time
     return table
 

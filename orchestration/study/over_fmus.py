@@ -11,7 +11,7 @@ import numpy as np
 
 from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT
 from ..closed_loop import Study, run_study
-from .loop import STEP, StudyLoop
+from .loop import StudyLoop
 
 if TYPE_CHECKING:
     from .plan import Duty
@@ -72,13 +72,12 @@ def check_over_fmus(
     others += [loop.run(values, reference, duty.stop, finest) for finest in finer]
     apart_of = [np.abs(o.position - own.position).max() for o in others if not o.stopped]
     uncertain = float(max(apart_of, default=math.inf))
-    step = own.time[1] if loop.sampled else STEP
     study = Study(
         controller=fmus[1],
         plant=fmus[0],
         reference=reference,
         stop=float(own.time[-1]),
-        step=float(step),
+        step=float(own.time[1]),
         plant_values=_of(PLANT, values),
         controller_values=_of(CONTROLLER, values),
         isolate=False,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from .figures import NAMES, UNITS
+from .figures import UNITS
 from .pictures import COLOURS, mark_of
 from .result import JUDGED_BY
 
@@ -52,7 +52,7 @@ def report(study: StudyResult) -> str:
         duties=duties,
         names=[e.name for e in study.plan.entrants],
         answers=study.answers,
-        shown=[(n, UNITS[n]) for n in SHOWN if n in NAMES],
+        shown=[(n, UNITS[n]) for n in SHOWN],
         figures=[_error_over_duties(study), *(_error_against_effort(study, d) for d in duties)],
         plotly=get_plotlyjs(),
         version=__version__,

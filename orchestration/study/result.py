@@ -21,7 +21,6 @@ Array = npt.NDArray[np.float64]
 
 JUDGED_BY = "rms_error"
 SMALLEST = 1e-12  # m; errors below it are equal
-MOST_FAILED = 0.0  # share of failed runs from which on a controller is not compared in a duty
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ class StudyResult:
         """Everything of ``study.json``."""
         return {
             "version": 1,
-            "plan": json_ready(self.plan),
+            "plan": asdict(self.plan),
             "tunings": {n: [asdict(t) for t in ts] for n, ts in self.tunings.items()},
             "answers": [asdict(a) for a in self.answers],
             "differences": {
@@ -130,12 +129,6 @@ class StudyResult:
                 for d in self.plan.judged_duties
             },
         }
-
-
-def json_ready(plan: Plan) -> dict[str, Any]:
-    """The plan as plain data."""
-    found: dict[str, Any] = asdict(plan)
-    return found
 
 
 def factor_name(parameters: Sequence[str]) -> str:
@@ -156,8 +149,7 @@ def concluded(
     answers, differences = [], {}
     for d, duty in enumerate(plan.judged_duties):
         lost = {n: int(failed[e, :, d].sum()) for e, n in enumerate(names)}
-        runs = failed[0, :, d].size
-        compared = [n for n in names if lost[n] <= MOST_FAILED * runs]
+        compared = [n for n in names if not lost[n]]
         by_name = {n: errors[names.index(n), :, d] for n in compared}
         order = sorted(compared, key=lambda n: float(np.log(by_name[n]).mean()))
         pairs = {

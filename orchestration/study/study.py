@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -195,6 +195,7 @@ def _check_parameters(plan: Plan, entrant: Entrant, kernel: Kernel) -> None:
     """Make sure that all that is set, tuned or varied is there, and stays in its range."""
     known = {p.name: p for p in kernel.parameters}
     where = f"controllers.{entrant.name}"
+    asked: list[tuple[str, str, str, tuple[float, ...]]]
     asked = [(where, CONTROLLER, n, (value,)) for n, value in entrant.values.items()]
     asked += [(where, CONTROLLER, n, ends) for n, ends in entrant.tune.items()]
     asked += [("vary", PLANT, n, v.uniform) for v in plan.variations for n in v.parameters]
@@ -323,12 +324,8 @@ def _computed(
             results[name] = json.loads((parts / name).read_text("utf-8"))
         except (OSError, ValueError):  # not there, or a disk lost the end of it
             continue
-
-    def missing() -> Iterator[tuple[str, tuple[Any, ...]]]:
-        yield from ((n, job) for n, job in jobs.items() if n not in results)
-
-    left = list(missing())
-    for name, found in workers.map(function, iter(left)):
+    missing = [(name, job) for name, job in jobs.items() if name not in results]
+    for name, found in workers.map(function, iter(missing)):
         write_atomically(parts / name, json.dumps(found).encode())
         results[name] = found
         if progress:

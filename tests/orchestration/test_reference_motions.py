@@ -88,6 +88,21 @@ def test_a_step_is_where_it_was_asked_for():
         Reference(motion.times, motion.values).derivative(1)
 
 
+def test_a_motion_on_a_grid_is_interpolated_and_held_outside():
+    """A triangle of 1 mm in 0.2 s, from 0.1 s to 0.6 s; its velocity jumps between equal times."""
+    motion = triangle(1e-3, 0.2, 0.5, start=0.1)
+    grid = np.arange(700) * 1e-3 + 5e-4
+    np.testing.assert_allclose(
+        motion.on(grid, 0), np.interp(grid, motion.times, motion.values), atol=1e-17
+    )
+    turns = np.floor((grid - 0.1) / 0.1)
+    forward = np.where(turns % 2 == 0, 0.01, -0.01)
+    expected = np.where(grid < 0.1, 0.0, np.where(grid < 0.6, forward, 0.01))
+    np.testing.assert_allclose(motion.on(grid, 1), expected, atol=1e-15)
+    assert motion.on(np.array([0.2]), 1)[0] == pytest.approx(-0.01)  # of two values the later
+    assert Reference.constant(0.3).on(grid, 0).tolist() == [0.3] * 700
+
+
 def test_every_kind_can_be_written_and_a_file_name_is_none():
     for kind in KINDS:
         assert isinstance(read_motion(kind), Reference)

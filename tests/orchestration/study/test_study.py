@@ -1,7 +1,6 @@
 """A small study from beginning to end, over the functions and by the command."""
 
 import json
-import math
 import shutil
 from dataclasses import replace
 
@@ -10,8 +9,7 @@ import pytest
 
 from ballscrew.cli import main
 from ballscrew.orchestration.reference_motions import read_motion
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.study.loop import StudyLoop, reference_on
+from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import BadPlan, read_plan
 from ballscrew.orchestration.study.study import PARTS, do_study
 from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
@@ -153,12 +151,3 @@ def test_a_run_is_that_of_the_monolithic_reference(controller):
     other = run_monolithic("plant", controller, motion, 0.3, 1e-3)
     np.testing.assert_allclose(own.position, other.outputs["x"], rtol=0, atol=1e-11)
     np.testing.assert_allclose(own.command, other.commands["u"], rtol=0, atol=1e-6)
-
-
-def test_the_set_point_on_a_grid_is_the_set_point_at_each_time():
-    motion = read_motion("triangle:amplitude=1e-3,period=0.2,duration=0.5,start=0.1")
-    time = np.arange(700) * 1e-3
-    for order in (0, 1):
-        one_by_one = [motion.all_at(t, (order,))[0] for t in time]
-        np.testing.assert_allclose(reference_on(time, motion, order), one_by_one, atol=1e-18)
-    assert math.isclose(reference_on(time, Reference.constant(0.3), 0)[-1], 0.3)
