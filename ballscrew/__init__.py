@@ -15,7 +15,16 @@ if not os.path.isdir(os.path.join(__path__[0], "solver")):
 _PUBLIC = {
     **dict.fromkeys(
         (
-            *("catalogue", "component", "connect", "export", "run", "swap", "lyapunov"),
+            *(
+                "catalogue",
+                "component",
+                "with_friction",
+                "connect",
+                "export",
+                "run",
+                "swap",
+                "lyapunov",
+            ),
             *(
                 "stability_map",
                 "swap_study",
@@ -55,6 +64,7 @@ if TYPE_CHECKING:
     from .api import stability_map as stability_map
     from .api import swap as swap
     from .api import swap_study as swap_study
+    from .api import with_friction as with_friction
 
 
 def __getattr__(name: str) -> Any:

@@ -86,6 +86,56 @@ def component(name: str) -> Component:
     return made(_as_it_is_now(name))
 
 
+def with_friction(
+    body: Component,
+    law: str,
+    values: Values | None = None,
+    velocity: str = "v",
+    position: str = "x",
+) -> Component:
+    """A body with a friction law in its force balance.
+
+    Parameters
+    ----------
+    body : Component
+        Has a `ForceBalance` of `velocity`, and no modes.
+    law : str
+        A law of `catalogue`; with ``classical`` the body sticks and slides as modes.
+    values : mapping of str to float, optional
+        Default values of the law's parameters, in SI units.
+    velocity : str
+        The state that is the speed of sliding: of the body on what it slides on [m/s].
+    position : str
+        The state that goes on as it does at no `velocity` where the body sticks.
+
+    Returns
+    -------
+    Component
+        Its output ``friction`` [N] opposes motion.
+
+    Raises
+    ------
+    KeyError
+        If there is no such law; the message lists those that there are.
+    ContractError
+        If the body has no such balance, or the law no such parameter.
+
+    Examples
+    --------
+    >>> from ballscrew import Component, ForceBalance, ForceTerm, State, symbol, with_friction
+    >>> x, v = symbol("x"), symbol("v")
+    >>> spring = ForceTerm("spring", -100 * x, "a spring of 100 N/m")
+    >>> states = State("x", "m", "position", v, start=0.1), State("v", "m/s", "velocity")
+    >>> balance = ForceBalance("v", 1, (spring,))
+    >>> body = Component("body", "A mass", states=states, balances=(balance,))
+    >>> [mode.name for mode in with_friction(body, "classical", {"Fc": 2.0}).modes]
+    ['stuck', 'forward', 'backward']
+    """
+    from .plant.with_friction import with_friction as made
+
+    return made(body, law, values, velocity, position)
+
+
 def connect(plant: Component, controller: Component) -> Component:
     """The closed loop of a plant and a controller as one component.
 

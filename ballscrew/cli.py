@@ -17,6 +17,7 @@ from . import (
     diagnose_command,
     export_command,
     features_command,
+    gallery_command,
     identify_command,
     lyapunov_command,
     map_command,
@@ -38,11 +39,12 @@ _EXAMPLES = """examples:
   ballscrew identify out/trial --law dahl --out out/dahl
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
   ballscrew features --out out/features
+  ballscrew gallery
   ballscrew new controller mine
 """
 
 
-_DRAWING = ("run", "swap", "lyapunov", "map", "identify", "diagnose", "features")
+_DRAWING = ("run", "swap", "lyapunov", "map", "identify", "diagnose", "features", "gallery")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,6 +99,7 @@ def command_parser() -> argparse.ArgumentParser:
         identify_command,
         diagnose_command,
         features_command,
+        gallery_command,
         new_command,
     ):
         command.add_parser(commands, Parser)

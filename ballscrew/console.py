@@ -123,7 +123,7 @@ def print_figures(figures: dict[str, Any], folder: Path) -> None:
         ("integral of |error|", figures.get("iae"), "m*s"),
         ("coupling residual", figures["coupling_residual_max"], "V"),
     ]
-    for label, value, unit in rows:
+    for label, value, unit in rows if "peak_voltage" in figures else rows[-1:]:
         shown = "-" if value is None else f"{value:.6g} {unit}"
         print(f"{label:<22}{shown}")
     print(f"{'coupling':<22}{figures['coupling']} ({figures['coupling_reason']})")

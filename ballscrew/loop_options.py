@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from .controllers import CONTROLLERS
+from .controllers import ALONE, CONTROLLERS
 from .options import (
     PART,
     BadRequest,
@@ -94,7 +94,7 @@ def read_studies(
     stop = read_stop(options) or 20.0
     loop = read_coupling_options(options, stop)
     for controller in controllers:
-        check_part(option, controller, CONTROLLERS)
+        check_part(option, controller, CONTROLLERS | ALONE)
     check_labels(option, controllers)
     if options.plant is not None:
         check_part("--plant", options.plant, PLANTS)

@@ -133,7 +133,7 @@ def read_loop(
     ------
     BadRequest
     """
-    from .controllers import CONTROLLERS
+    from .controllers import ALONE, CONTROLLERS
     from .plant import PLANTS
 
     over_fmus = options.via == "fmu"
@@ -144,7 +144,7 @@ def read_loop(
             )
     if over_fmus and options.tolerance is not None:
         raise BadRequest("--tolerance is for --via model; FMUs have solvers of their own")
-    for option, known in (("controller", CONTROLLERS), ("plant", PLANTS)):
+    for option, known in (("controller", CONTROLLERS | ALONE), ("plant", PLANTS)):
         part = getattr(options, option)
         if not over_fmus and part and Path(part).suffix == ".fmu":
             raise BadRequest(f"--{option} {part}: an FMU gives no equations; add --via fmu")

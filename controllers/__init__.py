@@ -22,6 +22,8 @@ CONTROLLERS = {
     "fuzzy_pd_i": "ballscrew.controllers.fuzzy_pd_i:fuzzy_pd_i",
     "relay": "ballscrew.controllers.relay:relay",
 }
+# takes a controller's place beside a plant without inputs; nothing to list, export or compare
+ALONE = {"none": "ballscrew.controllers.none:none"}
 
 
 def tunable(name: str) -> dict[str, tuple[float, float]]:

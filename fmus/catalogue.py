@@ -11,7 +11,7 @@ import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from ..controllers import CONTROLLERS
+from ..controllers import ALONE, CONTROLLERS
 from ..instruments import INSTRUMENTS, without_instruments
 from ..plant import PLANTS
 from ..solver import kernel_cache
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..solver.component import Component
 
 NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
+_PLACES = NAMES | ALONE
 # what makes equations or files of components; named, since it is imported when it is needed
 _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
 _CONNECT = "ballscrew.solver.connect"
@@ -40,7 +41,7 @@ class UnknownComponent(KeyError):
 def has_equations(part: str) -> bool:
     """Whether a part's name means equations; if not, it is the path of an FMU."""
     base, _ = without_instruments(part)
-    return base in NAMES or names_file(base)
+    return base in _PLACES or names_file(base)
 
 
 def component(part: str | Component) -> Component:
@@ -108,9 +109,9 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
 
 def _place_of(name: str) -> str:
     """``module:function`` of a name of the catalogue."""
-    if name not in NAMES:
+    if name not in _PLACES:
         raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
-    return NAMES[name]
+    return _PLACES[name]
 
 
 def fmu_kernel(part: str | Component) -> Kernel:

@@ -20,12 +20,12 @@ from .isolated import TIME_LIMIT, IsolatedInstance, open_fmu
 from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
 from .parameter_file import ParameterFile
-from .parts import label_of, part_of, used_parameters
+from .parts import loop_label, part_of, used_parameters
 from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
 from .step_choice import FIRST, choose_step
 from .whole_loop import run_monolithic
-from .wiring import CONTROLLER, Wiring, names_on, wire
+from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
 
 LIMIT = "voltage_limit"  # the plant's parameter
 _Fmu = FmuInstance | IsolatedInstance
@@ -81,7 +81,7 @@ class Study:
     @property
     def label(self) -> str:
         """What to call the loop in tables and pictures."""
-        return label_of(self.controller)
+        return loop_label(self.plant, self.controller)
 
     def parameters(self) -> ParameterFile:
         """All parameters of plant and controller as they are used."""
@@ -182,9 +182,16 @@ def run_parts(
         progress=progress,
         look_again=look_again,
     )
+    run = replace(run, units=_units(plant, run, study.mapping or {}))
     limits = study.plant_values or {}
     notes += amplifier_notes(run, plant.parameters, limits, "--limit-voltage ")
     return run, notes
+
+
+def _units(plant: _Fmu, run: LoopRun, mapping: Mapping[str, str]) -> dict[str, str]:
+    units = {v.name: v.unit for v in plant.description.variables}
+    ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
+    return {ours[n]: units[n] for n in ours if ours[n] in {**run.outputs, **run.commands}}
 
 
 def _connection_notes(study: Study, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:

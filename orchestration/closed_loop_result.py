@@ -82,8 +82,10 @@ class ClosedLoopResult:
         columns = {**run.outputs, **run.commands}
         names = [n for n in FIRST_COLUMNS if n in columns]
         names += [n for n in columns if n not in names]
-        table = [run.time, *(columns[n] for n in names), run.reference]
-        yield _csv_rows([["time", *names, "x_d"]])
+        table = [run.time, *(columns[n] for n in names)]
+        if not run.alone:
+            names, table = [*names, "x_d"], [*table, run.reference]
+        yield _csv_rows([["time", *names]])
         for first in range(0, len(run.time), ROWS):
             piece = [column[first : first + ROWS].tolist() for column in table]
             yield _csv_rows(map(repr, row) for row in zip(*piece, strict=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,8 @@ class LoopRun:
         Why the run ended before its time; empty if it did not.
     diverged : bool
         Whether it ended because an output left every bound.
+    units : dict of str to str
+        Of outputs and commands, as far as the parts say them.
     """
 
     time: Vector
@@ -75,6 +77,12 @@ class LoopRun:
     verdict: Verdict
     stopped: str = ""
     diverged: bool = False
+    units: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def alone(self) -> bool:
+        """Whether the plant ran without commands, and so without a set-point."""
+        return not self.commands
 
 
 class RecordedLoop:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -121,6 +121,9 @@ def run_loop(
             co_run.close()
     ended = _Ended(main, co_runs, course, time, why, not missing)
     first = _concluded(ended, names, commands, chosen, reason)
+    if not commands and first.verdict.trusted:
+        own = f"nothing is coupled; how exact {plant.name}'s own solver is, this run does not tell"
+        return replace(first, verdict=replace(first.verdict, reason=own))
     if not look_again or adaptive or why.reason or any(pair.failure for pair in co_runs):
         return first
     setting = Setting(
@@ -220,6 +223,8 @@ def _choose(
             f"interface-Jacobian coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., "
             "u_rate) and there are none; use gauss-seidel"
         )
+    if not wiring.commands and not wiring.signals:
+        return Coupling.JACOBI, f"{plant.name} runs alone, nothing is coupled"
     if wanted is not None:
         return wanted, "as asked"
     if wiring.accepts_law:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..controllers import ALONE
 from ..fmus.catalogue import fmu_kernel, has_equations, name_of
 from ..fmus.interface import START
 from ..fmus.reading import unpack
@@ -42,6 +43,11 @@ class Part:
 def label_of(name: str) -> str:
     """What a part is called in tables, pictures, options and parameter files."""
     return readable(own_name(name))
+
+
+def loop_label(plant: str, controller: str) -> str:
+    """What a loop is called: as its controller, or as the plant that runs alone."""
+    return label_of(plant if controller in ALONE else controller)
 
 
 def own_name(name: str) -> str:

@@ -19,6 +19,7 @@ from .thinning import rows_over_plane, rows_over_time
 
 if TYPE_CHECKING:
     from .closed_loop_result import ClosedLoopResult
+    from .loop_run import LoopRun
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MOST_POINTS = 20_000  # of a curve as lines in an SVG; beyond, it is an image inside
@@ -41,24 +42,26 @@ STYLE: Any = {
 }
 # margins of a run's pictures, and the room between two rows [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM, _BETWEEN = 0.95, 0.2, 0.4, 0.6, 0.2
-# name of the signal: label, factor to the unit shown, unit
+# name and unit of the signal: label, factor to the unit shown, unit shown
 _SHOWN = {
-    "x": ("position $x$", 1e2, "cm"),
-    "v": ("velocity $v$", 1e2, "cm/s"),
-    "z": ("bristles $z$", 1e6, "µm"),
-    "i": ("current $i$", 1e3, "mA"),
-    "friction": ("friction", 1.0, "N"),
-    "u": ("motor voltage $u$", 1.0, "V"),
+    ("x", "m"): ("position $x$", 1e2, "cm"),
+    ("v", "m/s"): ("velocity $v$", 1e2, "cm/s"),
+    ("z", "m"): ("bristles $z$", 1e6, "µm"),
+    ("i", "A"): ("current $i$", 1e3, "mA"),
+    ("friction", "N"): ("friction", 1.0, "N"),
+    ("u", "V"): ("motor voltage $u$", 1.0, "V"),
 }
+_USUAL = dict(_SHOWN.keys())  # units where an FMU says none
 
 
-def _axis(name: str) -> tuple[str, float, str]:
-    return _SHOWN.get(name, (name, 1.0, ""))
+def _axis(name: str, unit: str = "") -> tuple[str, float, str]:
+    unit = unit or _USUAL.get(name, "")
+    return _SHOWN.get((name, unit), (name, 1.0, "" if unit == "1" else unit))
 
 
-def _label(name: str) -> str:
-    text, _, unit = _axis(name)
-    return f"{text} [{unit}]" if unit else text
+def _label(name: str, unit: str = "") -> str:
+    text, _, shown = _axis(name, unit)
+    return f"{text} [{shown}]" if shown else text
 
 
 def write_figure(figure: Any, folder: Path, stem: str) -> None:
@@ -141,17 +144,20 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     name = result.study.label
     badge = run.verdict.word
     title = f"{name}, {run.coupling.value} coupling: {badge}"
+    if run.alone:
+        title = name
     with mpl.rc_context(STYLE):
         if "x" in run.outputs:
             figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
-            _draw_course(axes, run.time, run.outputs["x"], "x", 0, "position")
-            _draw_set_point(axes, run, label="set-point")
+            _draw_course(axes, run, "x", 0, "position")
+            if not run.alone:
+                _draw_set_point(axes, run, label="set-point")
             axes.set_title(title)
             axes.legend(loc="best")
             figures["position"] = figure
         if "u" in run.commands:
             figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
-            _draw_course(axes, run.time, run.commands["u"], "u", 1, "voltage")
+            _draw_course(axes, run, "u", 1, "voltage")
             peak = int(np.argmax(np.abs(run.commands["u"])))
             axes.annotate(
                 f"{run.commands['u'][peak]:.1f} V at {run.time[peak]:.3f} s",
@@ -166,7 +172,7 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
         shown = shown or list(run.outputs)
         figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)), fixed_margins=True)
         for k, n in enumerate(shown):
-            _draw_course(axes_grid[k][0], run.time, run.outputs[n], n, k, n)
+            _draw_course(axes_grid[k][0], run, n, k, n)
             if k < len(shown) - 1:
                 axes_grid[k][0].set_xlabel("")
                 axes_grid[k][0].tick_params(labelbottom=False)
@@ -181,27 +187,34 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     return figures
 
 
-def _draw_course(axes: Any, time: Any, values: Any, name: str, colour: int, label: str) -> None:
-    _, factor, _ = _axis(name)
-    shown = rows_over_time(time, values)
+def _draw_course(axes: Any, run: LoopRun, name: str, colour: int, label: str) -> None:
+    unit = run.units.get(name, "")
+    _, factor, _ = _axis(name, unit)
+    values = {**run.outputs, **run.commands}[name]
+    shown = rows_over_time(run.time, values)
     style = {"color": COLOURS[colour % len(COLOURS)], "label": label}
-    axes.plot(time[shown], values[shown] * factor, **style)
+    axes.plot(run.time[shown], values[shown] * factor, **style)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(_label(name))
+    axes.set_ylabel(_label(name, unit))
     axes.margins(x=0.01)
 
 
-def _draw_set_point(axes: Any, run: Any, **style: Any) -> None:
+def _draw_set_point(axes: Any, run: LoopRun, **style: Any) -> None:
+    _, factor, _ = _axis("x", run.units.get("x", ""))
     shown = rows_over_time(run.time, run.reference)
-    axes.plot(run.time[shown], run.reference[shown] * 1e2, color="#555555", lw=1, ls=":", **style)
+    axes.plot(
+        run.time[shown], run.reference[shown] * factor, color="#555555", lw=1, ls=":", **style
+    )
 
 
-def _draw_phase(figure: Any, axes: Any, run: Any) -> None:
+def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     from matplotlib.collections import LineCollection
 
-    error = (run.outputs["x"] - run.reference) * 1e2
-    speed = run.outputs["v"] * 1e2
-    points = np.column_stack([error, speed])
+    _, of_x, shown_x = _axis("x", run.units.get("x", ""))
+    _, of_v, _ = _axis("v", run.units.get("v", ""))
+    error = run.outputs["x"] - (0.0 if run.alone else run.reference)
+    speed = run.outputs["v"] * of_v
+    points = np.column_stack([error * of_x, speed])
     # colours span the motion, not the rest after it
     span = np.maximum(np.ptp(points, axis=0), 1e-12)
     moved = np.cumsum(np.hypot(*(np.diff(points, axis=0) / span).T))
@@ -226,8 +239,9 @@ def _draw_phase(figure: Any, axes: Any, run: Any) -> None:
     axes.autoscale_view()
     axes.plot(*points[0], "o", color=COLOURS[0], label="start")
     axes.plot(*points[-1], "X", color=COLOURS[1], ms=9, label="end")
-    axes.set_xlabel("position error $x - x_d$ [cm]")
-    axes.set_ylabel(_label("v"))
+    across = "$x$" if run.alone else "position error $x - x_d$"
+    axes.set_xlabel(f"{across} [{shown_x}]" if shown_x else across)
+    axes.set_ylabel(_label("v", run.units.get("v", "")))
     axes.legend(loc="best")
     figure.colorbar(lines, ax=axes, label="time [s]", extend="max")
 

@@ -164,6 +164,7 @@ def run_monolithic(
         step_range=(float(steps.min(initial=step)), float(steps.max(initial=0.0))),
         verdict=verdict,
         stopped=tight.stopped,
+        units={o.name: o.unit for o in kernel.outputs},
     )
 
 

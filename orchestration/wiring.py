@@ -111,7 +111,7 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
             f"outputs {', '.join(controller.outputs) or 'none'}"
             f"{_near(missing[0], controller.outputs)}; use --map theirs=ours"
         )
-    if not signals:
+    if not signals and (controller.inputs or controller.outputs):
         raise WiringError(
             f"{controller.name} measures nothing of {plant.name}: its inputs are "
             f"{', '.join(controller.inputs) or 'none'}, the plant's outputs are "

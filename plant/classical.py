@@ -48,6 +48,10 @@ def with_sticking(component: Component, velocity: str = "v", position: str = "x"
     ----------
     component : Component
         Has a force balance of `velocity` with the term of `classical` in it.
+    velocity : str
+        The state that is zero where the body sticks: its speed relative to what it slides on.
+    position : str
+        The state that moves with `velocity`, and goes on as it does where that is zero.
 
     Raises
     ------
@@ -77,7 +81,10 @@ def with_sticking(component: Component, velocity: str = "v", position: str = "x"
 
     stuck = Mode(
         STUCK,
-        derivatives={velocity: sp.Integer(0), position: sp.Integer(0)},
+        derivatives={
+            velocity: sp.Integer(0),
+            position: component.derivative(position).xreplace({v: sp.Integer(0)}),
+        },
         outputs={"friction": held, "stuck": sp.Integer(1)},
         events=(
             # a body that starts in motion, or is set in motion, does not stick

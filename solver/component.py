@@ -335,6 +335,31 @@ class Component:
             changed.append(replace(b, terms=terms))
         return replace(self, balances=tuple(changed))
 
+    def with_defaults(self, values: Mapping[str, float], source: str) -> Component:
+        """A copy with other default values of parameters, and where they come from."""
+        known = {p.name for p in self.all_parameters}
+        for name in values:
+            if name not in known:
+                raise ContractError(f"{self.name}: no parameter {name!r}; it has {sorted(known)}")
+
+        def given(parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+            return tuple(
+                replace(p, default=float(values[p.name]), source=source) if p.name in values else p
+                for p in parameters
+            )
+
+        balances = tuple(
+            replace(b, terms=tuple(replace(t, parameters=given(t.parameters)) for t in b.terms))
+            for b in self.balances
+        )
+        time = self.sample_time
+        return replace(
+            self,
+            parameters=given(self.parameters),
+            balances=balances,
+            sample_time=given((time,))[0] if time else None,
+        )
+
     def substituted(
         self, replacements: Mapping[sp.Symbol, sp.Expr], **changes: object
     ) -> Component:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..controllers import ALONE
 from ..fmus.catalogue import name_of
 from ..orchestration.whole_loop import held_loop_kernel, loop_kernel
 from ..solver.delay_states import NODES
@@ -88,7 +89,8 @@ def loop_lyapunov(
     make = loop_maker(*given)
     average = loop_maker(*given, averaged=True) if kernel.quantized else None
     order = loop_order(kernel)
-    label = f"{name_of(controller)} on {name_of(plant)}"
+    alone = isinstance(controller, str) and controller in ALONE
+    label = name_of(plant) if alone else f"{name_of(controller)} on {name_of(plant)}"
     run = lyapunov(
         make, stop, tolerance, order=order, label=label, progress=progress, average=average
     )

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.parts import label_of
+from ..controllers import ALONE
+from ..orchestration.parts import loop_label
 from ..orchestration.pictures import STYLE, new_figure, write_figure
+from ..solver.kernel import PLANT
 from ..solver.tables import read_table, table_path
 from .attractor import Kind
 from .store import TABLE
+from .study import position_unit
 
 if TYPE_CHECKING:
     from .study import MapStudy
@@ -54,11 +57,14 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
     verdict = np.array([kinds.index(Kind(v)) for v in table["verdict"]])
     verdict = verdict.reshape(shape)
     xs, ys = study.x.values(), study.y.values()
-    size = np.abs(column("final_error")) * 1e6
-    swing = column("oscillation_amplitude") * 1e6
+    unit = position_unit(study)
+    factor, shown = (1e6, " [µm]") if unit == "m" else (1.0, f" [{unit}]" if unit != "1" else "")
+    goal = "zero" if study.controller in ALONE else "the set-point"
+    distance = f"distance of x to {goal} at the end{shown}"
+    swing = f"swing of x at the end{shown}"
     panels: list[tuple[str, Any]] = [
-        ("distance to the set-point at the end [µm]", size),
-        ("swing of the position at the end [µm]", swing),
+        (distance, np.abs(column("final_error")) * factor),
+        (swing, column("oscillation_amplitude") * factor),
     ]
     rate = column("lambda1_bits_per_s")
     if np.isfinite(rate).any():
@@ -75,17 +81,18 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
             rasterized=True,
         )
         met = [Patch(color=COLOUR[k], label=k.value) for n, k in enumerate(kinds) if n in verdict]
-        axes[0].set_title(f"{label_of(study.controller)}: what becomes of the loop")
+        axes[0].set_title(f"{loop_label(study.plant, study.controller)}: what becomes of the loop")
         line = _draw_boundary(axes[0], study)
         figure.legend(handles=met + line, loc="outside lower center", ncols=len(met) + len(line))
         for place, (label, values) in zip(axes[1:], panels, strict=True):
             norm = None
             style: dict[str, Any] = {"cmap": "viridis"}
-            if "µm" in label:
+            if label in (distance, swing):
+                least = 1e-10 * factor  # a tenth of a nanometre is no motion
                 finite = values[np.isfinite(values) & (values > 0)]
                 if len(finite):
-                    norm = LogNorm(max(finite.min(), 1e-4), max(finite.max(), 1e-3))
-                values = np.maximum(values, 1e-4)
+                    norm = LogNorm(max(finite.min(), least), max(finite.max(), 10 * least))
+                values = np.maximum(values, least)
             else:
                 bound = float(np.nanpercentile(np.abs(values), 99)) or 1.0
                 style = {"cmap": "PuOr", "vmin": -bound, "vmax": bound}
@@ -116,6 +123,8 @@ def _draw_boundary(axes: Any, study: MapStudy) -> list[Any]:
 
     if study.fmus is not None:
         return []  # an FMU gives no Jacobian of the whole loop
+    if PLANT + "Kv" not in [p.name for p in kernel_of(study).parameters]:
+        return []  # the criterion is one of friction with a smooth sign
     if DESIGN in (study.x.side, study.y.side):
         return []  # a design for each of its points would take longer than the map
     if kernel_of(study).sample_time:

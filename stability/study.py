@@ -272,6 +272,13 @@ def axis_unit(study: MapStudy, name: str) -> str:
     return about.unit if about else "m"
 
 
+def position_unit(study: MapStudy) -> str:
+    """The unit of the position x, whose motion a map judges; metres of an FMU."""
+    if study.fmus is not None:
+        return "m"
+    return next(s.unit for s in kernel_of(study).states if s.name == PLANT + "x")
+
+
 def _about(axis: Axis, plant: str, controller: str) -> ParameterInfo | None:
     """What is known of an axis' parameter; None of set-points."""
     if axis.side == SETPOINT:

@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 STANDS_ON_THOSE_BEFORE = (
     *("solver", "instruments", "plant", "controllers", "fmus", "orchestration"),
     *("stability", "rig", "records", "identification", "diagnosis", "ballscrew"),
+    "gallery",
 )
 
 
@@ -49,6 +50,21 @@ def test_the_reader_of_imports_sees_both_ways_of_writing_them() -> None:
     command = ROOT / "ballscrew" / "identify_command.py"
     assert "identification" in {name for _, name in imported(command)}
     assert {name for _, name in imported(ROOT / "plant" / "lugre.py")} <= {"solver", "plant"}
+
+
+def test_systems_of_the_gallery_use_the_public_api_alone() -> None:
+    """And what all of them share, one folder up."""
+    against = []
+    for source in sorted((ROOT / "gallery").glob("*/*.py")):
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and node.level == 0:
+                names = [node.module or ""]
+            against += [f"{source}: {n}" for n in names if n.startswith("ballscrew.")]
+            if isinstance(node, ast.ImportFrom) and node.level > 1:
+                shared = ("drawing", "finding")
+                against += [f"{source}: {node.module}"] if node.module not in shared else []
+    assert not against
 
 
 def test_every_folder_that_is_installed_has_its_place() -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..orchestration.parts import label_of
+from ..orchestration.parts import loop_label
 from ..orchestration.pictures import write_figure
 from ..solver.tables import read_table, table_path
 from ..stability.store import TABLE, MapSummary
@@ -42,8 +42,8 @@ class StabilityMap(Result):
     def headline(self) -> str:
         s = self.summary
         return (
-            f"{s.study.cells} loops of {label_of(s.study.controller)}; at a tenth of the tolerance "
-            f"{s.disagreed} of {s.checked} have another verdict"
+            f"{s.study.cells} loops of {loop_label(s.study.plant, s.study.controller)}; at a tenth "
+            f"of the tolerance {s.disagreed} of {s.checked} have another verdict"
         )
 
     def facts(self) -> Iterable[tuple[str, str]]:

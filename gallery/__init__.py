@@ -1,0 +1,10 @@
+"""Systems that the field argues about, each with what is known of it and what we find.
+
+A system is a folder of this one, and uses the public API alone: ``components.py`` has its
+equations, ``findings.py`` its numbers and its picture, ``page.md`` tells of it. Adding one is such
+a folder and a line here.
+"""
+
+SYSTEMS = {
+    "van_der_pol": "Van der Pol's oscillator: the limit cycle of the Reference-FMUs",
+}

@@ -1,0 +1,1 @@
+"""Van der Pol's oscillator."""
