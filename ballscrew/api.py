@@ -346,19 +346,27 @@ def lyapunov(
     setpoint: float = 0.08,
     plant_values: Values | None = None,
     controller_values: Values | None = None,
+    step: float | None = None,
+    mapping: Mapping[str, str] | None = None,
 ) -> Exponents:
     """Lyapunov exponents of a closed loop, and what its motion becomes.
 
     Parameters
     ----------
     controller, plant : str or Component
-        A name, a file's function (``mine.py:pi``), or a component.
+        A name, a file's function (``mine.py:pi``), or a component; with `step` also the path of an
+        FMU, and no component. The controller ``none`` leaves a plant without inputs alone.
     stop : float
         Length of the motion [s].
     setpoint : float
         Constant set-point [m].
     plant_values, controller_values : mapping of str to float, optional
         Parameters that are not nominal, in SI units.
+    step : float, optional
+        Communication step of the FMUs of both parts and their master [s]; left out, the equations
+        are followed in one solver.
+    mapping : mapping of str to str, optional
+        With `step`: names of ports of a third-party FMU, ``theirs -> ours``.
 
     Returns
     -------
@@ -386,12 +394,28 @@ def lyapunov(
     (4,)
     """
     from .results.exponents import Exponents
-    from .stability.loop_lyapunov import loop_lyapunov
 
-    given = setpoint, _as_it_is_now(plant), plant_values, controller_values
-    return Exponents.of(loop_lyapunov(_as_it_is_now(controller), stop, *given))
+    law, on = _as_it_is_now(controller), _as_it_is_now(plant)
+    if step is None:
+        from .stability.loop_lyapunov import loop_lyapunov
+
+        if mapping:
+            raise ValueError("mapping is for FMUs; give their communication step, too")
+        given = setpoint, on, plant_values, controller_values
+        return Exponents.of(loop_lyapunov(law, stop, *given))
+    from .stability.fmu_parts import FmuLoop
+    from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
+
+    if not (isinstance(law, str) and isinstance(on, str)):
+        raise ValueError("step: the FMUs are of parts by name or by file, not of components")
+    if not 0.0 < step <= stop:
+        raise ValueError(f"step is {step:g} s, expected more than 0 and at most stop, {stop:g} s")
+    values = dict(plant_values or {}), dict(controller_values or {})
+    loop = FmuLoop(law, on, setpoint, *values, mapping=dict(mapping or {}))
+    return Exponents.of(loop_lyapunov_over_fmus(loop, stop, step))
 
 
+# Long: most of it is its docstring.
 # Many arguments: what the command has options for, by name.
 def stability_map(
     controller: str,
@@ -405,13 +429,16 @@ def stability_map(
     refine: bool = False,
     resume: bool = False,
     workers: int = 1,
+    step: float | None = None,
+    mapping: Mapping[str, str] | None = None,
 ) -> StabilityMap:
     """What becomes of a closed loop over a grid of two of its parameters.
 
     Parameters
     ----------
     controller, plant : str
-        Names of the catalogue, or files' functions (``mine.py:pi``).
+        Names of the catalogue, or files' functions (``mine.py:pi``); with `step` also paths of
+        FMUs. The controller ``none`` leaves a plant without inputs alone.
     x, y : str
         Axes, ``NAME=LOW:HIGH:COUNT``, such as ``sigma0_hat=66966:66968:21``.
     folder : path-like
@@ -426,6 +453,11 @@ def stability_map(
         Whether to finish the map that the folder holds.
     workers : int
         Processes.
+    step : float, optional
+        Communication step of the FMUs of both parts and their master [s]; left out, the equations
+        are followed in one solver.
+    mapping : mapping of str to str, optional
+        With `step`: names of ports of a third-party FMU, ``theirs -> ours``.
 
     Returns
     -------
@@ -455,6 +487,15 @@ def stability_map(
     _as_it_is_now(plant), _as_it_is_now(controller)
     across, along = (read_axis(text, plant, controller) for text in (x, y))
     tolerance = 1e-8 if exponents else 1e-6
+    if mapping and step is None:
+        raise ValueError("mapping is for FMUs; give their communication step, too")
+    fmus = None
+    if step is not None:
+        from .stability.fmu_parts import over_fmus
+
+        if not 0.0 < step <= stop:
+            raise ValueError(f"step is {step:g} s, expected more than 0 and at most stop")
+        fmus = over_fmus(plant, controller, step, mapping or {}, exponents)
     study = MapStudy(
         controller,
         across,
@@ -464,6 +505,7 @@ def stability_map(
         stop=stop,
         exponents=exponents,
         tolerance=tolerance,
+        fmus=fmus,
     )
     study.check()
     summary = make_map(study, Path(folder), Processes(workers), resume, refine)

@@ -154,3 +154,21 @@ def test_bad_requests_are_told_by_one_exception_with_one_line():
         ballscrew.export("pid", "pid.fmu", fmi=3)
     with pytest.raises(ValueError, match="NAME=LOW:HIGH:COUNT"):
         ballscrew.stability_map("iol", x="sigma0_hat", y="sigma1_hat=1:2:2", folder="nowhere")
+
+
+def test_over_fmus_exponents_and_maps_are_those_of_the_command_and_their_wrong_use_is_told(
+    tmp_path,
+):
+    over = ballscrew.lyapunov("pid", stop=0.2, step=1e-3)
+    assert "FMU" in over.method
+    assert over.exponents == pytest.approx(ballscrew.lyapunov("pid", stop=0.2).exponents, rel=1e-3)
+    axes = {"x": "Kp=300:400:2", "y": "plant.Fs=2.2:2.4:2"}
+    made = ballscrew.stability_map("pid", **axes, folder=tmp_path, stop=0.2, step=1e-3)
+    assert made.summary.study.fmus.step == 1e-3
+    for wrong in ({"mapping": {"a": "b"}}, {"step": -1.0}, {"step": 1.0}):
+        with pytest.raises(ValueError, match=r"step"):
+            ballscrew.lyapunov("pid", stop=0.2, **wrong)
+        with pytest.raises(ValueError, match=r"step"):
+            ballscrew.stability_map("pid", **axes, folder=tmp_path, stop=0.2, **wrong)
+    with pytest.raises(ValueError, match="not of components"):
+        ballscrew.lyapunov(ballscrew.component("pid"), stop=0.2, step=1e-3)
