@@ -24,6 +24,7 @@ LAYERS = (
         ("diagnosis", "what a model gets wrong, and why"),
     ),
     (("ballscrew", "public API, command, reports"),),
+    (("gallery", "well-known systems, each with what is known of it"),),
 )
 FLOWS = (
     "components",
@@ -32,11 +33,12 @@ FLOWS = (
     "runs, kernels",
     "records, runs",
     "results",
+    "public API",
 )
 
 
 def main() -> None:
-    figure = Figure(figsize=(8.2, 9.6))
+    figure = Figure(figsize=(8.2, 10.9))
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_xlim(0, 100)
