@@ -334,7 +334,8 @@ class PlainSystem:
         info[LAST_ERROR] = 0.0
         fresh = True  # the Jacobian belongs to the present point
         rejected_before = False
-        still = 0  # events since time last moved on
+        last_event = -math.inf  # when
+        still = 0  # events since time last moved on between two of them
         for _ in range(max_steps):
             if late and not late.has_room():
                 late.make_room()
@@ -371,9 +372,9 @@ class PlainSystem:
                 info[ACCEPTED] += 1
                 fresh = True
                 if found >= 0:
-                    earlier = t
                     t = goal if final and taken == h else t + taken
-                    still = 0 if t > earlier else still + 1
+                    still = 0 if t - last_event > smallest else still + 1
+                    last_event = t
                     self.f.react(t, x, u, p, found)
                     info[EVENTS] += 1
                     if still > MOST_AT_ONCE or self.settle(t, x, u, p, info) != DONE:

@@ -484,6 +484,8 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
     double *const sampled = mode + s->held;
     double *const trial = sampled + n;
     const double longest = c->most ? (c->t1 - c->t0) / STRIDES : c->t1 - c->t0;
+    const double least = SMALLEST * larger(fabs(c->t0), fabs(c->t1));
+    Crowd crowd = {-HUGE_VAL, 0}; /* a walk of one step does not see that there are many */
     double t = c->t0, until = c->t1;
     int found = 0;
     memcpy(c->low, c->x, size);
@@ -502,9 +504,14 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
         }
         memcpy(before, c->x, size);
         memcpy(held, c->u, (size_t)s->held * sizeof(double));
+        const double events = info->events;
         const int status = walk(s, t, smaller(until, t + longest), c->x, c->u, c->p, c->atol,
                                 c->rtol, work, info, 1);
         info->status = status;
+        if (info->events > events && crowded(&crowd, info->reached, least)) {
+            info->status = CHATTER;
+            return found;
+        }
         if (status != DONE && status != TOO_MANY_STEPS)
             return found;
         if (diverged(c->x, c->bound, n)) {
@@ -543,7 +550,8 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
         }
         t = reached;
     }
-    info->status = DONE;
+    const int whole = t >= c->t1 || (c->most && found == c->most);
+    info->status = whole ? DONE : TOO_MANY_STEPS;
     info->reached = t;
     return found;
 }
