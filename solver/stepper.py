@@ -325,10 +325,10 @@ class PlainSystem:
         if (self.states == 0 and not late) or span == 0.0:
             return DONE
         self._u, self._p, self._atol, self._rtol = u, p, list(atol), rtol
-        h = float(info[NEXT_STEP])
-        if not h > 0.0 or h > span:
-            h = span
         smallest = 1e-13 * max(abs(t0), abs(t1), span)
+        h = float(info[NEXT_STEP])
+        if not h > smallest or h > span:  # the step before may have been a sliver
+            h = span
         t = t0
         last_error = float(info[LAST_ERROR]) if info[LAST_ERROR] > 0.0 else 1e-4
         info[LAST_ERROR] = 0.0

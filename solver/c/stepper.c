@@ -375,10 +375,10 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
             watcher->end(watcher->owner, t1, t1);
         return DONE;
     }
-    double h = info->next_step;
-    if (!(h > 0.0) || h > span)
-        h = span;
     const double smallest = SMALLEST * larger(larger(fabs(t0), fabs(t1)), span);
+    double h = info->next_step;
+    if (!(h > smallest) || h > span) /* the step before may have been a sliver */
+        h = span;
     double t = t0;
     double last_error = info->last_error > 0.0 ? info->last_error : 1e-4;
     info->last_error = 0.0;
