@@ -309,7 +309,9 @@ def closings(states: Matrix, size: Vector, noise: float) -> Iterator[tuple[int, 
 def _cycle(model: Model, passes: Returns, exponents: bool) -> Attractor | None:
     """A cycle, where states one period apart close upon each other faster than the motion dies."""
     size = passes.high - passes.low
-    size[size == 0.0] = np.inf
+    size[size <= model.atol] = np.inf  # what has died away has no part in it
+    if not np.isfinite(size).any():
+        return None
     for lag, error in closings(passes.states, size, NOISE * model.tolerance):
         period = float(passes.time[-1] - passes.time[-1 - lag])
         begin = float(passes.time[-1])
@@ -346,7 +348,7 @@ def _closed(
     limit, limit_error = _over_periods(model, once.end, period)
     order = np.argsort(-limit)
     limit, limit_error = limit[order], limit_error[order]
-    if limit[0] * period > GROWING:
+    if not limit[0] * period <= GROWING:  # nor where they could not be followed
         return None
     zeros = int(np.sum(np.abs(limit) <= np.maximum(limit_error, 1e-3 / period)))
     text += f"; over whole periods the exponents are {', '.join(f'{v:.4g}' for v in limit)} nats/s"
@@ -376,12 +378,13 @@ def _over_periods(
 ) -> tuple[Vector, Vector]:
     """Exponents over whole periods, and what the two halves differ by."""
     # where a law turns over within a hair's breadth, exponents ask for more than the motion does
-    model.tolerance *= SHARPER
-    model.atol = model.atol * SHARPER
+    usual = model.tolerance, model.atol
+    model.tolerance, model.atol = SHARPER * usual[0], SHARPER * usual[1]
     settle = follow_tangents(model, time + period * np.arange(periods + 1))
     again = follow_tangents(
         model, time + period * (periods + np.arange(periods + 1)), frame=settle.frame
     )
+    model.tolerance, model.atol = usual
     half = periods // 2
     growth = again.growth
     if len(again.time) <= periods:

@@ -180,6 +180,16 @@ def test_a_ball_in_flight_is_not_at_rest(time):
     assert motion.period == pytest.approx(2.0, rel=1e-9)
 
 
+def test_a_ball_that_loses_nothing_bounces_for_ever_and_on_no_cycle_of_its_own():
+    """Its period grows with its energy, so a disturbance grows, too, but not exponentially."""
+    model = maker(elastic_ball())(1e-9)
+    before = model.tolerance
+    motion = classify_attractor(model, 0.0, 10.0)
+    assert motion.kind is Kind.UNDECIDED, motion.evidence
+    assert "returns that do not close" in motion.evidence
+    assert model.tolerance == before
+
+
 def test_the_limits_at_rest_are_the_real_parts_of_the_eigenvalues():
     focus, line = run("stable focus").motion, run("line of equilibria").motion
     np.testing.assert_allclose(focus.limit, [-0.05, -0.05, -5.0], rtol=1e-9)
