@@ -414,9 +414,11 @@ def _unclosed(model: Model, passes: Returns) -> Attractor:
             "" if run.diverged else "a solver that gets beyond that point",
             since=float(run.time[-1]) if run.diverged else None,
         )
-    rates = np.diff(run.growth, axis=0) / np.diff(run.time)[:, None]
-    limit = rates.mean(axis=0)
-    error = rates.std(axis=0, ddof=1) / np.sqrt(blocks)
+    with np.errstate(invalid="ignore"):
+        rates = np.diff(run.growth, axis=0) / np.diff(run.time)[:, None]
+        limit, error = rates.mean(axis=0), rates.std(axis=0, ddof=1) / np.sqrt(blocks)
+    gone = np.isneginf(run.growth[-1])  # a direction, at some event
+    limit, error = np.where(gone, -np.inf, limit), np.where(gone, 0.0, error)
     order = np.argsort(-limit)
     limit, error = limit[order], error[order]
     small = 1.0 / (run.time[-1] - run.time[0])  # one nat over the run
