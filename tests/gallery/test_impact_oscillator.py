@@ -24,6 +24,7 @@ from ballscrew.gallery.impact_oscillator.findings import (
     doubling,
     exponents,
     findings,
+    largest_exponents,
     motion,
     single_impact,
     without_impacts,
@@ -203,6 +204,18 @@ def test_where_impacts_chatter_no_disturbance_outlives_them():
     assert np.all(np.isneginf(found.motion.limit))
     run = motion({"force": 1.2 * GRAZING}, 60, 100).outputs
     assert np.any((run["x"] == GAP) & (run["v"] == 0.0))  # it stays at the stop for a while
+
+
+def test_while_the_force_grows_the_exponent_is_that_of_free_swings_then_positive_then_negative():
+    shares, before = largest_exponents(0.9, 0.98, 2)
+    assert shares == pytest.approx([0.92, 0.96])
+    assert before == pytest.approx([-ZETA, -ZETA], abs=1e-2)  # within a swing it turns about
+    shares, after = largest_exponents(1.32, 2.6, 40)
+    assert np.all(after[shares < 1.55] > 0.05)
+    late = shares > 2.4  # the force has left the doubling behind
+    known = [single_impact(share * GRAZING).multipliers for share in shares[late]]
+    expected = [math.log(np.abs(m).max()) / PERIOD for m in known]
+    assert after[late] == pytest.approx(expected, abs=5e-3)
 
 
 def test_every_number_of_the_closed_form_is_met():
