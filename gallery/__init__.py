@@ -9,4 +9,5 @@ SYSTEMS = {
     "van_der_pol": "Van der Pol's oscillator: the limit cycle of the Reference-FMUs",
     "bouncing_ball": "Bouncing ball: where it ends, and how the table of the Reference-FMUs is off",
     "impact_oscillator": "Impact oscillator: grazing, chaos and period doubling at a rigid stop",
+    "backlash_drive": "Drive with backlash: how it hunts, against its describing function",
 }
