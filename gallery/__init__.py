@@ -10,4 +10,5 @@ SYSTEMS = {
     "bouncing_ball": "Bouncing ball: where it ends, and how the table of the Reference-FMUs is off",
     "impact_oscillator": "Impact oscillator: grazing, chaos and period doubling at a rigid stop",
     "backlash_drive": "Drive with backlash: how it hunts, against its describing function",
+    "cart_pendulum": "Balanced pendulum: why it hunts where its cart has friction",
 }

@@ -31,6 +31,7 @@ LONGEST_CYCLE = 8  # returns of one period
 FEW, CROSSINGS = 12, 64
 CLOSED = 1e-3  # share of the size of a motion that may be left until it closes
 NOISE = 3e3  # times the tolerance, states one period apart are the same
+BORDER = 1e-2  # share of an event's indicator that is left where the event is near
 GROWING = 0.05  # nats in a period: no cycle, whatever seems to close
 LISTED = 14  # states and eigenvalues
 MANY = 400  # returns from which a torus is told from a long cycle
@@ -184,8 +185,9 @@ def _resting(model: Model, time: float, until: float, span: float) -> Attractor 
     """Rest, where the motion comes near an equilibrium and falls towards it as it must.
 
     The distance has to shrink to a fifth, over three time constants of the slowest eigenvalue, or
-    to what round-off leaves, and the equilibrium has to stay where it is meanwhile. What is neutral
-    must not drift either: over `span`, by no more than that distance.
+    to what round-off leaves where the mode ends at the equilibrium. The equilibrium has to stay
+    where it is meanwhile. What is neutral must not drift either: over `span`, by no more than that
+    distance.
     """
     nominal = model.kernel.nominal
     before = equilibrium_near(model, time)
@@ -206,11 +208,23 @@ def _resting(model: Model, time: float, until: float, span: float) -> Attractor 
         left = float(np.max(np.abs(model.x - found.state) / nominal))
         moved = float(np.max(np.abs(found.state - before.state) / nominal))
         stays = found.drift * span <= max(left, SETTLED)
-        near = left <= 0.2 * distance or left <= SETTLED
+        falls = left <= 0.2 * distance and not _ends_there(model, time + wait, found.state)
+        near = falls or left <= SETTLED
         if near and stays and moved <= 2.0 * max(distance, SETTLED):
             return _rest(model, found, time + wait, wait, distance, left)
     model.x[:], model.u[:] = state, held
     return None
+
+
+def _ends_there(model: Model, time: float, state: Vector) -> bool:
+    """Whether the present mode ends at a state that the motion approaches: it may not get there.
+
+    A body that slides towards a place where its friction would hold it turns back or sticks before.
+    """
+    there, here = np.zeros(model.kernel.events), np.zeros(model.kernel.events)
+    model.system.indicate(time, state, model.u, model.p, there)
+    model.system.indicate(time, model.x, model.u, model.p, here)
+    return bool(np.any(np.abs(there) < BORDER * np.abs(here)))
 
 
 def _moved(model: Model, time: float, wait: float) -> bool:

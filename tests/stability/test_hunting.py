@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 
+from ballscrew.gallery.cart_pendulum.findings import BALANCE, DRY
 from ballscrew.plant.classical import classical, with_sticking
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
@@ -166,3 +167,17 @@ def test_a_sampled_integral_that_fills_is_a_drift() -> None:
     current = 100.0 * 1e-3 / resistance  # A/s, the fastest of all over its nominal value
     nominal = model.kernel.nominal[names.index("plant_i")]
     assert found.drift == pytest.approx(current / nominal, rel=1e-6)
+
+
+def test_wherever_in_its_cycle_it_is_looked_at_a_hunting_cart_is_not_at_rest() -> None:
+    """It slides towards a place where it would rest if it came there; but it sticks before."""
+    make = loop_maker(DRY, BALANCE, 0.0)
+    model = make(1e-9)
+    model.advance(0.0, 30.0)
+    state, mode = model.x.copy(), model.u.copy()
+    for k in range(40):
+        time = 30.0 + 0.1 * k  # half a period
+        model.x[:], model.u[:] = state, mode
+        model.advance(30.0, time)
+        found = classify_attractor(model, time, 10.0, exponents=False, rounds=1)
+        assert found.kind is Kind.CYCLE, found.evidence

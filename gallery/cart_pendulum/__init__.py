@@ -1,0 +1,1 @@
+"""A pendulum that is balanced on a cart with friction."""

@@ -1,0 +1,182 @@
+"""The balanced pendulum: Lagrange's equations, its design, and its cycle piece by piece."""
+
+import math
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import root
+
+import ballscrew
+from ballscrew.gallery.cart_pendulum.findings import (
+    BALANCE,
+    BOB,
+    CART,
+    DRY,
+    FRICTION,
+    LUGRE,
+    ROD,
+    G,
+    M,
+    becomes,
+    closed,
+    designed,
+    findings,
+    motion,
+    predicted,
+    swing_of,
+    upright,
+)
+
+GAINS = {p.name: p.default for p in ballscrew.component(BALANCE).parameters}
+
+
+def test_the_equations_are_lagranges():
+    t, force = sp.Symbol("t"), sp.Symbol("force")
+    x, th = (sp.Function(n)(t) for n in ("x", "th"))
+    across, up = x + ROD * sp.sin(th), ROD * sp.cos(th)
+    kinetic = M * x.diff(t) ** 2 / 2 + BOB * (across.diff(t) ** 2 + up.diff(t) ** 2) / 2
+    lagrangian = kinetic - BOB * G * up
+    equations = [
+        lagrangian.diff(s.diff(t)).diff(t) - lagrangian.diff(s) - f
+        for s, f in ((x, force), (th, 0))
+    ]
+    accelerations = sp.solve(equations, [x.diff(t, 2), th.diff(t, 2)])
+    values = {x: 0.3, th: 0.4, force: 0.7}
+    speeds = {x.diff(t): -0.8, th.diff(t): 1.3}
+    expected = [float(accelerations[s.diff(t, 2)].subs(speeds).subs(values)) for s in (x, th)]
+    cart = ballscrew.component(CART)
+    q = ROD * 1.3 - 0.8 * math.cos(0.4)
+    here = {"x": 0.3, "v": -0.8, "th": 0.4, "q": q, "u": 0.7, "M": M, "m": BOB, "l": ROD, "g": G}
+    numbers = {ballscrew.symbol(n): value for n, value in here.items()}
+    v_rate, th_rate, q_rate = (float(cart.derivative(n).subs(numbers)) for n in ("v", "th", "q"))
+    assert th_rate == pytest.approx(1.3)
+    # q = l th' + v cos(th), so q' = l th'' + v' cos(th) - v th' sin(th)
+    angular = (q_rate - v_rate * math.cos(0.4) - 0.8 * 1.3 * math.sin(0.4)) / ROD
+    assert [v_rate, angular] == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_gains_are_those_of_the_design_and_the_loop_has_its_eigenvalues():
+    assert list(GAINS.values()) == pytest.approx(designed(), abs=1e-5)
+    rates, force = upright()
+    assert np.linalg.eigvals(rates).real.max() == pytest.approx(
+        math.sqrt((M + BOB) * G / (M * ROD))
+    )
+    expected = np.sort(np.linalg.eigvals(rates - np.outer(force, list(GAINS.values()))).real)[::-1]
+    assert becomes(CART).kind.value == "isolated fixed point"
+    assert becomes(CART).limit == pytest.approx(expected, rel=1e-9)
+
+
+@given(weights=st.lists(st.floats(-1.0, 2.0), min_size=5, max_size=5))
+@settings(max_examples=6, deadline=None, derandomize=True)
+def test_every_linear_quadratic_design_balances_without_friction_and_hunts_with_it(weights):
+    """Whatever the weights: the theorem of the design, and what a cart that sticks makes of it."""
+    from scipy.linalg import solve_continuous_are
+
+    rates, force = upright()
+    *of_states, of_force = 10.0 ** np.array(weights)
+    cost = solve_continuous_are(rates, force[:, None], np.diag(of_states), [[of_force]])
+    gains = dict(zip(GAINS, (force @ cost / of_force).tolist(), strict=True))
+    slowest = -np.linalg.eigvals(rates - np.outer(force, list(gains.values()))).real.max()
+    given = {"stop": 20.0 / slowest, "setpoint": 0.0, "controller_values": gains}
+    free = ballscrew.lyapunov(BALANCE, CART, **given).motion
+    assert free.kind.value == "isolated fixed point"
+    assert free.limit[0] == pytest.approx(-slowest, rel=1e-3)
+    dry = ballscrew.lyapunov(BALANCE, DRY, **given, plant_values={"Fc": 1e-3, "Fs": 1e-3}).motion
+    assert dry.kind.value == "limit cycle", dry.evidence
+
+
+class Exact:
+    """Half a cycle of the linear loop, after which all has the other sign; it begins with a wait.
+
+    Of the state (x, v, th, w, 1), with 1 N of Coulomb friction: the cart stands, and the rod falls,
+    until the feedback pulls with 1 N; then it slides until it stands again.
+    """
+
+    def __init__(self, waiting, sliding):
+        rates, force = upright()
+        stands = rates.copy()
+        stands[0] = stands[1] = 0.0
+        # while the cart stands, the rod feels no force
+        stands[3] = [0.0, 0.0, G / ROD, 0.0]
+        slides = np.zeros((5, 5))
+        slides[:4, :4], slides[:4, 4] = closed(), -force
+        # what breaks it away: feedback, and the pull of the rod
+        pull = -designed() - np.array([0.0, 0.0, BOB * G, 0.0])
+
+        def start(times):
+            wait, slide = expm(stands * times[0]), expm(slides * times[1])
+            whole = slide[:4, :4] @ wait + np.eye(4)
+            # v is 0 at the start, so its column is not asked for, and its row is what is missed
+            others = [0, 2, 3]
+            found = np.zeros(4)
+            found[others] = np.linalg.solve(whole[np.ix_(others, others)], -slide[others, 4])
+            return found, wait, slide
+
+        def missed(times):
+            state, wait, slide = start(times)
+            broken = wait @ state
+            end = slide[:4, :4] @ broken + slide[:4, 4]
+            return [pull @ broken - 1.0, 10.0 * end[1]]
+
+        self.times = root(missed, [waiting, sliding], tol=1e-13).x
+        assert np.max(np.abs(missed(self.times))) < 1e-9
+        state, wait, slide = start(self.times)
+        self.period, self.swing = 2.0 * self.times.sum(), abs(state[0])
+        # Disturbances of the moment it breaks away and of the moment it stands: saltation. The
+        # friction does not jump when it breaks away; the rates do when it stands.
+        stop = -np.array([*state, -1.0])
+        before, after = slides @ stop, np.array([*(stands @ stop[:4]), 0.0])
+        saltation = np.eye(4) - np.outer((before - after)[:4], [0.0, 1.0, 0.0, 0.0]) / before[1]
+        half = -saltation @ slide[:4, :4] @ wait
+        factors = np.sort(np.abs(np.linalg.eigvals(half)))[::-1]
+        self.exponents = 2.0 * np.log(factors[:3]) / self.period
+
+
+def test_the_cycle_and_its_exponents_are_those_of_exact_pieces():
+    exact, found = Exact(1.1, 2.45), becomes(DRY, 0.01)
+    assert found.period == pytest.approx(exact.period, rel=1e-6)
+    assert found.amplitude["plant_x"] == pytest.approx(0.01 * exact.swing, rel=1e-6)
+    assert found.limit[:3] == pytest.approx(exact.exponents, abs=2e-4)
+    assert found.limit[3] == -np.inf  # the velocity, where it sticks
+    ours = {f.what: f.ours for f in findings()}
+    assert ours["period, Fc = 0.1 N"] == pytest.approx(exact.period, rel=1e-4)
+    assert ours["second exponent, Fc = 0.1 N [nats/s]"] == pytest.approx(
+        exact.exponents[1], rel=1e-4
+    )
+    run = motion(DRY, 45.0, 0.02)
+    late = run.time > run.time[-1] - 3 * exact.period
+    assert np.mean(run.outputs["stuck"][late]) == pytest.approx(
+        2 * exact.times[0] / exact.period, abs=0.01
+    )
+
+
+def test_the_describing_function_is_right_to_its_third_harmonic_in_amplitude_only():
+    theory, exact = predicted(), Exact(1.1, 2.45)
+    assert abs(theory.cart / exact.swing - 1.0) < theory.third
+    assert theory.frequency * exact.period / (2 * np.pi) - 1.0 > theory.third
+    # its own condition: the rate of Coulomb friction, 4/(pi V), keeps a swing of this size going
+    viscous = 4.0 / (np.pi * theory.cart * theory.frequency)
+    values = np.linalg.eigvals(closed(viscous))
+    assert values.real.max() == pytest.approx(0.0, abs=1e-9)
+    assert np.linalg.eigvals(closed(0.9 * viscous)).real.max() < 0.0
+    assert np.linalg.eigvals(closed(1.1 * viscous)).real.max() > 0.0
+
+
+def test_with_bent_bristles_another_solver_finds_the_same_swing():
+    def rates(_t, y):
+        x, v, th, w, z = y
+        friction_rate = v - 1e4 * abs(v) / FRICTION * z
+        friction = 1e4 * z + 50.0 * friction_rate
+        u = -np.dot(list(GAINS.values()), [x, v, th, w])
+        s, c = math.sin(th), math.cos(th)
+        a = (u - friction + BOB * s * (ROD * w**2 - G * c)) / (M + BOB * s**2)
+        return [v, a, w, (G * s - a * c) / ROD, friction_rate]
+
+    other = solve_ivp(rates, (0.0, 60.0), [0, 0, 0.05, 0, 0], "LSODA", rtol=1e-9, atol=1e-12)
+    swing = 0.5 * np.ptp(other.y[0, other.t > 40.0])
+    assert swing_of(motion(LUGRE, 60.0, 0.02), 40.0) == pytest.approx(swing, rel=1e-3)
