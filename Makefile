@@ -55,6 +55,7 @@ bench: $(VENV)/installed
 	$(BIN)/python benchmarks/master.py
 	$(BIN)/python benchmarks/lyapunov.py
 	$(BIN)/python benchmarks/native.py
+	$(BIN)/python benchmarks/study.py
 
 clean:
 	rm -rf $(VENV) build out *.egg-info
