@@ -41,12 +41,15 @@ class Duty:
         [s]
     tune : bool
         Whether controllers are tuned on it; they are judged on the others.
+    plant : dict of str to float
+        Parameters of the plant that are not default at this duty, such as those of a load.
     """
 
     name: str
     reference: str
     stop: float
     tune: bool = False
+    plant: Mapping[str, float] = field(default_factory=dict)
 
     def signal(self) -> Reference:
         """The set-point over time.
@@ -182,6 +185,12 @@ class Plan:
         drawn = low + (high - low) * random.random((count, len(self.variations)))
         return np.vstack([np.ones((1, drawn.shape[1])), drawn]) if purpose == "tune" else drawn
 
+    def rows_to_check(self) -> npt.NDArray[np.float64]:
+        """Factors of all plants of the study, and of those at the ends of the ranges."""
+        count = len(self.variations)
+        ends = np.array([v.uniform for v in self.variations]).reshape(count, 2)
+        return np.vstack([ends.T, self.factors("tune"), self.factors("judge")])
+
     def to_json(self) -> str:
         return json.dumps(asdict(self), sort_keys=True)
 
@@ -277,14 +286,17 @@ def _range(where: str, name: str, given: Any) -> tuple[float, float]:
 
 def _duty(k: int, given: Any) -> Duty:
     given = _table(f"duty {k + 1}", given)
-    _check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune"))
+    _check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune", "plant"))
     for name in ("name", "reference", "stop"):
         if name not in given:
             raise BadPlan(f"duty {k + 1} has no {name}")
     stop = _numbers(f"duty {given['name']}", {"stop": given["stop"]}, {})["stop"]
     if not stop > 0:
         raise BadPlan(f"duty {given['name']}: stop is {stop:g} s, expected more than 0")
-    duty = Duty(str(given["name"]), str(given["reference"]), stop, bool(given.get("tune", False)))
+    where = f"duty {given['name']}: plant"
+    plant = _numbers(where, _table(where, given.get("plant", {})), {})
+    tune = bool(given.get("tune", False))
+    duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, plant)
     try:
         duty.signal()
     except BadReference as error:

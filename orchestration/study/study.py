@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...solver.files import write_atomically, write_json
-from ...solver.kernel import CONTROLLER, PLANT, Kernel
+from ...solver.kernel import CONTROLLER, PLANT
 from ..whole_loop import loop_kernel
 from ..workers import Processes
 from .figures import NAMES, Figures, figures_of
@@ -23,6 +23,7 @@ from .over_fmus import SHARE, FmuCheck, check_over_fmus
 from .plan import BadPlan, Duty, Entrant, Plan
 from .result import Array, StudyResult, concluded
 from .tuning import Tuned, tune
+from .values import LIMIT, check_controller, check_plants, values_for
 
 if TYPE_CHECKING:
     from ...solver.component import Component
@@ -30,11 +31,11 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 
-LIMIT = "voltage_limit"  # the plant's parameter
 PARTS = "study.parts"
 FAILED = 1e6  # cost of a candidate whose run fails, for each such run
 OVER_LIMIT = 10.0  # cost for each limit that is exceeded by its own size
 CHUNK = 10  # plants of a task
+FIRST_JUDGED = 1000  # number of the first drawn plant to judge on; those to tune on count from 0
 
 
 def do_study(
@@ -70,7 +71,9 @@ def do_study(
 
 def loops_of(plan: Plan) -> dict[str, StudyLoop]:
     """The closed loop of each controller; raises as `do_study` does."""
-    return {e.name: _loop(plan, e) for e in plan.entrants}
+    loops = {e.name: _loop(plan, e) for e in plan.entrants}
+    check_plants(plan, loops[plan.entrants[0].name].kernel)
+    return loops
 
 
 def tuned_and_judged(
@@ -130,9 +133,9 @@ def _checks(
             controllers[entrant.name] = str(fmu(composed(plan, entrant)))
         loop, tuned = loops[entrant.name], tunings[entrant.name][seed].values
         factors = plan.factors("judge")[p]
-        values = values_for(plan, loop, entrant, tuned, factors, 1000 + p)
-        fmus = plant, controllers[entrant.name]
         duty = plan.judged_duties[d]
+        values = values_for(plan, loop.kernel, entrant, tuned, duty, factors, FIRST_JUDGED + p)
+        fmus = plant, controllers[entrant.name]
         tasks[f"fmu-{run}.json"] = loop, fmus, values, duty, plan.tolerance
     return tasks
 
@@ -186,57 +189,14 @@ def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:
         kernel = loop_kernel(component(plan.plant), composed(plan, entrant))
     except (UnknownComponent, BadComponentFile, ContractError) as error:
         raise BadPlan(f"controllers.{entrant.name} on {plan.plant}: {error}") from error
-    _check_parameters(plan, entrant, kernel)
+    check_controller(entrant, kernel)
     kernel.compile()
     return StudyLoop(kernel)
 
 
-def _check_parameters(plan: Plan, entrant: Entrant, kernel: Kernel) -> None:
-    """Make sure that all that is set, tuned or varied is there, and stays in its range."""
-    known = {p.name: p for p in kernel.parameters}
-    where = f"controllers.{entrant.name}"
-    asked: list[tuple[str, str, str, tuple[float, ...]]]
-    asked = [(where, CONTROLLER, n, (value,)) for n, value in entrant.values.items()]
-    asked += [(where, CONTROLLER, n, ends) for n, ends in entrant.tune.items()]
-    asked += [("vary", PLANT, n, v.uniform) for v in plan.variations for n in v.parameters]
-    for place, side, name, ends in asked:
-        p = known.get(side + name)
-        if p is None:
-            there = ", ".join(sorted(n.removeprefix(side) for n in known if n.startswith(side)))
-            raise BadPlan(f"{place}: no parameter {name!r}; there are {there}")
-        for end in ends:
-            value = end * p.default if side == PLANT else end
-            if not p.minimum <= value <= p.maximum:
-                raise BadPlan(
-                    f"{place}: {name} would be {value:g}, expected within "
-                    f"[{p.minimum:g}, {p.maximum:g}]"
-                )
-
-
-def values_for(
-    plan: Plan,
-    loop: StudyLoop,
-    entrant: Entrant,
-    tuned: Mapping[str, float],
-    factors: Sequence[float],
-    draw: int,
-) -> dict[str, float]:
-    """Parameters of a run, by the loop's names, on a plant with these factors.
-
-    Noise sources get seeds that follow from the number of the draw: the same for all controllers.
-    """
-    known = {p.name: p.default for p in loop.kernel.parameters}
-    limit = PLANT + LIMIT
-    values = {limit: plan.voltage_limit} if limit in known else {}
-    for variation, factor in zip(plan.variations, factors, strict=True):
-        values |= {PLANT + n: known[PLANT + n] * float(factor) for n in variation.parameters}
-    values |= {CONTROLLER + n: v for n, v in {**entrant.values, **tuned}.items()}
-    return values | {n: float(1 + draw) for n in known if n.endswith("_seed")}
-
-
 def _measured(plan: Plan, loop: StudyLoop, values: Mapping[str, float], duty: Duty) -> Figures:
     course = loop.run(values, duty.signal(), duty.stop, plan.tolerance)
-    return figures_of(course, plan.count, plan.voltage_limit)
+    return figures_of(course, plan.count, values.get(PLANT + LIMIT, plan.voltage_limit))
 
 
 def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str, Any]:
@@ -248,7 +208,7 @@ def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str
         for duty in plan.tuning_duties:
             size = float(np.abs(duty.signal().values).max())
             for draw, row in enumerate(factors):
-                given = values_for(plan, loop, entrant, values, row, draw)
+                given = values_for(plan, loop.kernel, entrant, values, duty, row, draw)
                 found = _measured(plan, loop, given, duty)
                 if found.failed:
                     total += FAILED
@@ -280,7 +240,8 @@ def _judged(
     factors = plan.factors("judge")
     rows = []
     for plant in plants:
-        values = values_for(plan, loop, entrant, tuned, factors[plant], 1000 + plant)
+        draw = FIRST_JUDGED + plant
+        values = values_for(plan, loop.kernel, entrant, tuned, duty, factors[plant], draw)
         found = _measured(plan, loop, values, duty)
         rows.append([float(getattr(found, n)) for n in NAMES])
     return rows

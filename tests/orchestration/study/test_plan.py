@@ -79,6 +79,8 @@ def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
         ("tune = {Kp = [10.0, 3000.0]}", "values = 3", "pid.values is 3, expected a table"),
         ("[tuning.limits]\novershoot = 1e-3", "limits = 3", "limits is 3, expected a table"),
         ('[[vary]]\nparameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]', "[vary]", "expected a list"),
+        ("stop = 1.0", "stop = 1.0\nplant = 3", "duty b: plant is 3, expected a table"),
+        ("stop = 1.0", "stop = 1.0\nplant = {m = nan}", "duty b: plant: m is nan, expected a fin"),
         ("move:distance=0.01", "step:size=0", "does not move, and gives nothing to tune on"),
     ],
 )
