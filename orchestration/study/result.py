@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -90,9 +90,9 @@ class StudyResult:
     def rows(self) -> dict[str, list[Any]]:
         """A row for each run, as columns."""
         plan = self.plan
-        factors = plan.factors("judge")
+        draws = plan.draws("judge")
         columns: dict[str, list[Any]] = {n: [] for n in ("controller", "tuning", "duty", "plant")}
-        varied = [factor_name(v.parameters) for v in plan.variations]
+        varied = [v.name for v in plan.variations]
         columns |= {n: [] for n in (*varied, *NAMES)}
         for e, entrant in enumerate(plan.entrants):
             for s in range(plan.tuning.seeds):
@@ -102,8 +102,8 @@ class StudyResult:
                         columns["tuning"].append(s)
                         columns["duty"].append(duty.name)
                         columns["plant"].append(p)
-                        for name, factor in zip(varied, factors[p], strict=True):
-                            columns[name].append(float(factor))
+                        for name, drawn in zip(varied, draws[p], strict=True):
+                            columns[name].append(float(drawn))
                         for name in NAMES:
                             columns[name].append(float(self.figures[name][e, s, d, p]))
         return columns
@@ -129,11 +129,6 @@ class StudyResult:
                 for d in self.plan.judged_duties
             },
         }
-
-
-def factor_name(parameters: Sequence[str]) -> str:
-    """Name of the column of a variation's factor."""
-    return "factor_" + "_".join(parameters)
 
 
 def concluded(
@@ -173,10 +168,10 @@ def concluded(
 
 def _sensitivity(plan: Plan, errors: Array, failed: Array) -> Sensitivity:
     """Of all runs of a controller, each duty and tuning about its own mean."""
-    varied = [factor_name(v.parameters) for v in plan.variations]
+    varied = [v.name for v in plan.variations]
     if failed.any():
         return Sensitivity(dict.fromkeys(varied, 0.0), 0.0)
     logs = np.log(errors)
     about = np.exp(logs - logs.mean(axis=-1, keepdims=True))  # (seeds, duties, plants)
-    factors = np.tile(plan.factors("judge"), (about.shape[0] * about.shape[1], 1))
-    return sensitivity(factors, about.ravel(), varied)
+    draws = np.tile(plan.draws("judge"), (about.shape[0] * about.shape[1], 1))
+    return sensitivity(draws, about.ravel(), varied)

@@ -20,7 +20,8 @@ from ..workers import Processes
 from .figures import NAMES, Figures, figures_of
 from .loop import StudyLoop
 from .over_fmus import SHARE, FmuCheck, check_over_fmus
-from .plan import BadPlan, Duty, Entrant, Plan
+from .plan import Duty, Entrant, Plan
+from .reading import BadPlan
 from .result import Array, StudyResult, concluded
 from .tuning import Tuned, tune
 from .values import LIMIT, check_controller, check_plants, values_for
@@ -132,9 +133,9 @@ def _checks(
         if entrant.name not in controllers:
             controllers[entrant.name] = str(fmu(composed(plan, entrant)))
         loop, tuned = loops[entrant.name], tunings[entrant.name][seed].values
-        factors = plan.factors("judge")[p]
+        drawn = plan.draws("judge")[p]
         duty = plan.judged_duties[d]
-        values = values_for(plan, loop.kernel, entrant, tuned, duty, factors, FIRST_JUDGED + p)
+        values = values_for(plan, loop.kernel, entrant, tuned, duty, drawn, FIRST_JUDGED + p)
         fmus = plant, controllers[entrant.name]
         tasks[f"fmu-{run}.json"] = loop, fmus, values, duty, plan.tolerance
     return tasks
@@ -201,14 +202,14 @@ def _measured(plan: Plan, loop: StudyLoop, values: Mapping[str, float], duty: Du
 
 def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str, Any]:
     """A tuning of an entrant."""
-    factors = plan.factors("tune")
+    draws = plan.draws("tune")
 
     def cost(values: Mapping[str, float]) -> float:
         total = 0.0
         for duty in plan.tuning_duties:
             size = float(np.abs(duty.signal().values).max())
-            for draw, row in enumerate(factors):
-                given = values_for(plan, loop.kernel, entrant, values, duty, row, draw)
+            for number, drawn in enumerate(draws):
+                given = values_for(plan, loop.kernel, entrant, values, duty, drawn, number)
                 found = _measured(plan, loop, given, duty)
                 if found.failed:
                     total += FAILED
@@ -219,7 +220,7 @@ def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str
                     if reached > most:
                         excess = reached / most - 1 if most > 0 else reached
                         total += OVER_LIMIT * min(excess, FAILED)
-        return total / (len(plan.tuning_duties) * len(factors))
+        return total / (len(plan.tuning_duties) * len(draws))
 
     defaults = {p.name: p.default for p in loop.kernel.parameters}
     published = {n: defaults[CONTROLLER + n] for n in entrant.tune}
@@ -237,11 +238,11 @@ def _judged(
     plants: range,
 ) -> list[list[float]]:
     """Figures on some of the plants, one row each."""
-    factors = plan.factors("judge")
+    draws = plan.draws("judge")
     rows = []
     for plant in plants:
-        draw = FIRST_JUDGED + plant
-        values = values_for(plan, loop.kernel, entrant, tuned, duty, factors[plant], draw)
+        number = FIRST_JUDGED + plant
+        values = values_for(plan, loop.kernel, entrant, tuned, duty, draws[plant], number)
         found = _measured(plan, loop, values, duty)
         rows.append([float(getattr(found, n)) for n in NAMES])
     return rows

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ...solver.kernel import CONTROLLER, PLANT, Kernel
-from .plan import BadPlan, Duty, Entrant, Plan
+from .plan import Duty, Entrant, Plan
+from .reading import BadPlan
 
 LIMIT = "voltage_limit"  # the plant's parameter
 SEED = "_seed"  # how the name of a noise's seed ends
@@ -18,8 +19,8 @@ def values_for(
     entrant: Entrant,
     tuned: Mapping[str, float],
     duty: Duty,
-    factors: Sequence[float],
-    draw: int,
+    drawn: Sequence[float],
+    number: int,
 ) -> dict[str, float]:
     """Parameters of a run, by the loop's names, that are not default.
 
@@ -32,20 +33,21 @@ def values_for(
         Of the closed loop.
     tuned : mapping of str to float
         Of the controller.
-    factors : sequence of float
-        Of the drawn plant, one for each variation; on the nominal value, or on that of the duty.
-    draw : int
-        Number of the drawn plant, from 0.
+    drawn : sequence of float
+        What was drawn of the plant, one for each variation; its factors are on the nominal value,
+        or on that of the duty.
+    number : int
+        Of the drawn plant, from 0.
     """
     known = {p.name: p.default for p in kernel.parameters}
     values = {PLANT + LIMIT: plan.voltage_limit} if PLANT + LIMIT in known else {}
     values |= {PLANT + n: v for n, v in duty.plant.items()}
-    for variation, factor in zip(plan.variations, factors, strict=True):
-        for name in (PLANT + n for n in variation.parameters):
-            values[name] = values.get(name, known[name]) * float(factor)
+    for variation, draw in zip(plan.variations, drawn, strict=True):
+        for name, factor in variation.factors(draw).items():
+            values[PLANT + name] = values.get(PLANT + name, known[PLANT + name]) * factor
     values |= {CONTROLLER + n: v for n, v in {**entrant.values, **tuned}.items()}
     sources = sorted(n for n in known if n.endswith(SEED))
-    return values | {n: float(1 + draw + k * BETWEEN_SOURCES) for k, n in enumerate(sources)}
+    return values | {n: float(1 + number + k * BETWEEN_SOURCES) for k, n in enumerate(sources)}
 
 
 def check_controller(entrant: Entrant, kernel: Kernel) -> None:

@@ -10,7 +10,8 @@ import pytest
 from ballscrew.cli import main
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.study.loop import StudyLoop
-from ballscrew.orchestration.study.plan import BadPlan, read_plan
+from ballscrew.orchestration.study.plan import read_plan
+from ballscrew.orchestration.study.reading import BadPlan
 from ballscrew.orchestration.study.study import PARTS, do_study
 from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.workers import Processes
@@ -64,7 +65,7 @@ def test_every_run_is_there_and_has_its_figures(result):
     assert np.isfinite(result.figures["rms_error"]).all()
     rows = result.rows()
     assert {len(column) for column in rows.values()} == {12}
-    assert set(rows["factor_Fc_Fs"]) == set(result.plan.factors("judge").ravel())
+    assert set(rows["factor_Fc_Fs"]) == set(result.plan.draws("judge").ravel())
     assert result.answers[0].duty == "back"
     assert set(result.answers[0].order) == {"pid", "nctf"}
 
@@ -128,6 +129,7 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
         ("plants = 3", 'plants = 3\nplant = "no.py:f"', "there is no file no.py"),
         ("plants = 3", 'plants = 3\ninstruments = ["encodr"]', "no instrument 'encodr'"),
         ("uniform = [0.7, 1.3]", "uniform = [-1.0, 1.0]", "Fc would be -1"),
+        ("uniform = [0.7, 1.3]", "normal = [1.0, 3.0]", "Fc would be -"),
         ("[5.0, 60.0]", "[-5.0, 60.0]", "c would be -5, expected within [0, inf]"),
         ('"Fc", "Fs"', '"Fc", "Fz"', "vary: no parameter 'Fz'; there are Fc, Fs"),
     ],

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.orchestration.study.plan import BadPlan, Duty, Entrant, Plan, Variation
+from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Variation
+from ballscrew.orchestration.study.reading import BadPlan
 from ballscrew.orchestration.study.study import composed, loops_of
 from ballscrew.orchestration.study.values import check_plants, values_for
 
