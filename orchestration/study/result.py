@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from .comparison import Difference, compare
-from .figures import NAMES
-from .over_fmus import FmuCheck
+from .figures import NAMES, hunting_verdict
+from .over_fmus import TRUSTED, FmuCheck
 from .plan import Plan
 from .sensitivity import Sensitivity, sensitivity
 from .tuning import Tuned
@@ -21,6 +21,15 @@ Array = npt.NDArray[np.float64]
 
 JUDGED_BY = "rms_error"
 SMALLEST = 1e-12  # m; errors below it are equal
+
+
+class Run(NamedTuple):
+    """Which run of a study."""
+
+    controller: str
+    tuning: int
+    duty: str
+    plant: int
 
 
 @dataclass(frozen=True)
@@ -60,7 +69,7 @@ class StudyResult:
         By duty and pair of controllers, of the rms error.
     sensitivities : dict of str to Sensitivity
         Of the rms error, by controller.
-    checks : list of FmuCheck
+    checks : dict of Run to FmuCheck
         Runs that were done again over FMUs.
     """
 
@@ -70,12 +79,17 @@ class StudyResult:
     answers: list[DutyAnswer]
     differences: dict[str, dict[tuple[str, str], Difference]]
     sensitivities: dict[str, Sensitivity]
-    checks: list[FmuCheck]
+    checks: dict[Run, FmuCheck]
 
     @property
     def disagreed(self) -> int:
         """Runs that came out differently over FMUs."""
-        return sum(not c.agrees for c in self.checks)
+        return sum(not c.agrees for c in self.checks.values())
+
+    @property
+    def not_converged(self) -> int:
+        """Runs over FMUs whose coupling the master does not trust."""
+        return sum(c.coupling not in ("", TRUSTED) for c in self.checks.values())
 
     def mean(self, figure: str, controller: str, duty: str) -> float:
         """Mean of a figure over tunings and plants; geometric for the rms error."""
@@ -87,25 +101,32 @@ class StudyResult:
         finite = values[np.isfinite(values)]
         return float(finite.mean()) if len(finite) == values.size else math.nan
 
+    def hunting(self, controller: str, duty: str) -> dict[str, int]:
+        """Runs by the verdict on hunting; see `Figures`."""
+        names = [e.name for e in self.plan.entrants]
+        duties = [d.name for d in self.plan.judged_duties]
+        values = self.figures["hunting"][names.index(controller), :, duties.index(duty)]
+        said = [hunting_verdict(v) for v in values.ravel()]
+        return {word: said.count(word) for word in ("hunting", "none", "undecided")}
+
     def rows(self) -> dict[str, list[Any]]:
         """A row for each run, as columns."""
         plan = self.plan
         draws = plan.draws("judge")
         columns: dict[str, list[Any]] = {n: [] for n in ("controller", "tuning", "duty", "plant")}
         varied = [v.name for v in plan.variations]
-        columns |= {n: [] for n in (*varied, *NAMES)}
-        for e, entrant in enumerate(plan.entrants):
-            for s in range(plan.tuning.seeds):
-                for d, duty in enumerate(plan.judged_duties):
-                    for p in range(plan.plants):
-                        columns["controller"].append(entrant.name)
-                        columns["tuning"].append(s)
-                        columns["duty"].append(duty.name)
-                        columns["plant"].append(p)
-                        for name, drawn in zip(varied, draws[p], strict=True):
-                            columns[name].append(float(drawn))
-                        for name in NAMES:
-                            columns[name].append(float(self.figures[name][e, s, d, p]))
+        columns |= {n: [] for n in (*varied, *NAMES, "coupling")}
+        for place in np.ndindex(self.figures[JUDGED_BY].shape):
+            e, s, d, p = place
+            run = Run(plan.entrants[e].name, s, plan.judged_duties[d].name, p)
+            for name, value in run._asdict().items():
+                columns[name].append(value)
+            for name, drawn in zip(varied, draws[p], strict=True):
+                columns[name].append(float(drawn))
+            for name in NAMES:
+                columns[name].append(float(self.figures[name][place]))
+            columns["hunting"][-1] = hunting_verdict(columns["hunting"][-1])
+            columns["coupling"].append(self.checks[run].coupling if run in self.checks else "")
         return columns
 
     def to_dict(self) -> dict[str, Any]:
@@ -120,7 +141,11 @@ class StudyResult:
                 for duty, pairs in self.differences.items()
             },
             "sensitivities": {n: asdict(s) for n, s in self.sensitivities.items()},
-            "over_fmus": [asdict(c) for c in self.checks],
+            "over_fmus": [r._asdict() | asdict(c) for r, c in self.checks.items()],
+            "hunting": {
+                d.name: {e.name: self.hunting(e.name, d.name) for e in self.plan.entrants}
+                for d in self.plan.judged_duties
+            },
             "means": {
                 d.name: {
                     e.name: {n: self.mean(n, e.name, d.name) for n in NAMES}
@@ -135,7 +160,7 @@ def concluded(
     plan: Plan,
     tunings: Mapping[str, list[Tuned]],
     figures: Mapping[str, Array],
-    checks: list[FmuCheck],
+    checks: dict[Run, FmuCheck],
 ) -> StudyResult:
     """The result of a study from its runs."""
     names = [e.name for e in plan.entrants]

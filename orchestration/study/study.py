@@ -22,7 +22,7 @@ from .loop import StudyLoop
 from .over_fmus import SHARE, FmuCheck, check_over_fmus
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
-from .result import Array, StudyResult, concluded
+from .result import Array, Run, StudyResult, concluded
 from .tuning import Tuned, tune
 from .values import LIMIT, check_controller, check_plants, values_for
 
@@ -63,10 +63,11 @@ def do_study(
     loops = loops_of(plan)
     parts = _claim(plan, loops, folder / PARTS, resume)
     tunings, figures = tuned_and_judged(plan, loops, parts, workers, progress)
-    again = _checks(plan, loops, tunings)
+    runs = runs_again(plan)
+    again = _checks(plan, loops, tunings, runs)
     here = workers if isinstance(workers, Processes) else Processes(1)  # the FMUs are files
     checked = _computed(parts, again, _checked, here, "over FMUs", progress)
-    checks = [FmuCheck(**checked[name]) for name in again]
+    checks = {run: FmuCheck(**checked[name]) for run, name in zip(runs, again, strict=True)}
     return concluded(plan, tunings, figures, checks)
 
 
@@ -114,30 +115,39 @@ def tuned_and_judged(
     return tunings, {n: table[:, k].reshape(shape) for k, n in enumerate(NAMES)}
 
 
-def _checks(
-    plan: Plan, loops: Mapping[str, StudyLoop], tunings: Mapping[str, list[Tuned]]
-) -> dict[str, tuple[Any, ...]]:
-    """A random twentieth of the runs, at least one, as tasks over FMUs."""
-    from ...fmus.catalogue import fmu
-
-    shape = len(plan.entrants), plan.tuning.seeds, len(plan.judged_duties), plan.plants
+def runs_again(plan: Plan) -> list[Run]:
+    """A random twentieth of the runs, at least one: those that are done again over FMUs."""
+    entrants, duties = plan.entrants, plan.judged_duties
+    shape = len(entrants), plan.tuning.seeds, len(duties), plan.plants
     runs = math.prod(shape)
     random = np.random.default_rng([plan.seed, len(PARTS)])
-    drawn = np.sort(random.choice(runs, math.ceil(runs / SHARE), replace=False))
+    numbers = np.sort(random.choice(runs, math.ceil(runs / SHARE), replace=False))
+    places = (map(int, np.unravel_index(number, shape)) for number in numbers)
+    return [Run(entrants[e].name, s, duties[d].name, p) for e, s, d, p in places]
+
+
+def _checks(
+    plan: Plan,
+    loops: Mapping[str, StudyLoop],
+    tunings: Mapping[str, list[Tuned]],
+    runs: list[Run],
+) -> dict[str, tuple[Any, ...]]:
+    """Runs as tasks over FMUs."""
+    from ...fmus.catalogue import fmu
+
+    entrants = {e.name: e for e in plan.entrants}
+    duties = {d.name: d for d in plan.judged_duties}
     plant = str(fmu(plan.plant))
-    controllers: dict[str, str] = {}
+    names = sorted({run.controller for run in runs})
+    controllers = {n: str(fmu(composed(plan, entrants[n]))) for n in names}
     tasks: dict[str, tuple[Any, ...]] = {}
-    for run in drawn.tolist():
-        e, seed, d, p = (int(k) for k in np.unravel_index(run, shape))
-        entrant = plan.entrants[e]
-        if entrant.name not in controllers:
-            controllers[entrant.name] = str(fmu(composed(plan, entrant)))
-        loop, tuned = loops[entrant.name], tunings[entrant.name][seed].values
-        drawn = plan.draws("judge")[p]
-        duty = plan.judged_duties[d]
-        values = values_for(plan, loop.kernel, entrant, tuned, duty, drawn, FIRST_JUDGED + p)
-        fmus = plant, controllers[entrant.name]
-        tasks[f"fmu-{run}.json"] = loop, fmus, values, duty, plan.tolerance
+    for k, run in enumerate(runs):
+        loop, entrant, duty = loops[run.controller], entrants[run.controller], duties[run.duty]
+        tuned = tunings[run.controller][run.tuning].values
+        drawn, number = plan.draws("judge")[run.plant], FIRST_JUDGED + run.plant
+        values = values_for(plan, loop.kernel, entrant, tuned, duty, drawn, number)
+        fmus = plant, controllers[run.controller]
+        tasks[f"fmu-{k}.json"] = loop, fmus, values, duty, plan.tolerance
     return tasks
 
 
@@ -250,7 +260,7 @@ def _judged(
 
 def _claim(plan: Plan, loops: Mapping[str, StudyLoop], parts: Path, resume: bool) -> Path:
     """The folder for what is done, of this study and no other."""
-    text = plan.to_json() + "".join(loop.kernel.module for loop in loops.values())
+    text = plan.to_json() + ",".join(NAMES) + "".join(loop.kernel.module for loop in loops.values())
     own = {"fingerprint": hashlib.sha256(text.encode()).hexdigest()[:16]}
     mark = parts / "study.json"
     if mark.is_file():

@@ -80,7 +80,23 @@ def test_tuned_controllers_cost_no_more_than_the_published_rules(result):
 def test_runs_over_fmus_come_out_as_in_one_solver(result):
     assert len(result.checks) == 1
     assert result.disagreed == 0
-    assert 0 < result.checks[0].apart < 1e-7
+    ((run, check),) = result.checks.items()
+    assert 0 < check.apart < 1e-7
+    rows = result.rows()
+    again = [k for k, verdict in enumerate(rows["coupling"]) if verdict]
+    assert [tuple(rows[name][k] for name in run._fields) for k in again] == [run]
+    assert [rows["coupling"][k] for k in again] == [check.coupling]
+    assert result.not_converged == (check.coupling == "not converged")
+
+
+def test_every_run_has_a_verdict_on_hunting(result):
+    said = result.rows()["hunting"]
+    assert set(said) <= {"hunting", "none", "undecided"}
+    for name in ("pid", "nctf"):
+        counts = result.hunting(name, "back")
+        assert sum(counts.values()) == 6
+        own = [v for v, c in zip(said, result.rows()["controller"], strict=True) if c == name]
+        assert counts == {word: own.count(word) for word in counts}
 
 
 def test_a_study_that_goes_on_after_a_kill_gives_the_same_numbers(plan, folder, result, tmp_path):
