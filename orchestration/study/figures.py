@@ -83,6 +83,10 @@ UNITS = dict(
 )
 
 
+SIZES = ("rms_error", "peak_error", "reversal_error", "energy", "total_variation", "peak_current")
+"""Figures that are positive but where nothing moves at all, and that plants change by factors."""
+
+
 def hunting_verdict(hunting: float) -> str:
     """In words what `Figures.hunting` says."""
     if math.isnan(hunting):

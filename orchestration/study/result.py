@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .comparison import Difference, compare
-from .figures import NAMES, hunting_verdict
+from .comparison import Difference, Mean, compare, mean_over_plants
+from .figures import NAMES, SIZES, hunting_verdict
 from .over_fmus import TRUSTED, FmuCheck
 from .plan import Plan
 from .sensitivity import Sensitivity, sensitivity
@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 
 JUDGED_BY = "rms_error"
 SMALLEST = 1e-12  # m; errors below it are equal
+MEASURED = tuple(n for n in NAMES if n not in ("hunting", "failed"))  # and not a verdict
 
 
 class Run(NamedTuple):
@@ -93,20 +94,31 @@ class StudyResult:
 
     def mean(self, figure: str, controller: str, duty: str) -> float:
         """Mean of a figure over tunings and plants; geometric for the rms error."""
-        names = [e.name for e in self.plan.entrants]
-        duties = [d.name for d in self.plan.judged_duties]
-        values = self.figures[figure][names.index(controller), :, duties.index(duty)]
+        values = self._runs(figure, controller, duty)
         if figure == JUDGED_BY:
             return float(np.exp(np.mean(np.log(np.maximum(values, SMALLEST)))))
         finite = values[np.isfinite(values)]
         return float(finite.mean()) if len(finite) == values.size else math.nan
 
+    def interval(self, figure: str, controller: str, duty: str) -> Mean:
+        """Mean of a figure with its 90 % interval over plants.
+
+        Geometric for what is positive in the runs of all controllers at this duty, see `SIZES`.
+        """
+        d = [d.name for d in self.plan.judged_duties].index(duty)
+        every = self.figures[figure][:, :, d]
+        geometric = figure in SIZES and bool((every[np.isfinite(every)] > 0).all())
+        return mean_over_plants(self._runs(figure, controller, duty), geometric)
+
+    def _runs(self, figure: str, controller: str, duty: str) -> Array:
+        """A figure of all runs of a controller at a duty, by tuning and plant."""
+        e = [e.name for e in self.plan.entrants].index(controller)
+        d = [d.name for d in self.plan.judged_duties].index(duty)
+        return self.figures[figure][e, :, d]
+
     def hunting(self, controller: str, duty: str) -> dict[str, int]:
         """Runs by the verdict on hunting; see `Figures`."""
-        names = [e.name for e in self.plan.entrants]
-        duties = [d.name for d in self.plan.judged_duties]
-        values = self.figures["hunting"][names.index(controller), :, duties.index(duty)]
-        said = [hunting_verdict(v) for v in values.ravel()]
+        said = [hunting_verdict(v) for v in self._runs("hunting", controller, duty).ravel()]
         return {word: said.count(word) for word in ("hunting", "none", "undecided")}
 
     def rows(self) -> dict[str, list[Any]]:
@@ -144,6 +156,13 @@ class StudyResult:
             "over_fmus": [r._asdict() | asdict(c) for r, c in self.checks.items()],
             "hunting": {
                 d.name: {e.name: self.hunting(e.name, d.name) for e in self.plan.entrants}
+                for d in self.plan.judged_duties
+            },
+            "intervals": {
+                d.name: {
+                    e.name: {n: asdict(self.interval(n, e.name, d.name)) for n in MEASURED}
+                    for e in self.plan.entrants
+                }
                 for d in self.plan.judged_duties
             },
             "means": {

@@ -89,6 +89,17 @@ def test_runs_over_fmus_come_out_as_in_one_solver(result):
     assert result.not_converged == (check.coupling == "not converged")
 
 
+def test_every_figure_has_its_interval_over_plants(result):
+    for figure, geometric in (("rms_error", True), ("steady_error", False)):
+        found = result.interval(figure, "pid", "back")
+        assert found.geometric == geometric
+        assert found.low < found.mean < found.high
+    assert result.interval("rms_error", "pid", "back").mean == pytest.approx(
+        result.mean("rms_error", "pid", "back")
+    )
+    assert np.isnan(result.interval("reversal_error", "pid", "back").mean)  # nothing turns
+
+
 def test_every_run_has_a_verdict_on_hunting(result):
     said = result.rows()["hunting"]
     assert set(said) <= {"hunting", "none", "undecided"}
