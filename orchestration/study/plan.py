@@ -19,6 +19,7 @@ from ..reference_motions import read_motion
 from ..reference_signal import BadReference, Reference
 from .figures import NAMES
 from .reading import BadPlan, as_list, as_numbers, as_range, as_table, check_names
+from .sobol import sobol_shares
 from .variation import Variation, read_variation
 
 VERSION = 1
@@ -127,6 +128,9 @@ class Plan:
     tolerance : float
         Relative, of the solver.
     seed : int
+    sobol : int
+        Points of the sample for Sobol indices; 0 for none. Each controller then runs
+        ``sobol (variations + 2)`` times at each judged duty.
     """
 
     plant: str
@@ -142,6 +146,7 @@ class Plan:
     count: float = 1 / 512_000
     tolerance: float = 1e-6
     seed: int = 1
+    sobol: int = 0
 
     @property
     def tuning_duties(self) -> tuple[Duty, ...]:
@@ -181,7 +186,18 @@ class Plan:
             for end in variation.ends:
                 rows.append(self.nominal)
                 rows[-1][k] = end
-        return np.vstack([*rows, self.draws("tune"), self.draws("judge")])
+        sobol = [self.sobol_draws()] if self.sobol else []
+        return np.vstack([*rows, self.draws("tune"), self.draws("judge"), *sobol])
+
+    def sobol_draws(self) -> npt.NDArray[np.float64]:
+        """The plants on which Sobol indices are computed, see `sobol_shares`.
+
+        Raises
+        ------
+        BadPlan
+            If SALib is not installed.
+        """
+        return self.drawn(sobol_shares(self.sobol, len(self.variations), self.seed))
 
     def to_json(self) -> str:
         return json.dumps(asdict(self), sort_keys=True)
@@ -221,7 +237,10 @@ def _plan(table: dict[str, Any]) -> Plan:
     variations = as_list("vary", table.pop("vary", []))
     tuning = as_table("tuning", table.pop("tuning", {}))
     limits = as_table("tuning.limits", tuning.pop("limits", {}))
-    known = {f.name for f in fields(Plan)} - {"entrants", "duties", "variations", "tuning"}
+    sensitivity = as_table("sensitivity", table.pop("sensitivity", {}))
+    check_names("sensitivity", sensitivity, ("sobol",))
+    elsewhere = {"entrants", "duties", "variations", "tuning", "sobol"}
+    known = {f.name for f in fields(Plan)} - elsewhere
     check_names("the study", table, known)
     plan = Plan(
         plant=str(table.pop("plant", "plant")),
@@ -231,6 +250,7 @@ def _plan(table: dict[str, Any]) -> Plan:
         tuning=_tuning(tuning, limits),
         instruments=tuple(map(str, as_list("instruments", table.pop("instruments", [])))),
         **as_numbers("the study", table, {"plants": 2, "seed": 0, "delay": 0}),
+        **as_numbers("sensitivity", sensitivity, {"sobol": 2}),
     )
     _check(plan)
     return plan
@@ -294,6 +314,10 @@ def _check(plan: Plan) -> None:
     for duty in plan.tuning_duties:
         if not duty.signal().values.any():
             raise BadPlan(f"duty {duty.name} does not move, and gives nothing to tune on")
+    if plan.sobol & (plan.sobol - 1):
+        raise BadPlan(f"sensitivity: sobol is {plan.sobol}, expected a power of two")
+    if plan.sobol and not plan.variations:
+        raise BadPlan("sensitivity: nothing is varied; add a [[vary]], or leave out sobol")
     names = [d.name for d in plan.duties]
     if len(set(names)) < len(names):
         raise BadPlan("two duties have one name")

@@ -15,6 +15,7 @@ from .figures import NAMES, SIZES, hunting_verdict
 from .over_fmus import TRUSTED, FmuCheck
 from .plan import Plan
 from .sensitivity import Sensitivity, sensitivity
+from .sobol import SobolIndex
 from .tuning import Tuned
 
 Array = npt.NDArray[np.float64]
@@ -72,6 +73,9 @@ class StudyResult:
         Of the rms error, by controller.
     checks : dict of Run to FmuCheck
         Runs that were done again over FMUs.
+    sobol : dict
+        Sobol indices of the rms error by controller, duty and what was varied; empty where not
+        asked, and at a duty where a run failed.
     """
 
     plan: Plan
@@ -81,6 +85,7 @@ class StudyResult:
     differences: dict[str, dict[tuple[str, str], Difference]]
     sensitivities: dict[str, Sensitivity]
     checks: dict[Run, FmuCheck]
+    sobol: dict[str, dict[str, dict[str, SobolIndex]]] = field(default_factory=dict)
 
     @property
     def disagreed(self) -> int:
@@ -153,6 +158,13 @@ class StudyResult:
                 for duty, pairs in self.differences.items()
             },
             "sensitivities": {n: asdict(s) for n, s in self.sensitivities.items()},
+            "sobol": {
+                name: {
+                    duty: {varied: asdict(index) for varied, index in of_duty.items()}
+                    for duty, of_duty in of_controller.items()
+                }
+                for name, of_controller in self.sobol.items()
+            },
             "over_fmus": [r._asdict() | asdict(c) for r, c in self.checks.items()],
             "hunting": {
                 d.name: {e.name: self.hunting(e.name, d.name) for e in self.plan.entrants}
@@ -180,6 +192,7 @@ def concluded(
     tunings: Mapping[str, list[Tuned]],
     figures: Mapping[str, Array],
     checks: dict[Run, FmuCheck],
+    sobol: dict[str, dict[str, dict[str, SobolIndex]]],
 ) -> StudyResult:
     """The result of a study from its runs."""
     names = [e.name for e in plan.entrants]
@@ -207,6 +220,7 @@ def concluded(
         differences,
         {n: _sensitivity(plan, errors[e], failed[e]) for e, n in enumerate(names)},
         checks,
+        sobol,
     )
 
 

@@ -22,7 +22,8 @@ from .loop import StudyLoop
 from .over_fmus import SHARE, FmuCheck, check_over_fmus
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
-from .result import Array, Run, StudyResult, concluded
+from .result import JUDGED_BY, SMALLEST, Array, Run, StudyResult, concluded
+from .sobol import SobolIndex, sobol_indices
 from .tuning import Tuned, tune
 from .values import LIMIT, check_controller, check_plants, values_for
 
@@ -68,7 +69,8 @@ def do_study(
     here = workers if isinstance(workers, Processes) else Processes(1)  # the FMUs are files
     checked = _computed(parts, again, _checked, here, "over FMUs", progress)
     checks = {run: FmuCheck(**checked[name]) for run, name in zip(runs, again, strict=True)}
-    return concluded(plan, tunings, figures, checks)
+    sobol = _sobol(plan, loops, tunings, parts, workers, progress)
+    return concluded(plan, tunings, figures, checks, sobol)
 
 
 def loops_of(plan: Plan) -> dict[str, StudyLoop]:
@@ -149,6 +151,61 @@ def _checks(
         fmus = plant, controllers[run.controller]
         tasks[f"fmu-{k}.json"] = loop, fmus, values, duty, plan.tolerance
     return tasks
+
+
+def _sobol(
+    plan: Plan,
+    loops: Mapping[str, StudyLoop],
+    tunings: Mapping[str, list[Tuned]],
+    parts: Path,
+    workers: Workers,
+    progress: Progress | None,
+) -> dict[str, dict[str, dict[str, SobolIndex]]]:
+    """Indices of the error by controller, duty and what was varied; empty where not asked.
+
+    Of the tuning with the least cost, under one noise: the figure is then one of the plant alone.
+    """
+    if not plan.sobol:
+        return {}
+    draws = plan.sobol_draws()
+    jobs = {}
+    for k, entrant in enumerate(plan.entrants):
+        best = min(tunings[entrant.name], key=lambda t: t.cost)
+        for d, duty in enumerate(plan.judged_duties):
+            common = plan, entrant, loops[entrant.name], best.values, duty
+            for first in range(0, len(draws), CHUNK):
+                jobs[f"sobol-{k}-{d}-{first}.json"] = *common, draws[first : first + CHUNK]
+    done = _computed(parts, jobs, _errors_on, workers, "Sobol indices", progress)
+    names = [v.name for v in plan.variations]
+
+    def indices(k: int, d: int) -> dict[str, SobolIndex]:
+        chunks = (done[f"sobol-{k}-{d}-{first}.json"] for first in range(0, len(draws), CHUNK))
+        errors = np.maximum([error for chunk in chunks for error in chunk], SMALLEST)
+        return sobol_indices(errors, names, plan.seed)
+
+    duties = list(enumerate(plan.judged_duties))
+    return {
+        entrant.name: {duty.name: indices(k, d) for d, duty in duties}
+        for k, entrant in enumerate(plan.entrants)
+    }
+
+
+def _errors_on(
+    plan: Plan,
+    entrant: Entrant,
+    loop: StudyLoop,
+    tuned: Mapping[str, float],
+    duty: Duty,
+    draws: Array,
+) -> list[float]:
+    """The error that controllers are judged by on each of these plants; NaN where a run failed."""
+    number = FIRST_JUDGED - 1  # whose noise no judged plant has
+    return [
+        float(getattr(_measured(plan, loop, values, duty), JUDGED_BY))
+        for values in (
+            values_for(plan, loop.kernel, entrant, tuned, duty, drawn, number) for drawn in draws
+        )
+    ]
 
 
 def _checked(*task: Any) -> dict[str, Any]:
