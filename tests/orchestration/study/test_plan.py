@@ -1,11 +1,16 @@
 """Study files: what is read, and what is refused in one line."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.reading import BadPlan
+from ballscrew.orchestration.study.values import check_plants
+from ballscrew.orchestration.whole_loop import loop_kernel
 
+DOCS = Path(__file__).resolve().parents[3] / "docs"
 GOOD = """version = 1
 plants = 5
 [controllers.pid]
@@ -117,6 +122,16 @@ def test_bad_studies_are_refused_in_one_line(tmp_path, old, new, message):
     with pytest.raises(BadPlan, match=message) as caught:
         plan_of(tmp_path, GOOD.replace(old, new, 1))
     assert "\n" not in str(caught.value)
+
+
+def test_the_studies_of_the_manual_are_read(tmp_path):
+    page = (DOCS / "study.md").read_text("utf-8")
+    plan = plan_of(tmp_path, page.split("```toml\n")[1].partition("```")[0])
+    assert plan.duties[-1].plant == {"load_force": -5.0, "load_time": 0.3}
+    assert [v.distribution for v in plan.variations] == ["uniform", "uniform", "temperature"]
+    assert plan.sobol == 64
+    check_plants(plan, loop_kernel(plan.plant, "pid"))
+    assert read_plan(DOCS / "examples" / "swap_study.toml").entrants
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
