@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import ballscrew
-from ballscrew.gallery.belt.findings import (
+from ballscrew.gallery.belt.cycles import (
     CLASSICAL,
     COULOMB,
     DAHL,
@@ -18,8 +18,6 @@ from ballscrew.gallery.belt.findings import (
     FS,
     LUGRE,
     REGION,
-    SHARES,
-    STARTS,
     V0,
     classical,
     end_of_cycle,
@@ -31,6 +29,7 @@ from ballscrew.gallery.belt.findings import (
     swings_on,
     verdict,
 )
+from ballscrew.gallery.belt.findings import SHARES, STARTS
 
 EXACT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-12}
 
