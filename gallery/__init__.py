@@ -6,5 +6,6 @@ a folder and a line here.
 """
 
 SYSTEMS = {
+    "belt": "friction oscillator on a moving belt: where stick-slip begins and ends",
     "van_der_pol": "Van der Pol's oscillator: the limit cycle of the Reference-FMUs",
 }

@@ -329,6 +329,7 @@ class PlainSystem:
         if not h > 0.0 or h > span:
             h = span
         smallest = 1e-13 * max(abs(t0), abs(t1), span)
+        h = max(h, min(smallest, span))  # after an interval of round-off's length
         t = t0
         last_error = float(info[LAST_ERROR]) if info[LAST_ERROR] > 0.0 else 1e-4
         info[LAST_ERROR] = 0.0

@@ -309,7 +309,9 @@ def closings(states: Matrix, size: Vector, noise: float) -> Iterator[tuple[int, 
 def _cycle(model: Model, passes: Returns, exponents: bool) -> Attractor | None:
     """A cycle, where states one period apart close upon each other faster than the motion dies."""
     size = passes.high - passes.low
-    size[size == 0.0] = np.inf
+    size[size <= model.atol] = np.inf  # at rest, or fading for as long as one looks
+    if np.isinf(size).all():
+        return None
     for lag, error in closings(passes.states, size, NOISE * model.tolerance):
         period = float(passes.time[-1] - passes.time[-1 - lag])
         begin = float(passes.time[-1])

@@ -371,6 +371,7 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
     if (!(h > 0.0) || h > span)
         h = span;
     const double smallest = 1e-13 * larger(larger(fabs(t0), fabs(t1)), span);
+    h = larger(h, smaller(smallest, span)); /* after an interval of round-off's length */
     double t = t0;
     double last_error = info->last_error > 0.0 ? info->last_error : 1e-4;
     info->last_error = 0.0;
