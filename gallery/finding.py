@@ -41,7 +41,7 @@ class Finding:
     @property
     def agrees(self) -> bool | None:
         """Whether the two are the same within one digit; None where only we have it."""
-        return None if self.theirs is None else abs(self.ours - self.theirs) <= self.digit
+        return None if self.theirs is None else bool(abs(self.ours - self.theirs) <= self.digit)
 
 
 def table_of(findings: Sequence[Finding]) -> str:

@@ -385,7 +385,8 @@ def describe_failure(
     if status == core.CHATTER:
         return (
             f"{name}: events follow each other without end at t = {reached:.9g} s; two modes lead "
-            "to each other there, or a reset leaves its own condition true"
+            "to each other there, a reset leaves its own condition true, or the time between them "
+            "goes to zero"
         )
     if status == core.NO_DELAY:
         return f"{name}: a delay lasts no time, expected a duration of more than 0 s"

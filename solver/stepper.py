@@ -325,17 +325,17 @@ class PlainSystem:
         if (self.states == 0 and not late) or span == 0.0:
             return DONE
         self._u, self._p, self._atol, self._rtol = u, p, list(atol), rtol
-        h = float(info[NEXT_STEP])
-        if not h > 0.0 or h > span:
-            h = span
         smallest = 1e-13 * max(abs(t0), abs(t1), span)
-        h = max(h, min(smallest, span))  # after an interval of round-off's length
+        h = float(info[NEXT_STEP])
+        if not h > smallest or h > span:  # the step before may have been a sliver
+            h = span
         t = t0
         last_error = float(info[LAST_ERROR]) if info[LAST_ERROR] > 0.0 else 1e-4
         info[LAST_ERROR] = 0.0
         fresh = True  # the Jacobian belongs to the present point
         rejected_before = False
-        still = 0  # events since time last moved on
+        last_event = -math.inf  # when
+        still = 0  # events since time last moved on between two of them
         for _ in range(max_steps):
             if late and not late.has_room():
                 late.make_room()
@@ -372,9 +372,9 @@ class PlainSystem:
                 info[ACCEPTED] += 1
                 fresh = True
                 if found >= 0:
-                    earlier = t
                     t = goal if final and taken == h else t + taken
-                    still = 0 if t > earlier else still + 1
+                    still = 0 if t - last_event > smallest else still + 1
+                    last_event = t
                     self.f.react(t, x, u, p, found)
                     info[EVENTS] += 1
                     if still > MOST_AT_ONCE or self.settle(t, x, u, p, info) != DONE:

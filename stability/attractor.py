@@ -348,7 +348,7 @@ def _closed(
     limit, limit_error = _over_periods(model, once.end, period)
     order = np.argsort(-limit)
     limit, limit_error = limit[order], limit_error[order]
-    if limit[0] * period > GROWING:
+    if not limit[0] * period <= GROWING:  # nor where they could not be followed
         return None
     zeros = int(np.sum(np.abs(limit) <= np.maximum(limit_error, 1e-3 / period)))
     text += f"; over whole periods the exponents are {', '.join(f'{v:.4g}' for v in limit)} nats/s"
@@ -378,12 +378,13 @@ def _over_periods(
 ) -> tuple[Vector, Vector]:
     """Exponents over whole periods, and what the two halves differ by."""
     # where a law turns over within a hair's breadth, exponents ask for more than the motion does
-    model.tolerance *= SHARPER
-    model.atol = model.atol * SHARPER
+    usual = model.tolerance, model.atol
+    model.tolerance, model.atol = SHARPER * usual[0], SHARPER * usual[1]
     settle = follow_tangents(model, time + period * np.arange(periods + 1))
     again = follow_tangents(
         model, time + period * (periods + np.arange(periods + 1)), frame=settle.frame
     )
+    model.tolerance, model.atol = usual
     half = periods // 2
     growth = again.growth
     if len(again.time) <= periods:
@@ -413,9 +414,11 @@ def _unclosed(model: Model, passes: Returns) -> Attractor:
             "" if run.diverged else "a solver that gets beyond that point",
             since=float(run.time[-1]) if run.diverged else None,
         )
-    rates = np.diff(run.growth, axis=0) / np.diff(run.time)[:, None]
-    limit = rates.mean(axis=0)
-    error = rates.std(axis=0, ddof=1) / np.sqrt(blocks)
+    with np.errstate(invalid="ignore"):
+        rates = np.diff(run.growth, axis=0) / np.diff(run.time)[:, None]
+        limit, error = rates.mean(axis=0), rates.std(axis=0, ddof=1) / np.sqrt(blocks)
+    gone = np.isneginf(run.growth[-1])  # a direction, at some event
+    limit, error = np.where(gone, -np.inf, limit), np.where(gone, 0.0, error)
     order = np.argsort(-limit)
     limit, error = limit[order], error[order]
     small = 1.0 / (run.time[-1] - run.time[0])  # one nat over the run

@@ -94,7 +94,9 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
                     norm = LogNorm(max(finite.min(), least), max(finite.max(), 10 * least))
                 values = np.maximum(values, least)
             else:
-                bound = float(np.nanpercentile(np.abs(values), 99)) or 1.0
+                known = np.abs(values[np.isfinite(values)])
+                bound = (float(np.percentile(known, 99)) if len(known) else 0.0) or 1.0
+                values = np.maximum(values, -bound)  # minus infinity, too
                 style = {"cmap": "PuOr", "vmin": -bound, "vmax": bound}
             image = place.pcolormesh(xs, ys, values, norm=norm, rasterized=True, **style)
             figure.colorbar(image, ax=place, label=label)

@@ -335,6 +335,14 @@ static double locate(const System *s, double t, double h, const double *x, const
     return high;
 }
 
+/* Whether the event at t is one too many without time between them. */
+static int crowded(Crowd *crowd, double t, double least)
+{
+    crowd->count = t - crowd->last > least ? 0 : crowd->count + 1;
+    crowd->last = t;
+    return crowd->count > MOST_AT_ONCE;
+}
+
 /* A state that depends on none, such as one held at rest, is free of the others' round-off. */
 static void find_alone(int n, Work *work)
 {
@@ -367,17 +375,16 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
             watcher->end(watcher->owner, t1, t1);
         return DONE;
     }
+    const double smallest = SMALLEST * larger(larger(fabs(t0), fabs(t1)), span);
     double h = info->next_step;
-    if (!(h > 0.0) || h > span)
+    if (!(h > smallest) || h > span) /* the step before may have been a sliver */
         h = span;
-    const double smallest = 1e-13 * larger(larger(fabs(t0), fabs(t1)), span);
-    h = larger(h, smaller(smallest, span)); /* after an interval of round-off's length */
     double t = t0;
     double last_error = info->last_error > 0.0 ? info->last_error : 1e-4;
     info->last_error = 0.0;
     int fresh = 1; /* the Jacobian belongs to the present point */
     int rejected_before = 0;
-    int still = 0; /* events since time last moved on */
+    Crowd crowd = {-HUGE_VAL, 0};
     for (int count = 0; count < max_steps; count++) {
         if (s->delays && !has_room(s)) {
             info->next_step = h;
@@ -424,11 +431,9 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
             info->accepted += 1.0;
             fresh = 1;
             if (work->found >= 0) {
-                const double before = t;
                 t = final && taken == h ? goal : t + taken;
-                still = t > before ? 0 : still + 1;
                 react_to(s, t, x, u, p, work->found, work, info);
-                if (still > MOST_AT_ONCE || settle(s, t, x, u, p, work, info) != DONE) {
+                if (crowded(&crowd, t, smallest) || settle(s, t, x, u, p, work, info) != DONE) {
                     info->reached = t;
                     return CHATTER;
                 }

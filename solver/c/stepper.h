@@ -9,6 +9,7 @@
 
 #define STAGES 8
 #define MOST_AT_ONCE 64 /* events at one instant */
+#define SMALLEST 1e-13  /* share of the time below which a step is too small, and events meet */
 
 enum {
     DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, DIVERGED, STIFF, NO_MEMORY, NOT_FINITE,
@@ -26,6 +27,12 @@ typedef struct {
     double status;
     double last_error; /* kept where a call ends for want of steps */
 } Info;
+
+/* The last event and how many before it no time lies between. */
+typedef struct {
+    double last;
+    int32_t count;
+} Crowd;
 
 /* What the events at one instant do to tangents, see `note_event`. */
 typedef struct {

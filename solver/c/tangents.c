@@ -434,38 +434,43 @@ static int spectrum(const System *s, const Walk *w, Info *info)
 #define STRIDES 512 /* parts of a walk within which a motion does not cross a plane twice unseen */
 
 /* The step from `before` by h, done again up to where the plane is crossed: regula falsi with
- * Illinois' halving. `state` is that at the step's end, and then that at the crossing; the answer is
- * how far into the step. */
+ * Illinois' halving. `state` and `mode` are those at the step's end, and then those at the crossing,
+ * never short of it; of a jump across the plane, those after it. `trial` has room for both. The answer
+ * is how far into the step. */
 static double meet(const System *s, const Crossings *c, Integrator walk, void *work, double t,
                    double h, const double *before, const double *held, const Info *info,
-                   double *state, double *mode)
+                   double *state, double *mode, double *trial)
 {
-    const int n = s->states;
+    const size_t size = (size_t)s->states * sizeof(double);
+    const size_t held_size = (size_t)s->held * sizeof(double);
+    const double near = 1e-3 * c->atol[c->coordinate];
+    double *const trial_mode = trial + s->states;
     double a = 0.0, fa = before[c->coordinate] - c->level;
     double b = h, fb = state[c->coordinate] - c->level;
-    double q = h;
     for (int round = 0; round < 60; round++) {
-        if (fabs(state[c->coordinate] - c->level) <= 1e-3 * c->atol[c->coordinate] ||
-            b - a <= 1e-15 * t)
+        if (state[c->coordinate] - c->level <= near || b - a <= 1e-15 * t)
             break;
-        q = b - fb * (b - a) / (fb - fa);
-        memcpy(state, before, (size_t)n * sizeof(double));
-        memcpy(mode, held, (size_t)s->held * sizeof(double));
+        const double q = b - fb * (b - a) / (fb - fa);
+        memcpy(trial, before, size);
+        memcpy(trial_mode, held, held_size);
         Info again = *info;
         again.next_step = 0.0;
-        walk(s, t, t + q, state, mode, c->p, c->atol, c->rtol, work, &again, c->max_steps);
-        const double f = state[c->coordinate] - c->level;
-        if (f < 0.0) {
+        walk(s, t, t + q, trial, trial_mode, c->p, c->atol, c->rtol, work, &again, c->max_steps);
+        const double f = trial[c->coordinate] - c->level;
+        if (f < -near) {
             a = q;
             fa = f;
             fb *= 0.5;
         } else {
+            trial[c->coordinate] = larger(trial[c->coordinate], c->level);
+            memcpy(state, trial, size);
+            memcpy(mode, trial_mode, held_size);
             b = q;
             fb = f;
             fa *= 0.5;
         }
     }
-    return q;
+    return b;
 }
 
 /* Walk from t0 towards t1 until `times` is full of crossings; returns their number. */
@@ -477,7 +482,10 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
     double *const before = memory, *const again = before + n, *const held = again + n;
     double *const mode = held + s->held;
     double *const sampled = mode + s->held;
+    double *const trial = sampled + n;
     const double longest = c->most ? (c->t1 - c->t0) / STRIDES : c->t1 - c->t0;
+    const double least = SMALLEST * larger(fabs(c->t0), fabs(c->t1));
+    Crowd crowd = {-HUGE_VAL, 0}; /* a walk of one step does not see that there are many */
     double t = c->t0, until = c->t1;
     int found = 0;
     memcpy(c->low, c->x, size);
@@ -496,9 +504,14 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
         }
         memcpy(before, c->x, size);
         memcpy(held, c->u, (size_t)s->held * sizeof(double));
+        const double events = info->events;
         const int status = walk(s, t, smaller(until, t + longest), c->x, c->u, c->p, c->atol,
                                 c->rtol, work, info, 1);
         info->status = status;
+        if (info->events > events && crowded(&crowd, info->reached, least)) {
+            info->status = CHATTER;
+            return found;
+        }
         if (status != DONE && status != TOO_MANY_STEPS)
             return found;
         if (diverged(c->x, c->bound, n)) {
@@ -509,7 +522,7 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
             c->low[i] = smaller(c->low[i], c->x[i]);
             c->high[i] = larger(c->high[i], c->x[i]);
         }
-        const double reached = info->reached;
+        double reached = info->reached;
         if (c->period > 0.0) {
             /* motions of a sampled system are the same only where their samples are */
             if (reached == until && sample_instant(until, c->period, 1) == until) {
@@ -523,14 +536,22 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
             }
         } else if (before[c->coordinate] < c->level && c->level <= c->x[c->coordinate]) {
             memcpy(again, c->x, size);
-            const double q = meet(s, c, walk, work, t, reached - t, before, held, info, again, mode);
+            memcpy(mode, c->u, (size_t)s->held * sizeof(double));
+            const double q =
+                meet(s, c, walk, work, t, reached - t, before, held, info, again, mode, trial);
             c->times[found] = t + q;
             memcpy(c->states + found * n, again, size);
             found++;
+            if (found == c->most) { /* the motion ends there, and not where the step does */
+                memcpy(c->x, again, size);
+                memcpy(c->u, mode, (size_t)s->held * sizeof(double));
+                reached = t + q;
+            }
         }
         t = reached;
     }
-    info->status = DONE;
+    const int whole = t >= c->t1 || (c->most && found == c->most);
+    info->status = whole ? DONE : TOO_MANY_STEPS;
     info->reached = t;
     return found;
 }
@@ -547,7 +568,7 @@ static int returns(const System *s, const Crossings *c, int explicitly, Info *in
     const int n = s->states;
     const size_t own = explicitly ? EXPLICIT_DOUBLES(n) : WORK_DOUBLES(n, s->events);
     double *const memory =
-        calloc(own + 3 * (size_t)n + 2 * (size_t)s->held, sizeof(double));
+        calloc(own + 4 * (size_t)n + 3 * (size_t)s->held, sizeof(double));
     if (!memory) {
         info->status = NO_MEMORY;
         return 0;

@@ -6,6 +6,7 @@ import shlex
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ballscrew.cli import main
@@ -97,5 +98,6 @@ def test_a_number_agrees_within_a_digit_of_what_is_printed_and_only_then():
     near = Finding("x", 2.0149, "1", "a text", 2.0148, 1e-4)
     assert near.agrees
     assert not Finding("x", 2.0150, "1", "a text", 2.0148, 1e-4).agrees
+    assert Finding("x", 2.0, "1", "a text", np.float64(2.0)).agrees is True  # JSON knows no other
     assert Finding("x", 2.0, "1", "another solver").agrees is None
     assert "| x | 2.0149 | 2.0148 | yes | a text |" in table_of([near])

@@ -8,6 +8,7 @@ import pytest
 
 import ballscrew
 from ballscrew.cli import main
+from ballscrew.gallery.bouncing_ball.findings import BALL
 from ballscrew.solver.component import Component, Output, Parameter, State, symbol
 
 OMEGA, DECAY = 5.0, 0.3
@@ -78,6 +79,18 @@ def test_its_map_tells_where_it_rests_and_has_its_units(place, tmp_path):
     labels = [a.get_ylabel() for a in made.plot().axes]
     assert "swing of x at the end [rad]" in labels
     assert "distance of x to zero at the end [rad]" in labels
+
+
+def test_a_map_shows_exponents_of_minus_infinity_with_the_lowest_colour(tmp_path):
+    """Of a ball that has come to rest, where no disturbance is left."""
+    made = ballscrew.stability_map(
+        "none", "e=0.5:0.95:2", "v_min=0.1:0.2:2", tmp_path, plant=BALL, stop=2.0, exponents=True
+    )
+    rates = made.plot().axes[3].collections[0]
+    low, high = rates.get_clim()
+    assert np.array_equal(rates.get_array()[:, 0], [low, low])
+    assert np.all(rates.get_array()[:, 1] > 0.0)
+    assert 0.0 < high < 10.0
 
 
 def test_a_plant_with_inputs_is_refused_in_one_line(tmp_path, capsys):

@@ -1,11 +1,13 @@
 """Modes and events: located where exact solutions have them, and told apart from chatter."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import sympy as sp
 
+from ballscrew.solver import core, stepper
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,
@@ -19,6 +21,7 @@ from ballscrew.solver.component import (
     symbol,
 )
 from ballscrew.solver.kernel import IntegrationError, Model
+from ballscrew.solver.spectrum import follow_returns
 
 x, v, u = symbol("x"), symbol("v"), symbol("u")
 
@@ -78,11 +81,34 @@ def test_the_same_events_happen_however_the_run_is_cut_into_steps():
     np.testing.assert_allclose(cut.x, whole.x, atol=1e-10)
 
 
-def test_bounces_without_end_stop_with_the_time_and_not_with_a_hang():
+@pytest.mark.parametrize("road", ["core", "plain"])
+@pytest.mark.parametrize("with_a_mode", [False, True])
+def test_bounces_without_end_stop_with_the_time_and_not_with_a_hang(road, with_a_mode):
     """They accumulate at sqrt(2/g) (1 + 2 e/(1 - e)) = 0.7526 s for e = 1/4."""
-    model = Model(generate(bouncing(restitution=0.25)))
-    with pytest.raises(IntegrationError, match=r"t = 0\.7525\d+ s"):
+    ball = bouncing_through_a_mode() if with_a_mode else bouncing(restitution=0.25)
+    kernel = generate(ball)
+    space = {}
+    exec(kernel.source, space)
+    plain = stepper.PlainSystem(SimpleNamespace(**space), 2, kernel.events)
+    plain.forget = kernel.system().forget
+    model = Model(kernel, system=plain if road == "plain" else None)
+    with pytest.raises(IntegrationError, match=r"events follow each other .* t = 0\.7525\d+ s"):
         model.advance(0.0, 1.0)
+    assert model.info[core.EVENTS] < 400
+
+
+def bouncing_through_a_mode():
+    hits = Event("hits", x, direction=-1, reset={"x": sp.Integer(0)}, next_mode="impact")
+    leaves = Event("leaves", -v, direction=1, reset={"v": -v / 4}, next_mode="flight")
+    modes = (Mode("flight", events=(hits,)), Mode("impact", events=(leaves,)))
+    return component("bouncing_through_a_mode", bouncing().states, modes)
+
+
+def test_returns_that_could_not_be_followed_to_the_end_say_so():
+    model = Model(generate(bouncing(restitution=0.25)))
+    passes = follow_returns(model, 0.0, 1.0, 0, np.inf, 1)
+    assert "events follow each other without end" in passes.failure
+    assert passes.end == pytest.approx(0.7526, abs=1e-4)
 
 
 def counting(direction):

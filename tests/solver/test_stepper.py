@@ -3,6 +3,7 @@
 Each on both roads: the compiled core, and the plain Python that stands in for it.
 """
 
+import itertools
 import math
 from types import SimpleNamespace
 
@@ -156,3 +157,14 @@ def test_a_solution_that_blows_up_is_reported_and_not_returned(road):
     )
     assert status != core.DONE
     assert info[core.REACHED] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_sliver_of_a_call_leaves_no_step_that_is_too_small_for_the_next(road):
+    """As where the sum of many steps misses the end by round-off."""
+    made = linear([[-1.0]], road)
+    x, info = np.ones(1), np.zeros(core.INFO_SIZE)
+    ends = [0.0, 1.0, 1.0 + 2.3e-16, 1e3]
+    for a, b in itertools.pairwise(ends):
+        given = np.zeros(1), np.zeros(1), np.full(1, 1e-8), 1e-8, info, 1000
+        assert made.advance(a, b, x, *given) == core.DONE
+    assert x[0] == pytest.approx(0.0, abs=1e-7)

@@ -8,7 +8,9 @@ from known_systems import (
     BELT_SPEED,
     FALLING,
     belt,
+    bouncing_ball,
     dry_friction,
+    elastic_ball,
     entries,
     linear,
     lorenz,
@@ -20,7 +22,8 @@ from known_systems import (
 from scipy.integrate import solve_ivp
 
 from ballscrew.solver.kernel import Model
-from ballscrew.stability.attractor import Kind
+from ballscrew.solver.spectrum import follow_returns
+from ballscrew.stability.attractor import Kind, classify_attractor
 from ballscrew.stability.equilibria import equilibrium_near
 from ballscrew.stability.lyapunov import lyapunov
 
@@ -41,6 +44,7 @@ RUNS = {
     "belt": (belt, {}, 50.0, 1e-10),
     "dry friction": (dry_friction, {}, 100.0, 1e-10),
     "relay": (relay_loop, {}, 50.0, 1e-10),
+    "ball on a table": (bouncing_ball, {}, 50.0, 1e-10),
 }
 
 
@@ -62,6 +66,7 @@ def run(name):
         ("belt", Kind.CYCLE),
         ("dry friction", Kind.CYCLE),
         ("relay", Kind.CYCLE),
+        ("ball on a table", Kind.CYCLE),
     ],
 )
 def test_the_verdict_is_the_known_one(name, kind):
@@ -163,6 +168,38 @@ def test_a_belts_cycle_has_zero_and_minus_infinity_and_the_period_of_another_sol
     assert motion.period == pytest.approx(period, rel=1e-5)
     assert abs(motion.limit[0]) < 1e-6
     assert motion.limit[1] == -np.inf
+
+
+def test_a_plane_that_a_jump_crosses_is_met_after_the_jump_and_the_motion_goes_on_there():
+    """The speed of a ball from 1/2 jumps from -1 to 1 at t = 1, 3, 5 and so on."""
+    model = maker(elastic_ball())(1e-9)
+    passes = follow_returns(model, 0.0, 20.0, coordinate=1, level=0.0, most=3)
+    np.testing.assert_allclose(passes.time, [1.0, 3.0, 5.0], rtol=1e-12)
+    np.testing.assert_allclose(passes.states, np.tile([0.0, 1.0], (3, 1)), atol=1e-9)
+    assert passes.end == passes.time[-1]
+    assert model.mode == "flight"
+    model.advance(passes.end, 6.0)
+    np.testing.assert_allclose(model.x, [0.5, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("time", np.linspace(0.05, 1.95, 20))
+def test_a_ball_in_flight_is_not_at_rest(time):
+    """Its acceleration is constant: no Newton step says that it has to vanish, too."""
+    model = maker(elastic_ball())(1e-9)
+    model.advance(0.0, time)
+    motion = classify_attractor(model, time, 10.0, exponents=False, rounds=1)
+    assert motion.kind is Kind.CYCLE, motion.evidence
+    assert motion.period == pytest.approx(2.0, rel=1e-9)
+
+
+def test_a_ball_that_loses_nothing_bounces_for_ever_and_on_no_cycle_of_its_own():
+    """Its period grows with its energy, so a disturbance grows, too, but not exponentially."""
+    model = maker(elastic_ball())(1e-9)
+    before = model.tolerance
+    motion = classify_attractor(model, 0.0, 10.0)
+    assert motion.kind is Kind.UNDECIDED, motion.evidence
+    assert "returns that do not close" in motion.evidence
+    assert model.tolerance == before
 
 
 def test_the_limits_at_rest_are_the_real_parts_of_the_eigenvalues():

@@ -147,6 +147,19 @@ def bouncing_ball() -> Kernel:
 
 
 @cache
+def elastic_ball() -> Kernel:
+    """A ball that falls with g = 1 from a height of 1/2 and loses nothing at the floor.
+
+    An impact is a mode of its own, which takes no time.
+    """
+    hits = Event("hits", x, direction=-1, reset={"x": sp.Integer(0)}, next_mode="impact")
+    leaves = Event("leaves", -v, direction=1, reset={"v": -v}, next_mode="flight")
+    modes = (Mode("flight", events=(hits,)), Mode("impact", events=(leaves,)))
+    rates = {"x": (v, 0.5), "v": (sp.Integer(-1), 0.0)}
+    return generate(_component("elastic_ball", rates, modes=modes))
+
+
+@cache
 def dry_friction() -> Kernel:
     """A unit mass on a unit spring, driven, with viscous and Coulomb friction; it never sticks.
 

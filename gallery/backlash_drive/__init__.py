@@ -1,0 +1,1 @@
+"""A drive with backlash before its table, under the usual cascade."""

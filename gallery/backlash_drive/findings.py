@@ -1,0 +1,266 @@
+"""How a drive with backlash hunts, and what its describing function says of it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+import ballscrew
+
+from ..drawing import COLOURS, drawn, part
+from ..finding import Finding
+
+DRIVE = part(__file__, "drive")
+TABLE_LOOP, MOTOR_LOOP = part(__file__, "table_loop"), part(__file__, "motor_loop")
+MM, M, D, K, B = 10.0, 50.0, 200.0, 1e6, 1e-5
+KP, KI = 6000.0, 1.5e5
+HIGH, LOW = 100.0, 30.0  # position gains that are looked at [1/s]
+SHOWN = (7.5, 10.0, 15.0, 22.0, 30.0, 45.0, 60.0, 80.0, 100.0, 120.0, 133.0)
+DESCRIBING = "describing function of the backlash"
+LEFT_OUT = "it leaves out the third harmonic, whose share is taken for its digit"
+PUSH = "one push after a long wait, by matrix exponentials"
+
+Matrix = npt.NDArray[np.float64]
+
+
+def linear(gain: float, stiffness: float) -> Matrix:
+    """Rates of (x, v, xm, vm, w) in the table's loop, without backlash."""
+    pull = stiffness * np.array([-1.0, 0.0, 1.0, 0.0, 0.0])
+    error = np.array([-gain, 0.0, 0.0, -1.0, 0.0])
+    motor = KP * error + np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+    return np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0, 0.0],
+            (pull - [0.0, D, 0.0, 0.0, 0.0]) / M,
+            [0.0, 0.0, 0.0, 1.0, 0.0],
+            (motor - pull) / MM,
+            KI * error,
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A cycle as the describing function has it.
+
+    Attributes
+    ----------
+    frequency : float
+        [rad/s]
+    lead : float
+        Amplitude by which the motor leads [m].
+    table : float
+        Amplitude of the table [m].
+    third : float
+        Amplitude of the lead's third harmonic that this leaves out, over `lead`.
+    """
+
+    frequency: float
+    lead: float
+    table: float
+    third: float
+
+
+def share(lead: float) -> float:
+    """Describing function of the backlash over the screw's stiffness; `lead` over b, at least 1."""
+    return 1.0 - 2.0 / math.pi * (math.asin(1.0 / lead) + math.sqrt(1.0 - lead**-2) / lead)
+
+
+def growth(gain: float, stiffness: float) -> complex:
+    """The eigenvalue of the swing that grows fastest [1/s]."""
+    values = np.linalg.eigvals(linear(gain, stiffness))
+    swings = values[values.imag > 0.0]
+    return complex(swings[np.argmax(swings.real)])
+
+
+def predicted(gain: float) -> Swing:
+    """The cycle for a position gain [1/s].
+
+    A swing of the lead by A sees a screw of the stiffness N(A). It goes on for ever where the loop
+    with this stiffness has an imaginary eigenvalue.
+
+    Raises
+    ------
+    ValueError
+        If no stiffness up to that of the screw has one.
+    """
+    stiffness = float(brentq(lambda n: growth(gain, n).real, 1e-3 * K, K, xtol=1e-9 * K))
+    frequency = growth(gain, stiffness).imag
+    lead = float(brentq(lambda a: share(a) - stiffness / K, 1.0 + 1e-12, 1e6))
+    angle = 2.0 * math.pi * (np.arange(1024) + 0.5) / 1024
+    swing = lead * np.cos(angle)
+    push = swing - np.clip(swing, -1.0, 1.0)
+    third = abs(answer(3j * frequency, gain)) * K * abs(2.0 * np.mean(push * np.cos(3.0 * angle)))
+    table = stiffness * lead * B / abs(M * (1j * frequency) ** 2 + D * 1j * frequency)
+    return Swing(frequency, lead * B, table, float(third / lead))
+
+
+def answer(s: complex, gain: float) -> complex:
+    """By how much the lead shrinks per force of the screw [m/N]."""
+    table = M * s**2 + D * s
+    return (1.0 + (KP + KI / s) * gain / table) / (MM * s**2 + KP * s + KI) + 1.0 / table
+
+
+def after_a_push(gain: float) -> float:
+    """Where the table rests after a push, over where it waited before, on the other side.
+
+    The motor has come up with the steady speed gain |x|, and the table stands. What follows is
+    linear until they part; then the table glides to rest.
+    """
+    matrix, step = linear(gain, K), 1e-4
+    once = expm(matrix * step)
+    state = np.array([-1.0, 0.0, -1.0, gain, 0.0])  # the backlash is counted as used up
+    while (later := once @ state)[2] >= later[0]:
+        state = later
+    parts = brentq(lambda s: (expm(matrix * s) @ state)[[2, 0]] @ [1.0, -1.0], 0.0, step)
+    x, v, *_ = expm(matrix * parts) @ state
+    return float(x + v * M / D)
+
+
+@cache
+def begin() -> float:
+    """The position gain at which a push moves the table as far beyond as it was before [1/s]."""
+    return float(brentq(lambda gain: after_a_push(gain) - 1.0, 4.0, 12.0))
+
+
+@cache
+def end() -> float:
+    """The position gain at which the drive without backlash loses its stability [1/s]."""
+    return float(brentq(lambda gain: growth(gain, K).real, HIGH, 2.0 * HIGH))
+
+
+@cache
+def motion(law: str, gain: float, stop: float, step: float, start: float = 2e-5) -> Any:
+    """The drive's course to zero, from a start [m] in the middle of the backlash."""
+    return ballscrew.run(
+        law,
+        DRIVE,
+        reference=0.0,
+        stop=stop,
+        step=step,
+        coupling=ballscrew.Coupling("monolithic"),
+        plant_values={"x_start": start, "xm_start": start},
+        controller_values={"Kx": gain},
+    ).run
+
+
+@cache
+def cycle(gain: float) -> Any:
+    """What becomes of the drive with a position gain [1/s]."""
+    return ballscrew.lyapunov(
+        TABLE_LOOP, DRIVE, stop=2.0, setpoint=0.0, controller_values={"Kx": gain}
+    ).motion
+
+
+@cache
+def measured_push(gain: float) -> float:
+    """As `after_a_push`, of the last pushes of a run whose waits are long."""
+    x = motion(TABLE_LOOP, gain, 20.0, 4e-3, start=1e-6).outputs["x"]
+    turns = np.flatnonzero(np.sign(x[1:]) != np.sign(x[:-1]))
+    waits = [np.abs(x[a + 1 : b + 1]).max() for a, b in itertools.pairwise(turns)]
+    return float(waits[-1] / waits[-2])
+
+
+def findings() -> list[Finding]:
+    rows = []
+    for gain in (HIGH, LOW):
+        theory, ours = predicted(gain), cycle(gain)
+        remark = "" if gain == HIGH else "the lead is far from a sine, see the picture"
+        for what, mine, theirs, unit in (
+            ("frequency", 2.0 * math.pi / ours.period, theory.frequency, "rad/s"),
+            ("swing of the table", ours.amplitude["plant_x"], theory.table, "m"),
+        ):
+            digit = theory.third * theirs
+            rows.append(
+                Finding(
+                    f"{what}, Kx = {gain:g} 1/s",
+                    *(mine, unit, f"{DESCRIBING}; {LEFT_OUT}", theirs, digit, remark),
+                )
+            )
+    below = np.array([6.3, 6.6])
+    ratios = [measured_push(gain) for gain in below]
+    slope, offset = np.polyfit(below, ratios, 1)
+    started = float((1.0 - offset) / slope)
+    return [
+        *rows,
+        Finding(
+            "where a push takes the table, over where it was, Kx = 6.3 1/s",
+            *(ratios[0], "1", PUSH, after_a_push(6.3), 1e-5),
+        ),
+        Finding(
+            "position gain where cycles begin, by pushes",
+            *(started, "1/s", f"{PUSH}; ours is drawn on from 6.3 and 6.6 1/s", begin(), 5e-3),
+        ),
+        Finding(
+            "position gain where cycles begin, by sines",
+            *(started, "1/s", f"{DESCRIBING}: D/M, where its stiffness is zero", D / M, 0.5),
+            "cycles begin with short pushes between endless waits, and not with sines",
+        ),
+    ]
+
+
+def picture() -> Any:
+    with drawn(2, 2, height=3.4) as (figure, (swing, frequency, lead, swap)):
+        gains = np.concatenate([np.linspace(4.3, 30.0, 30), np.linspace(32.0, 0.997 * end(), 50)])
+        theory = [predicted(gain) for gain in gains]
+        cycles = [cycle(gain) for gain in SHOWN]
+        for axes, curve, unit, found in (
+            (swing, [s.table for s in theory], B, [c.amplitude["plant_x"] for c in cycles]),
+            (
+                frequency,
+                [s.frequency for s in theory],
+                1.0,
+                [2.0 * math.pi / c.period for c in cycles],
+            ),
+        ):
+            values, third = np.array(curve) / unit, np.array([s.third for s in theory])
+            axes.plot(gains, values, color=COLOURS[1], label="describing function")
+            axes.fill_between(
+                *(gains, values * (1 - third), values * (1 + third)),
+                **{"color": COLOURS[1], "alpha": 0.2, "lw": 0, "label": "its third harmonic"},
+            )
+            axes.plot(SHOWN, np.array(found) / unit, "o", color=COLOURS[0], label="motion")
+            axes.axvline(begin(), color="black", ls=":", lw=1.2)
+            axes.axvline(end(), color="black", ls=":", lw=1.2)
+            axes.set(xlabel="position gain Kx [1/s]", xlim=(0.0, 150.0))
+        swing.set(ylabel="swing of the table over b", yscale="log", ylim=(0.1, 100.0))
+        swing.set_title("Backlash makes a stable loop hunt")
+        frequency.set(ylabel="frequency [rad/s]", ylim=(0.0, None))
+        frequency.set_title("It begins with pushes, and ends as a sine")
+        swing.legend(loc="upper left")
+        for at, text in ((begin(), "begin"), (end(), "end")):
+            swing.text(at + 2.0, 0.12, text, fontsize=9)
+        for k, gain in enumerate((10.0, HIGH)):
+            period = cycle(gain).period
+            run = motion(TABLE_LOOP, gain, 3.0, 1e-3)
+            late = run.time > 3.0 - 2.5 * period
+            lead.plot(
+                *((run.time[late] - 3.0) / period + 2.5, run.outputs["lead"][late] / B),
+                **{"color": COLOURS[k], "ls": ("--", "-")[k], "label": f"Kx = {gain:g} 1/s"},
+            )
+        lead.axhspan(-1.0, 1.0, color="#bbbbbb", alpha=0.5, lw=0, label="backlash")
+        lead.set(xlabel="time over the period", ylabel="lead of the motor over b", xlim=(0.0, 2.5))
+        lead.set_title("Within the backlash nothing pushes")
+        lead.legend(loc="upper right", ncols=3, fontsize=9)
+        lead.set_ylim(-5.0, 7.0)
+        for k, (law, where) in enumerate(
+            ((TABLE_LOOP, "at the table"), (MOTOR_LOOP, "at the motor"))
+        ):
+            run = motion(law, 60.0, 0.6, 1e-3)
+            swap.plot(
+                *(run.time, 1e6 * run.outputs["x"]),
+                **{"color": COLOURS[k], "ls": ("-", "--")[k], "label": f"measured {where}"},
+            )
+        swap.axhspan(-1e6 * B, 1e6 * B, color="#bbbbbb", alpha=0.5, lw=0)
+        swap.set(xlabel="time [s]", ylabel="table [µm]", xlim=(0.0, 0.6), ylim=(-30.0, 36.0))
+        swap.set_title("Another law rests, but anywhere within b")
+        swap.legend(loc="upper right", ncols=2, fontsize=9)
+    return figure

@@ -1,0 +1,1 @@
+"""A ball that bounces on a rigid floor until it rests."""

@@ -1,0 +1,1 @@
+"""A forced oscillator that strikes a rigid stop."""

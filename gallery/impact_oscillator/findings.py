@@ -1,0 +1,294 @@
+"""What an oscillator that strikes a stop does, beside the closed form of its simplest motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+
+import ballscrew
+
+from ..drawing import COLOURS, drawn, part
+from ..finding import Finding
+
+OSCILLATOR = part(__file__, "oscillator")
+ZETA, OMEGA, GAP, R = 0.1, 2.5, 1.0, 0.5
+PERIOD = 2.0 * math.pi / OMEGA
+PERIODS = 3000  # of the slow sweep
+LOW, HIGH = 0.9, 2.6  # shares of the grazing force
+PERIODIC, CHAOTIC = 2.5, 1.5
+SHORT = 30  # periods after which chaos has not yet made round-off large
+CLOSED_FORM = "closed form of the motion with one impact in each period"
+
+Vector = npt.NDArray[np.float64]
+
+
+def swing(zeta: float, omega: float) -> tuple[float, float]:
+    """Cosine and sine part of the motion without impacts, per unit of force."""
+    inertia, damping = 1.0 - omega**2, 2.0 * zeta * omega
+    return inertia / (inertia**2 + damping**2), damping / (inertia**2 + damping**2)
+
+
+GRAZING = GAP / math.hypot(*swing(ZETA, OMEGA))
+
+
+@dataclass(frozen=True)
+class SingleImpact:
+    """The motion with one impact in each period of the force.
+
+    Attributes
+    ----------
+    speed : float
+        Before the impact [1/s].
+    phase : float
+        Of the force at the impact [rad].
+    multipliers : ndarray of complex, shape (2,)
+        By what a period multiplies disturbances.
+    start : tuple of float
+        Displacement and velocity [1/s] where the force is largest.
+    """
+
+    speed: float
+    phase: float
+    multipliers: npt.NDArray[np.complex128]
+    start: tuple[float, float]
+
+
+def single_impact(
+    force: float, zeta: float = ZETA, omega: float = OMEGA, gap: float = GAP, r: float = R
+) -> SingleImpact:
+    """The motion with one impact in each period; that nothing is hit in between is not asked.
+
+    After an impact at the time 0 the motion is h(t), free and damped, with the forced swing p(t).
+    From h(T) = h(0) and h'(T) - h'(0) = (1 + r) V follow h'(0), h'(T) and V as multiples of h(0),
+    and h(0) from the amplitude of p: a quadratic equation.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    w, period = math.sqrt(1.0 - zeta**2), 2.0 * math.pi / omega
+    decay, c, s = math.exp(-zeta * period), math.cos(w * period), math.sin(w * period)
+    first = w * (1.0 / decay - c) / s - zeta  # h'(0)/h(0)
+    last = w * (c - decay) / s - zeta  # h'(T)/h(0)
+    speed = (last - first) / (1.0 + r)  # V/h(0)
+    a, b = (force * q for q in swing(zeta, omega))
+    # p = gap - h(0) and p' = V - h'(T) at the impact; p^2 + (p'/omega)^2 = a^2 + b^2
+    square = 1.0 + ((speed - last) / omega) ** 2
+    left = gap**2 - square * (gap**2 - a**2 - b**2)
+    if left < 0.0:
+        raise ValueError("the force is too weak for an impact in each period")
+    h = (gap + math.copysign(math.sqrt(left), speed)) / square
+    if h * speed <= 0.0:
+        raise ValueError("no motion with one impact in each period moves towards the stop")
+    p, q = gap - h, (speed - last) * h / omega
+    phase = math.atan2(b * p - a * q, a * p + b * q)
+    kick = (1.0 + r) * (force * math.cos(phase) - gap) / (speed * h)
+    trace = decay * (kick * s / w - 2.0 * r * c)
+    middle, root = 0.5 * trace, np.emath.sqrt(0.25 * trace**2 - (r * decay) ** 2)
+    t = (-phase % (2.0 * math.pi)) / omega
+    rate = (first + zeta) * h / w
+    cos, sin = math.cos(w * t), math.sin(w * t)
+    x = math.exp(-zeta * t) * (h * cos + rate * sin)
+    v = math.exp(-zeta * t) * w * (rate * cos - h * sin) - zeta * x
+    return SingleImpact(
+        speed * h, phase, np.array([middle + root, middle - root], complex), (x + a, v + omega * b)
+    )
+
+
+@cache
+def doubling() -> float:
+    """The force over that of grazing where the period of the motion with one impact doubles."""
+
+    def beyond(share: float) -> float:
+        return float(single_impact(share * GRAZING).multipliers.real.min()) + 1.0
+
+    return float(brentq(beyond, 2.0, PERIODIC))
+
+
+def without_impacts(share: float) -> dict[str, float]:
+    """Force and start of the swing without impacts, at a share of the force of grazing."""
+    a, b = (share * GRAZING * q for q in swing(ZETA, OMEGA))
+    return {"force": share * GRAZING, "x_start": a, "v_start": b * OMEGA}
+
+
+def motion(values: Mapping[str, float], periods: float, rows: int = 1) -> Any:
+    """A motion, with so many rows in each period."""
+    return ballscrew.run(
+        "none",
+        OSCILLATOR,
+        stop=periods * PERIOD,
+        step=PERIOD / rows,
+        coupling=ballscrew.Coupling("monolithic"),
+        plant_values=values,
+    ).run
+
+
+@cache
+def exponents(share: float, periods: float = 100.0) -> Any:
+    """Exponents at a share of the force of grazing."""
+    return ballscrew.lyapunov(
+        "none", OSCILLATOR, stop=periods * PERIOD, plant_values={"force": share * GRAZING}
+    )
+
+
+def ramp(low: float, high: float, periods: float) -> dict[str, float]:
+    """A force that grows slowly from one share of that of grazing to another."""
+    end = periods * PERIOD
+    return {"force": low * GRAZING, "ramp": (high - low) * GRAZING / end, "ramp_end": end}
+
+
+@cache
+def sweep() -> tuple[Vector, Vector]:
+    """Displacements once in a period while the force grows, over its share of that of grazing."""
+    run = motion(without_impacts(LOW) | ramp(LOW, HIGH, PERIODS), PERIODS)
+    return np.linspace(LOW, HIGH, PERIODS + 1), run.outputs["x"]
+
+
+@cache
+def largest_exponents(low: float, high: float, points: int) -> tuple[Vector, Vector]:
+    """Largest exponents while the force grows, each over 30 periods [nats/s].
+
+    They end where a chatter leaves no tangent.
+    """
+    periods = 30 * points
+    start = without_impacts(low) if low < 1.0 else {}
+    values = start | ramp(low, high, periods)
+    found = ballscrew.lyapunov(
+        "none", OSCILLATOR, stop=periods * PERIOD, plant_values=values
+    ).spectrum
+    grid = np.linspace(0.0, periods * PERIOD, points + 1)
+    growth = np.interp(grid, found.time, found.growth[:, 0])
+    known = np.isfinite(growth)
+    shares = low + (high - low) * (np.arange(points) + 0.5) / points
+    return shares[known[1:]], np.diff(growth[known]) / (30 * PERIOD)
+
+
+def findings() -> list[Finding]:
+    below = ballscrew.lyapunov(
+        "none", OSCILLATOR, stop=20.0 * PERIOD, plant_values=without_impacts(0.99)
+    )
+    known, periodic = single_impact(PERIODIC * GRAZING), exponents(PERIODIC)
+    end = motion({"force": PERIODIC * GRAZING}, 200)
+    rates = np.sort(np.log(np.abs(known.multipliers)))[::-1] / PERIOD
+    chaos = exponents(CHAOTIC, SHORT)
+    impacts = chaos.spectrum.events / 2.0  # each is found, and left
+    dissipation = -2.0 * ZETA + 2.0 * math.log(R) * impacts / chaos.spectrum.time[-1]
+    near = np.array([1.01, 1.02]) * doubling()
+    factors = [-math.exp(exponents(share).motion.limit[0] * PERIOD) for share in near]
+    (slope, offset) = np.polyfit(near, factors, 1)
+    return [
+        Finding(
+            "swing of x at 0.99 of the grazing force",
+            below.motion.amplitude["plant_x"],
+            "1",
+            "amplitude of the motion without impacts; the gap is 1",
+            0.99,
+            1e-6,
+        ),
+        Finding(
+            f"x where the force is largest, F = {PERIODIC:g} F_g",
+            float(end.outputs["x"][-1]),
+            "1",
+            CLOSED_FORM,
+            known.start[0],
+            1e-7,
+        ),
+        *(
+            Finding(
+                f"{which} exponent, F = {PERIODIC:g} F_g [nats/s]",
+                float(periodic.motion.limit[k]),
+                "1/s",
+                f"{CLOSED_FORM}: eigenvalue of its saltation and flight",
+                float(rates[k]),
+                1e-6,
+            )
+            for k, which in enumerate(("first", "second"))
+        ),
+        Finding(
+            "force of period doubling, over F_g",
+            float((-1.0 - offset) / slope),
+            "1",
+            f"{CLOSED_FORM}, where an eigenvalue is -1; ours is drawn from exponents at 1.01 and "
+            "1.02 times that force, and leaves out what is not linear in between",
+            doubling(),
+            2e-3,
+        ),
+        Finding(
+            f"largest exponent over {SHORT} periods from rest, F = {CHAOTIC:g} F_g [nats/s]",
+            float(chaos.exponents[0]),
+            "1/s",
+            "chaos; the map from impact to impact, with saltation, gives the same to 1e-6, and "
+            "over 2500 impacts within four standard errors",
+        ),
+        Finding(
+            f"sum of both exponents over {SHORT} periods, F = {CHAOTIC:g} F_g [nats/s]",
+            float(chaos.exponents.sum()),
+            "1/s",
+            "-2 zeta, and 2 log(r) for each impact that was counted",
+            dissipation,
+            1e-9,
+        ),
+    ]
+
+
+def picture() -> Any:
+    with drawn(2, 2, height=3.4) as (figure, (course, orbits, rates, section)):
+        shares, x = sweep()
+        course.plot(shares, x, ".", ms=1.0, color=COLOURS[0])
+        known = np.linspace(1.7, HIGH, 60)
+        fixed = [single_impact(share * GRAZING).start[0] for share in known]
+        course.plot(known, fixed, color=COLOURS[1], lw=1.3, ls="--", label="closed form")
+        course.set(
+            ylabel="x where F is largest", title="Grazing, chaos, and a cascade back to order"
+        )
+        for low, high, points in ((LOW, 1.3, 10), (1.32, HIGH, 40)):
+            where, largest = largest_exponents(low, high, points)
+            rates.plot(where, largest, "-", color=COLOURS[0], lw=0.8)
+            for sign, k, label in ((1, 1, "chaos"), (-1, 0, "order")):
+                shown = sign * largest > 0.0
+                style = {"color": COLOURS[k], "ms": 4, "label": label if low > 1 else None}
+                rates.plot(where[shown], largest[shown], "o", **style)
+        rates.axhline(0.0, color="black", lw=0.8)
+        known = np.linspace(doubling(), HIGH, 40)
+        slow = [single_impact(s * GRAZING).multipliers for s in known]
+        rates.plot(
+            *(known, [math.log(np.abs(m).max()) / PERIOD for m in slow]),
+            **{"color": COLOURS[1], "lw": 1.3, "ls": "--"},
+        )
+        rates.set(ylim=(-0.5, 0.3), xlabel="force over that of grazing")
+        rates.set(ylabel="largest exponent [nats/s]", title="Its sign tells chaos from order")
+        for axes in (course, rates):
+            axes.set_xlim(LOW, HIGH)
+            axes.axvline(1.0, color="black", lw=1.0, ls=":")
+            axes.axvline(doubling(), color="black", lw=1.0, ls=":")
+        for at, text in ((1.0, "grazing"), (doubling(), "doubling")):
+            rates.text(at + 0.015, 0.25, text, fontsize=9)
+        rates.text(1.235, 0.02, "chatter:\nminus\ninfinity", fontsize=9, ha="center")
+        rates.legend(loc="lower right")
+        start = dict(
+            zip(("x_start", "v_start"), single_impact(PERIODIC * GRAZING).start, strict=True)
+        )
+        wild = motion({"force": CHAOTIC * GRAZING}, 56, 100)
+        calm = motion({"force": PERIODIC * GRAZING} | start, 1, 200)
+        for run, since, k, share in ((wild, 20, 1, CHAOTIC), (calm, 0, 0, PERIODIC)):
+            late = run.time >= since * PERIOD
+            orbits.plot(
+                *(run.outputs["x"][late], run.outputs["v"][late]),
+                **{"color": COLOURS[k], "lw": 0.7 if since else 2.0, "label": f"{share:g} F_g"},
+            )
+        orbits.axvline(GAP, color="black", lw=3.0)
+        orbits.set(xlabel="x", ylabel="v [1/s]", title="The stop returns half of the speed")
+        orbits.legend(loc="upper left")
+        points = motion({"force": CHAOTIC * GRAZING}, 2000).outputs
+        section.plot(points["x"][50:], points["v"][50:], ".", ms=1.5, color=COLOURS[1])
+        section.set(xlabel="x where F is largest", ylabel="v [1/s]")
+        section.set_title(f"Chaos, looked at once in a period: {CHAOTIC:g} F_g")
+    return figure

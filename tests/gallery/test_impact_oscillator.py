@@ -1,0 +1,222 @@
+"""The impact oscillator: a map from impact to impact, another solver, and its closed form."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import ballscrew
+from ballscrew.gallery.impact_oscillator.findings import (
+    CHAOTIC,
+    GAP,
+    GRAZING,
+    OMEGA,
+    OSCILLATOR,
+    PERIOD,
+    PERIODIC,
+    SHORT,
+    ZETA,
+    R,
+    doubling,
+    exponents,
+    findings,
+    largest_exponents,
+    motion,
+    single_impact,
+    without_impacts,
+)
+
+
+def complex_swing(t, force, zeta, omega):
+    """Displacement and velocity of the motion without impacts, by its complex amplitude."""
+    turning = force / (1 - omega**2 + 2j * zeta * omega) * np.exp(1j * omega * np.asarray(t))
+    return turning.real, (1j * omega * turning).real
+
+
+def free_flight(s, zeta):
+    """Matrix that takes a free motion on by a time s."""
+    w = math.sqrt(1 - zeta**2)
+    c, d = math.cos(w * s), math.sin(w * s) / w
+    return math.exp(-zeta * s) * np.array([[c + zeta * d, d], [-d, c - zeta * d]])
+
+
+class FromImpactToImpact:
+    """A motion from rest at x = 0 and its first tangent, by exact flights and saltation."""
+
+    def __init__(self, force):
+        self.force, self.t, self.state = force, 0.0, np.zeros(2)
+        self.tangent, self.growth = np.array([1.0, 0.0]), 0.0
+
+    def fly(self, s):
+        flight = free_flight(s, ZETA)
+        forced = np.array(complex_swing(self.t, self.force, ZETA, OMEGA))
+        self.state = flight @ (self.state - forced)
+        self.t += s
+        self.state = self.state + complex_swing(self.t, self.force, ZETA, OMEGA)
+        self.stretch(flight)
+
+    def stretch(self, matrix):
+        self.tangent = matrix @ self.tangent
+        size = np.linalg.norm(self.tangent)
+        self.growth += math.log(size)
+        self.tangent /= size
+
+    def until_the_impact(self):
+        begin = self.state - complex_swing(self.t, self.force, ZETA, OMEGA)
+
+        def beyond(s):
+            forced, _ = complex_swing(self.t + s, self.force, ZETA, OMEGA)
+            return (free_flight(s, ZETA) @ begin)[0] + forced - GAP
+
+        s = 0.02
+        while beyond(s) <= 0.0:
+            s += 0.02
+        return brentq(beyond, s - 0.02 if s > 0.03 else 1e-9, s, xtol=1e-14)
+
+    def strike(self):
+        v = self.state[1]
+        pull = self.force * math.cos(OMEGA * self.t) - GAP
+        # rates of the velocity after and before the impact
+        kick = (pull + 2 * ZETA * R * v) + R * (pull - 2 * ZETA * v)
+        self.stretch(np.array([[-R, 0.0], [kick / v, -R]]))
+        self.state = np.array([GAP, -R * v])
+
+
+def test_the_exponent_over_a_while_is_that_of_the_map_from_impact_to_impact():
+    motion, end = FromImpactToImpact(CHAOTIC * GRAZING), SHORT * PERIOD
+    while motion.t + (s := motion.until_the_impact()) < end:
+        motion.fly(s)
+        motion.strike()
+    motion.fly(end - motion.t)
+    assert exponents(CHAOTIC, SHORT).exponents[0] == pytest.approx(motion.growth / end, abs=1e-6)
+
+
+def test_the_exponent_of_chaos_is_that_of_the_map_from_impact_to_impact():
+    motion, marks = FromImpactToImpact(CHAOTIC * GRAZING), []
+    for k in range(2500):
+        if k % 100 == 0:
+            marks.append((motion.t, motion.growth))
+        motion.fly(motion.until_the_impact())
+        motion.strike()
+    times, growth = np.diff(marks[1:], axis=0).T
+    rates = growth / times
+    error = rates.std(ddof=1) / math.sqrt(len(rates))
+    found = exponents(CHAOTIC).motion
+    assert found.kind.value == "chaos"
+    assert found.limit[0] > 10 * found.limit_error[0]
+    off = abs(found.limit[0] - growth.sum() / times.sum())
+    assert off < 4.0 * math.hypot(error, found.limit_error[0])
+
+
+@pytest.fixture(scope="module")
+def orbit():
+    """Three periods from the start of the closed form, by DOP853; times and speeds of impacts."""
+    force = PERIODIC * GRAZING
+
+    def rates(t, y):
+        return [y[1], force * math.cos(OMEGA * t) - y[0] - 2 * ZETA * y[1]]
+
+    def hits(_t, y):
+        return y[0] - GAP
+
+    hits.terminal, hits.direction = True, 1
+    t, y, impacts = 0.0, list(single_impact(force).start), []
+    while t < 3 * PERIOD:
+        run = solve_ivp(rates, (t, 3 * PERIOD), y, "DOP853", rtol=1e-12, atol=1e-13, events=hits)
+        t, y = run.t[-1], run.y[:, -1]
+        if run.status == 1:
+            impacts.append((t, y[1]))
+            y = [GAP, -R * y[1]]
+    return np.array(impacts), y
+
+
+def test_the_closed_form_is_the_motion_of_another_solver(orbit):
+    impacts, end = orbit
+    known = single_impact(PERIODIC * GRAZING)
+    assert impacts[:, 0] == pytest.approx((known.phase / OMEGA) % PERIOD + PERIOD * np.arange(3))
+    assert impacts[:, 1] == pytest.approx([known.speed] * 3, rel=1e-9)
+    assert end == pytest.approx(known.start, rel=1e-9)
+
+
+@given(
+    zeta=st.floats(0.0, 0.3),
+    omega=st.floats(1.2, 4.0),
+    gap=st.floats(-0.5, 1.0),
+    r=st.floats(0.2, 0.9),
+    force=st.floats(0.5, 20.0),
+)
+@settings(max_examples=12, deadline=None, derandomize=True)
+def test_a_motion_with_one_impact_in_each_period_is_that_of_the_closed_form(
+    zeta, omega, gap, r, force
+):
+    """Stable or not: from its start it comes back after a period, if nothing is hit in between."""
+    try:
+        known = single_impact(force, zeta, omega, gap, r)
+    except ValueError:
+        assume(False)
+    assume(known.speed > 0.05 and np.abs(known.multipliers).max() < 50.0)
+    hit = known.phase / omega
+    p, q = complex_swing(hit, force, zeta, omega)
+    begin = np.array([gap - p, -r * known.speed - q])
+    inside = np.linspace(0.0, 2 * np.pi / omega, 400)[1:-1]
+    course = [(free_flight(s, zeta) @ begin)[0] for s in inside]
+    assume(np.all(course + complex_swing(hit + inside, force, zeta, omega)[0] < gap))
+    values = {"zeta": zeta, "omega": omega, "gap": gap, "r": r, "force": force}
+    values |= {"x_start": known.start[0], "v_start": known.start[1]}
+    run = ballscrew.run(
+        "none",
+        OSCILLATOR,
+        stop=2 * np.pi / omega,
+        step=2 * np.pi / omega,
+        coupling=ballscrew.Coupling("monolithic"),
+        plant_values=values,
+    ).run
+    assert run.outputs["x"][-1] == pytest.approx(known.start[0], abs=1e-7 * force)
+    assert run.outputs["v"][-1] == pytest.approx(known.start[1], abs=1e-7 * force)
+
+
+def test_too_weak_a_force_has_no_motion_with_one_impact_in_each_period():
+    with pytest.raises(ValueError, match="too weak"):
+        single_impact(0.1 * GRAZING)
+
+
+@pytest.mark.parametrize(("share", "touches"), [(0.9999, False), (1.0001, True)])
+def test_the_swing_without_impacts_grazes_the_stop_where_its_amplitude_is_the_gap(share, touches):
+    run = motion(without_impacts(share), 8, 50)
+    expected = complex_swing(run.time, share * GRAZING, ZETA, OMEGA)[0]
+    assert bool(np.max(np.abs(run.outputs["x"] - expected)) > 1e-6) == touches
+
+
+@pytest.mark.parametrize(("share", "doubled"), [(1.01, False), (0.98, True)])
+def test_the_period_doubles_at_the_force_of_the_closed_form(share, doubled):
+    x = motion({"force": share * doubling() * GRAZING}, 1000).outputs["x"]
+    assert x[-1] == pytest.approx(x[-3], abs=1e-5)
+    assert (abs(x[-1] - x[-2]) > 0.1) == doubled
+
+
+def test_where_impacts_chatter_no_disturbance_outlives_them():
+    found = exponents(1.2)
+    assert np.all(np.isneginf(found.exponents))
+    assert np.all(np.isneginf(found.motion.limit))
+    run = motion({"force": 1.2 * GRAZING}, 60, 100).outputs
+    assert np.any((run["x"] == GAP) & (run["v"] == 0.0))  # it stays at the stop for a while
+
+
+def test_while_the_force_grows_the_exponent_is_that_of_free_swings_then_positive_then_negative():
+    shares, before = largest_exponents(0.9, 0.98, 2)
+    assert shares == pytest.approx([0.92, 0.96])
+    assert before == pytest.approx([-ZETA, -ZETA], abs=1e-2)  # within a swing it turns about
+    shares, after = largest_exponents(1.32, 2.6, 40)
+    assert np.all(after[shares < 1.55] > 0.05)
+    late = shares > 2.4  # the force has left the doubling behind
+    known = [single_impact(share * GRAZING).multipliers for share in shares[late]]
+    expected = [math.log(np.abs(m).max()) / PERIOD for m in known]
+    assert after[late] == pytest.approx(expected, abs=5e-3)
+
+
+def test_every_number_of_the_closed_form_is_met():
+    assert all(f.agrees for f in findings() if f.theirs is not None)
