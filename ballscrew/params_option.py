@@ -147,8 +147,31 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
     return base, instruments
 
 
-def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = False) -> Kernel:
-    """The kernel of a part, or of a loop with this controller, with the file's start values.
+def plant_of(options: argparse.Namespace, told: ParameterFile | None) -> str:
+    """The plant of ``--plant``, else the one that a parameter file describes, else ours.
+
+    Raises
+    ------
+    BadRequest
+        If the file describes none.
+    """
+    if options.plant is not None:
+        return str(options.plant)
+    with bad_parameters():
+        return told.plant_name if told else "plant"
+
+
+def baked(told: ParameterFile | None, name: str, kernel: Kernel, plant: str = "") -> Kernel:
+    """The kernel of a part with the file's start values.
+
+    Parameters
+    ----------
+    told : ParameterFile or None
+    name : str
+    kernel : Kernel
+        Of the part, or of a loop of it and a plant.
+    plant : str
+        That of the loop; empty: the kernel is of no loop.
 
     Raises
     ------
@@ -172,8 +195,8 @@ def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = Fa
     of_plant = {**told.plant, **told.found}
     of_controller = told.controllers.get(table_of(told, name), {})
     with bad_parameters():
-        if loop:
-            add(PLANT, _plant_values(told, told.plant_name), of_plant)
+        if plant:
+            add(PLANT, guarded(lambda: _plant_values(told, plant)), of_plant)
             add(CONTROLLER, _controller_values(told, name), of_controller)
         elif _is_plant(name):
             add("", _plant_values(told, name), of_plant)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from ..solver.component import Component
 
 NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
-_PLACES = NAMES | ALONE
 # what makes equations or files of components; named, since it is imported when it is needed
 _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
 _CONNECT = "ballscrew.solver.connect"
@@ -44,7 +43,7 @@ class UnknownComponent(KeyError):
 def has_equations(part: str) -> bool:
     """Whether a part's name means equations; if not, it is the path of an FMU."""
     name = bare(part)
-    return name in _PLACES or names_file(name)
+    return name in NAMES | ALONE or names_file(name)
 
 
 def component(part: str | Component) -> Component:
@@ -137,9 +136,9 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
 
 def _place_of(name: str) -> str:
     """``module:function`` of a name of the catalogue."""
-    if name not in _PLACES:
+    if name not in NAMES | ALONE:
         raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
-    return _PLACES[name]
+    return (NAMES | ALONE)[name]
 
 
 def fmu_kernel(part: str | Component) -> Kernel:
@@ -224,6 +223,6 @@ def loop_fmu_kernel(controller: str, plant: str = "plant") -> Kernel:
     return stored_kernel(f"fmu_loop_{p}_{c}", lambda: loop(controller, plant), *parts)
 
 
-def loop_fmu(controller: str) -> Path:
+def loop_fmu(controller: str, plant: str = "plant") -> Path:
     """Path of the FMU of the closed loop with this controller, as `fmu`; raises as `loop` does."""
-    return _stored_fmu(loop_fmu_kernel(controller))
+    return _stored_fmu(loop_fmu_kernel(controller, plant))
