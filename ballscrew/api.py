@@ -9,6 +9,7 @@ ago.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -312,6 +313,8 @@ def swap(
     stop: float = 20.0,
     step: float | None = None,
     plant_values: Values | None = None,
+    sampled: float | None = None,
+    noise: bool = False,
 ) -> Comparison:
     """Run several controllers on the same plant, and compare them.
 
@@ -320,6 +323,10 @@ def swap(
     controllers : sequence of str, path-like or Component
     plant, reference, stop, step, plant_values
         As in `run`.
+    sampled : float, optional
+        Sampling period of all controllers [s]; left out, each is as it is.
+    noise : bool
+        Whether all measure through the instruments of `catalogue` that fit them.
 
     Returns
     -------
@@ -336,15 +343,24 @@ def swap(
     >>> result = ballscrew.swap(["iol", "pid"], stop=0.2)
     >>> [r.study.label for r in result.results]
     ['iol', 'pid']
+    >>> result = ballscrew.swap(["pid"], stop=0.2, sampled=2e-3)
+    >>> result.results[0].study.label, result.results[0].run.sampling_period
+    ('pid+sampled', 0.002)
     """
     from .orchestration.closed_loop import Study
     from .orchestration.swap import swap as swapped
     from .results.comparison import Comparison
 
+    if sampled is not None and not sampled > 0:
+        raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
     on, goal = _named(plant), _over_time(reference)
-    studies = [
-        Study(_named(c), on, goal, stop, step, plant_values=plant_values) for c in controllers
-    ]
+    studies = []
+    for c in controllers:
+        named, values, notes = _in_practice(c, sampled, noise)
+        study = Study(named, on, goal, stop, step)
+        studies.append(
+            replace(study, plant_values=plant_values, controller_values=values, notes=notes)
+        )
     return Comparison.of(swapped(studies))
 
 
@@ -795,6 +811,25 @@ def diagnose(
     return DiagnosisResult.of(diagnosed(data, params, law, mapping, units=units, lead=lead))
 
 
+def _in_practice(
+    controller: Part, sampled: float | None, noise: bool
+) -> tuple[str, dict[str, float], tuple[str, ...]]:
+    """A controller as studies take it, with its sampling period and notes."""
+    if sampled is None and not noise:
+        return _named(controller), {}, ()
+    from .fmus.catalogue import put_into_practice
+    from .orchestration.in_practice import in_practice, practice_of
+
+    given = sampled is not None
+    if isinstance(controller, str | Path):
+        named, practice = in_practice(_named(controller), given, noise)
+    else:
+        practice = practice_of(controller, given, noise)
+        made = put_into_practice(controller, practice.sampled, practice.instruments)
+        named = _named(made)
+    return named, {} if sampled is None else {practice.period: sampled}, practice.notes
+
+
 def _over_time(reference: float | Reference) -> Reference:
     """A set-point over time; a number is a constant one."""
     if not isinstance(reference, int | float):
@@ -815,9 +850,9 @@ def _named(part: Part) -> Any:
 
 def _as_it_is_now(part: Any) -> Any:
     """The same part; if it comes from a Python file, the file is read again."""
-    from .instruments import without_instruments
+    from .instruments import bare
     from .solver.component_file import names_file, read_component
 
-    if isinstance(part, str) and names_file(base := without_instruments(part)[0]):
-        read_component(base)
+    if isinstance(part, str) and names_file(name := bare(part)):
+        read_component(name)
     return part

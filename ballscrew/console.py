@@ -145,6 +145,7 @@ def comparison_table(rows: list[dict[str, Any]]) -> str:
         "overshoot": ("overshoot [m]", "{:.3g}"),
         "steady_state_error": ("final error [m]", "{:.3g}"),
         "iae": ("IAE [m*s]", "{:.5f}"),
+        "sampling_period": ("sampled [s]", "{:g}"),
         "coupling": ("coupling", "{}"),
         "verdict": ("verdict", "{}"),
     }

@@ -244,8 +244,6 @@ def _tangent_reason(loop: Loop, wiring: Wiring) -> str:
 
 def _meet_samples(loop: Loop, step: float, reason: str) -> tuple[float, str]:
     period = loop.controller.sample_time
-    if period <= 0:
-        return step, reason
     met = step_that_meets(period, step)
     if abs(met - step) > 1e-9 * step:
         reason += f"; steps of {met:g} s meet its samples every {period:g} s"
@@ -383,6 +381,7 @@ def _concluded(
         verdict=ended.verdict(names, coupling),
         stopped=ended.why.reason,
         diverged=ended.why.diverged,
+        sampling_period=main.loop.controller.sample_time,
     )
 
 

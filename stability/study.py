@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.catalogue import component, kept_as
-from ..instruments import without_instruments
+from ..instruments import bare
 from ..orchestration.memory import check_memory
 from ..orchestration.parts import label_of, part_of
 from ..orchestration.whole_loop import held_loop_kernel
@@ -151,7 +151,7 @@ class MapStudy:
 
     def __getstate__(self) -> dict[str, Any]:
         """What goes to workers: they may lack the files of parts, or find them edited."""
-        bases = (without_instruments(p)[0] for p in (self.plant, self.controller))
+        bases = (bare(p) for p in (self.plant, self.controller))
         parts = {p: component(p) for p in bases if names_file(p)}
         return vars(self) | {_FROM_FILES: parts}
 
