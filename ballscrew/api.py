@@ -431,6 +431,8 @@ def stability_map(
     workers: int = 1,
     step: float | None = None,
     mapping: Mapping[str, str] | None = None,
+    plant_values: Values | None = None,
+    controller_values: Values | None = None,
 ) -> StabilityMap:
     """What becomes of a closed loop over a grid of two of its parameters.
 
@@ -458,6 +460,8 @@ def stability_map(
         are followed in one solver.
     mapping : mapping of str to str, optional
         With `step`: names of ports of a third-party FMU, ``theirs -> ours``.
+    plant_values, controller_values : mapping of str to float, optional
+        Parameters that are not nominal, in SI units, the same in all cells.
 
     Returns
     -------
@@ -466,7 +470,7 @@ def stability_map(
     Raises
     ------
     ValueError
-        If an axis makes no sense, or the folder holds another map.
+        If an axis or a parameter makes no sense, or the folder holds another map.
     OSError
         If the results cannot be written.
 
@@ -479,6 +483,7 @@ def stability_map(
     >>> sum(found.summary.verdicts.values())
     4
     """
+    from .orchestration.closed_loop import check_part_values
     from .orchestration.workers import Processes
     from .results.map_result import StabilityMap
     from .stability.stability_map import make_map
@@ -486,6 +491,9 @@ def stability_map(
 
     _as_it_is_now(plant), _as_it_is_now(controller)
     across, along = (read_axis(text, plant, controller) for text in (x, y))
+    given = dict(plant_values or {}), dict(controller_values or {})
+    check_part_values("plant", plant, given[0])
+    check_part_values("controller", controller, given[1])
     tolerance = 1e-8 if exponents else 1e-6
     if mapping and step is None:
         raise ValueError("mapping is for FMUs; give their communication step, too")
@@ -501,6 +509,7 @@ def stability_map(
         across,
         along,
         plant,
+        *given,
         setpoint=setpoint,
         stop=stop,
         exponents=exponents,
