@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import sympy as sp
+
     from .orchestration.coupling import Coupling
     from .orchestration.parameter_file import ParameterFile
     from .orchestration.reference_signal import Reference
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from .results.rig_record import RigRecord
     from .results.run_result import RunResult
     from .results.swap_study import SwapStudy
-    from .solver.component import Component
+    from .solver.component import Component, ForceTerm
 
     Part = str | Path | Component
     Values = Mapping[str, float]
@@ -88,10 +90,11 @@ def component(name: str) -> Component:
 
 def with_friction(
     body: Component,
-    law: str,
+    law: str | ForceTerm,
     values: Values | None = None,
     velocity: str = "v",
     position: str = "x",
+    breakaway: sp.Expr | None = None,
 ) -> Component:
     """A body with a friction law in its force balance.
 
@@ -99,14 +102,18 @@ def with_friction(
     ----------
     body : Component
         Has a `ForceBalance` of `velocity`, and no modes.
-    law : str
-        A law of `catalogue`; with ``classical`` the body sticks and slides as modes.
+    law : str or ForceTerm
+        A law of `catalogue`, with ``classical`` the body sticks and slides as modes; or dry
+        friction of your own, a term called ``friction`` that opposes sliding by ``sign(v)``, with
+        which it does so, too.
     values : mapping of str to float, optional
         Default values of the law's parameters, in SI units.
     velocity : str
         The state that is the speed of sliding: of the body on what it slides on [m/s].
     position : str
         The state that goes on as it does at no `velocity` where the body sticks.
+    breakaway : expression, optional
+        Force up to which the body sticks [N]; by default that of sliding at no speed.
 
     Returns
     -------
@@ -118,7 +125,9 @@ def with_friction(
     KeyError
         If there is no such law; the message lists those that there are.
     ContractError
-        If the body has no such balance, or the law no such parameter.
+        If the body has no such balance, the law no such parameter, or the term no sign.
+    ValueError
+        If `breakaway` is given with a law that has no modes.
 
     Examples
     --------
@@ -133,7 +142,7 @@ def with_friction(
     """
     from .plant.with_friction import with_friction as made
 
-    return made(body, law, values, velocity, position)
+    return made(body, law, values, velocity, position, breakaway)
 
 
 def connect(plant: Component, controller: Component) -> Component:
