@@ -109,7 +109,8 @@ def with_friction(
     values : mapping of str to float, optional
         Default values of the law's parameters, in SI units.
     velocity : str
-        The state that is the speed of sliding: of the body on what it slides on [m/s].
+        The state that is the speed of sliding: of the body on what it slides on [m/s]. Where its
+        unit is rad/s, a law of the catalogue is in N*m and rad.
     position : str
         The state that goes on as it does at no `velocity` where the body sticks.
     breakaway : expression, optional
