@@ -8,4 +8,5 @@ a folder and a line here.
 SYSTEMS = {
     "van_der_pol": "Van der Pol's oscillator: the limit cycle of the Reference-FMUs",
     "pid_mass": "a mass under PID: it hunts where Fs > Fc, else its error falls as 1/time",
+    "dc_motor": "a DC motor with friction under P, PD and PID: it stops short, or it hunts",
 }
