@@ -110,7 +110,8 @@ def with_friction(
     values : mapping of str to float, optional
         Default values of the law's parameters, in SI units.
     velocity : str
-        The state that is the speed of sliding: of the body on what it slides on [m/s].
+        The state that is the speed of sliding: of the body on what it slides on [m/s]. Where its
+        unit is rad/s, a law of the catalogue is in N*m and rad.
     position : str
         The state that goes on as it does at no `velocity` where the body sticks.
     breakaway : expression, optional
@@ -456,6 +457,8 @@ def stability_map(
     workers: int = 1,
     step: float | None = None,
     mapping: Mapping[str, str] | None = None,
+    plant_values: Values | None = None,
+    controller_values: Values | None = None,
 ) -> StabilityMap:
     """What becomes of a closed loop over a grid of two of its parameters.
 
@@ -483,6 +486,8 @@ def stability_map(
         are followed in one solver.
     mapping : mapping of str to str, optional
         With `step`: names of ports of a third-party FMU, ``theirs -> ours``.
+    plant_values, controller_values : mapping of str to float, optional
+        Parameters that are not nominal, in SI units, the same in all cells.
 
     Returns
     -------
@@ -491,7 +496,7 @@ def stability_map(
     Raises
     ------
     ValueError
-        If an axis makes no sense, or the folder holds another map.
+        If an axis or a parameter makes no sense, or the folder holds another map.
     OSError
         If the results cannot be written.
 
@@ -504,6 +509,7 @@ def stability_map(
     >>> sum(found.summary.verdicts.values())
     4
     """
+    from .orchestration.closed_loop import check_part_values
     from .orchestration.workers import Processes
     from .results.map_result import StabilityMap
     from .stability.stability_map import make_map
@@ -511,6 +517,9 @@ def stability_map(
 
     _as_it_is_now(plant), _as_it_is_now(controller)
     across, along = (read_axis(text, plant, controller) for text in (x, y))
+    given = dict(plant_values or {}), dict(controller_values or {})
+    check_part_values("plant", plant, given[0])
+    check_part_values("controller", controller, given[1])
     tolerance = 1e-8 if exponents else 1e-6
     if mapping and step is None:
         raise ValueError("mapping is for FMUs; give their communication step, too")
@@ -526,6 +535,7 @@ def stability_map(
         across,
         along,
         plant,
+        *given,
         setpoint=setpoint,
         stop=stop,
         exponents=exponents,

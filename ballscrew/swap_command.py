@@ -90,6 +90,7 @@ def _refuse_another(options: argparse.Namespace, parameter: str) -> None:
 def swap_controllers(options: argparse.Namespace) -> int:
     studies = _studies(options)
     prepare_folder(options.out, [options.params, options.reference])
+    from .orchestration.metrics import units_of_figures
     from .orchestration.swap import swap
     from .results.comparison import Comparison
     from .solver.files import finite_or_null
@@ -101,7 +102,8 @@ def swap_controllers(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(finite_or_null([r.figures() for r in result.results])))
     else:
-        print(comparison_table([r.figures() for r in result.results]))
+        units = units_of_figures(result.results[0].run.units)
+        print(comparison_table([r.figures() for r in result.results], units))
         files = ["comparison.csv", "comparison.json", "comparison.png", "parameters.toml"]
         print(f"{', '.join([*files, *result.trajectories])} in {options.out}")
     for r in result.results:

@@ -11,4 +11,6 @@ SYSTEMS = {
     "bouncing_ball": "Bouncing ball: where it ends, and how the table of the Reference-FMUs is off",
     "impact_oscillator": "Impact oscillator: grazing, chaos and period doubling at a rigid stop",
     "backlash_drive": "Drive with backlash: how it hunts, against its describing function",
+    "pid_mass": "a mass under PID: it hunts where Fs > Fc, else its error falls as 1/time",
+    "dc_motor": "a DC motor with friction under P, PD and PID: it stops short, or it hunts",
 }

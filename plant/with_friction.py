@@ -9,6 +9,7 @@ import sympy as sp
 from ..solver.component import Component, ForceTerm, symbol
 from .classical import with_outputs, with_sticking
 from .law import law as law_of
+from .law import turning
 
 
 def with_friction(
@@ -25,6 +26,8 @@ def with_friction(
     if breakaway is not None and not sticks:
         raise ValueError(f"breakaway is for friction that sticks as a mode, and {law} does not")
     term = with_outputs(law) if isinstance(law, ForceTerm) else law_of(law)(symbol(velocity))
+    if not own and any(s.name == velocity and s.unit == "rad/s" for s in body.all_states):
+        term = turning(term)
     component = body.with_force(term, velocity)
     if sticks:
         component = with_sticking(component, velocity, position, breakaway)

@@ -136,7 +136,10 @@ class MapStudy:
             raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
         if self.fmus is None and PLANT + "x" not in [s.name for s in kernel_of(self).states]:
             raise BadMap(f"{label_of(self.plant)} has no state x, whose motion a map judges")
+        given = {"plant": self.plant_values, "controller": self.controller_values}
         for axis in (self.x, self.y):
+            if axis.parameter in given.get(axis.side, {}):
+                raise BadMap(f"{axis.name} is given a value and is an axis; expected one of them")
             about = _about(axis, self.plant, self.controller)
             low, high = (about.minimum, about.maximum) if about else (-math.inf, math.inf)
             if axis.low < low or axis.high > high:

@@ -111,3 +111,23 @@ def test_a_law_or_a_parameter_that_is_not_there_is_named():
         with_friction(block_on_belt(), "coulomb")
     with pytest.raises(ValueError, match="no parameter 'mu'"):
         with_friction(block_on_belt(), "lugre", {"mu": 0.3})
+
+
+def test_friction_of_a_body_that_turns_is_a_torque_over_an_angle():
+    angle, speed = symbol("x"), symbol("v")
+    spring = ForceTerm("spring", -2.0 * angle, "a torsion spring")
+    shaft = Component(
+        "shaft",
+        "A shaft on a torsion spring",
+        states=(State("x", "rad", "angle", speed), State("v", "rad/s", "angular velocity")),
+        balances=(ForceBalance("v", 1, (spring,)),),
+    )
+    turning = with_friction(shaft, "lugre", {"sigma0": 50.0})
+    units = {p.name: p.unit for p in turning.all_parameters}
+    assert units["sigma0"] == "N*m/rad"
+    assert units["sigma1"] == units["sigma2"] == "N*m*s/rad"
+    assert units["Fc"] == units["Fs"] == "N*m"
+    assert units["Vs"] == "rad/s"
+    assert turning.output("friction").unit == "N*m"
+    assert next(s.unit for s in turning.all_states if s.name == "z") == "rad"
+    assert {p.unit for p in with_friction(block_on_belt(), "lugre").all_parameters} >= {"N", "N/m"}
