@@ -102,9 +102,9 @@ def test_hunting_is_that_of_another_solver():
 
 def test_with_no_fall_of_friction_the_sticks_are_those_of_another_solver():
     _, errors = ours.creeping()
-    theirs = 1.0 - Loop(static=1e-3, **PID).rests(15.0)[:, 1]  # the first is the start
-    assert len(errors) >= 5
-    assert errors[:5] == pytest.approx(theirs[1:6], rel=1e-5)
+    theirs = 1.0 - Loop(static=1e-3, **PID).rests(4.0)[:, 1]  # the first is the start
+    assert len(errors) >= 4
+    assert errors[:4] == pytest.approx(theirs[1:5], rel=1e-5)
     assert errors[1:] / errors[:-1] == pytest.approx(ours.ratio(), rel=1e-6)
 
 
