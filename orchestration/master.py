@@ -121,7 +121,7 @@ def run_loop(
             co_run.close()
     ended = _Ended(main, co_runs, course, time, why, not missing)
     first = _concluded(ended, names, commands, chosen, reason)
-    if not commands and first.verdict.trusted:
+    if wiring.is_empty and first.verdict.trusted:
         own = f"nothing is coupled; how exact {plant.name}'s own solver is, this run does not tell"
         return replace(first, verdict=replace(first.verdict, reason=own))
     if not look_again or adaptive or why.reason or any(pair.failure for pair in co_runs):
@@ -223,7 +223,7 @@ def _choose(
             f"interface-Jacobian coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., "
             "u_rate) and there are none; use gauss-seidel"
         )
-    if not wiring.commands and not wiring.signals:
+    if wiring.is_empty:
         return Coupling.JACOBI, f"{plant.name} runs alone, nothing is coupled"
     if wanted is not None:
         return wanted, "as asked"
