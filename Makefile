@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja') pyproject.toml
+SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name 'page.md') pyproject.toml
 
 .PHONY: demo test docs prove lint bench clean
 
@@ -55,6 +55,7 @@ bench: $(VENV)/installed
 	$(BIN)/python benchmarks/master.py
 	$(BIN)/python benchmarks/lyapunov.py
 	$(BIN)/python benchmarks/native.py
+	$(BIN)/python benchmarks/study.py
 
 clean:
 	rm -rf $(VENV) build out *.egg-info

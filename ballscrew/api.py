@@ -9,10 +9,13 @@ ago.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import sympy as sp
+
     from .orchestration.coupling import Coupling
     from .orchestration.parameter_file import ParameterFile
     from .orchestration.reference_signal import Reference
@@ -26,7 +29,7 @@ if TYPE_CHECKING:
     from .results.rig_record import RigRecord
     from .results.run_result import RunResult
     from .results.swap_study import SwapStudy
-    from .solver.component import Component
+    from .solver.component import Component, ForceTerm
 
     Part = str | Path | Component
     Values = Mapping[str, float]
@@ -88,10 +91,11 @@ def component(name: str) -> Component:
 
 def with_friction(
     body: Component,
-    law: str,
+    law: str | ForceTerm,
     values: Values | None = None,
     velocity: str = "v",
     position: str = "x",
+    breakaway: sp.Expr | None = None,
 ) -> Component:
     """A body with a friction law in its force balance.
 
@@ -99,14 +103,19 @@ def with_friction(
     ----------
     body : Component
         Has a `ForceBalance` of `velocity`, and no modes.
-    law : str
-        A law of `catalogue`; with ``classical`` the body sticks and slides as modes.
+    law : str or ForceTerm
+        A law of `catalogue`, with ``classical`` the body sticks and slides as modes; or dry
+        friction of your own, a term called ``friction`` that opposes sliding by ``sign(v)``, with
+        which it does so, too.
     values : mapping of str to float, optional
         Default values of the law's parameters, in SI units.
     velocity : str
-        The state that is the speed of sliding: of the body on what it slides on [m/s].
+        The state that is the speed of sliding: of the body on what it slides on [m/s]. Where its
+        unit is rad/s, a law of the catalogue is in N*m and rad.
     position : str
         The state that goes on as it does at no `velocity` where the body sticks.
+    breakaway : expression, optional
+        Force up to which the body sticks [N]; by default that of sliding at no speed.
 
     Returns
     -------
@@ -118,7 +127,9 @@ def with_friction(
     KeyError
         If there is no such law; the message lists those that there are.
     ContractError
-        If the body has no such balance, or the law no such parameter.
+        If the body has no such balance, the law no such parameter, or the term no sign.
+    ValueError
+        If `breakaway` is given with a law that has no modes.
 
     Examples
     --------
@@ -133,7 +144,7 @@ def with_friction(
     """
     from .plant.with_friction import with_friction as made
 
-    return made(body, law, values, velocity, position)
+    return made(body, law, values, velocity, position, breakaway)
 
 
 def connect(plant: Component, controller: Component) -> Component:
@@ -303,6 +314,8 @@ def swap(
     stop: float = 20.0,
     step: float | None = None,
     plant_values: Values | None = None,
+    sampled: float | None = None,
+    noise: bool = False,
 ) -> Comparison:
     """Run several controllers on the same plant, and compare them.
 
@@ -311,6 +324,10 @@ def swap(
     controllers : sequence of str, path-like or Component
     plant, reference, stop, step, plant_values
         As in `run`.
+    sampled : float, optional
+        Sampling period of all controllers [s]; left out, each is as it is.
+    noise : bool
+        Whether all measure through the instruments of `catalogue` that fit them.
 
     Returns
     -------
@@ -327,15 +344,24 @@ def swap(
     >>> result = ballscrew.swap(["iol", "pid"], stop=0.2)
     >>> [r.study.label for r in result.results]
     ['iol', 'pid']
+    >>> result = ballscrew.swap(["pid"], stop=0.2, sampled=2e-3)
+    >>> result.results[0].study.label, result.results[0].run.sampling_period
+    ('pid+sampled', 0.002)
     """
     from .orchestration.closed_loop import Study
     from .orchestration.swap import swap as swapped
     from .results.comparison import Comparison
 
+    if sampled is not None and not sampled > 0:
+        raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
     on, goal = _named(plant), _over_time(reference)
-    studies = [
-        Study(_named(c), on, goal, stop, step, plant_values=plant_values) for c in controllers
-    ]
+    studies = []
+    for c in controllers:
+        named, values, notes = _in_practice(c, sampled, noise)
+        study = Study(named, on, goal, stop, step)
+        studies.append(
+            replace(study, plant_values=plant_values, controller_values=values, notes=notes)
+        )
     return Comparison.of(swapped(studies))
 
 
@@ -431,6 +457,8 @@ def stability_map(
     workers: int = 1,
     step: float | None = None,
     mapping: Mapping[str, str] | None = None,
+    plant_values: Values | None = None,
+    controller_values: Values | None = None,
 ) -> StabilityMap:
     """What becomes of a closed loop over a grid of two of its parameters.
 
@@ -458,6 +486,8 @@ def stability_map(
         are followed in one solver.
     mapping : mapping of str to str, optional
         With `step`: names of ports of a third-party FMU, ``theirs -> ours``.
+    plant_values, controller_values : mapping of str to float, optional
+        Parameters that are not nominal, in SI units, the same in all cells.
 
     Returns
     -------
@@ -466,7 +496,7 @@ def stability_map(
     Raises
     ------
     ValueError
-        If an axis makes no sense, or the folder holds another map.
+        If an axis or a parameter makes no sense, or the folder holds another map.
     OSError
         If the results cannot be written.
 
@@ -479,6 +509,7 @@ def stability_map(
     >>> sum(found.summary.verdicts.values())
     4
     """
+    from .orchestration.closed_loop import check_part_values
     from .orchestration.workers import Processes
     from .results.map_result import StabilityMap
     from .stability.stability_map import make_map
@@ -486,6 +517,9 @@ def stability_map(
 
     _as_it_is_now(plant), _as_it_is_now(controller)
     across, along = (read_axis(text, plant, controller) for text in (x, y))
+    given = dict(plant_values or {}), dict(controller_values or {})
+    check_part_values("plant", plant, given[0])
+    check_part_values("controller", controller, given[1])
     tolerance = 1e-8 if exponents else 1e-6
     if mapping and step is None:
         raise ValueError("mapping is for FMUs; give their communication step, too")
@@ -501,6 +535,7 @@ def stability_map(
         across,
         along,
         plant,
+        *given,
         setpoint=setpoint,
         stop=stop,
         exponents=exponents,
@@ -786,6 +821,25 @@ def diagnose(
     return DiagnosisResult.of(diagnosed(data, params, law, mapping, units=units, lead=lead))
 
 
+def _in_practice(
+    controller: Part, sampled: float | None, noise: bool
+) -> tuple[str, dict[str, float], tuple[str, ...]]:
+    """A controller as studies take it, with its sampling period and notes."""
+    if sampled is None and not noise:
+        return _named(controller), {}, ()
+    from .fmus.catalogue import put_into_practice
+    from .orchestration.in_practice import in_practice, practice_of
+
+    given = sampled is not None
+    if isinstance(controller, str | Path):
+        named, practice = in_practice(_named(controller), given, noise)
+    else:
+        practice = practice_of(controller, given, noise)
+        made = put_into_practice(controller, practice.sampled, practice.instruments)
+        named = _named(made)
+    return named, {} if sampled is None else {practice.period: sampled}, practice.notes
+
+
 def _over_time(reference: float | Reference) -> Reference:
     """A set-point over time; a number is a constant one."""
     if not isinstance(reference, int | float):
@@ -806,9 +860,9 @@ def _named(part: Part) -> Any:
 
 def _as_it_is_now(part: Any) -> Any:
     """The same part; if it comes from a Python file, the file is read again."""
-    from .instruments import without_instruments
+    from .instruments import bare
     from .solver.component_file import names_file, read_component
 
-    if isinstance(part, str) and names_file(base := without_instruments(part)[0]):
-        read_component(base)
+    if isinstance(part, str) and names_file(name := bare(part)):
+        read_component(name)
     return part

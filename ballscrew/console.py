@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -113,19 +113,22 @@ class Progress:
         self.bar.close()
 
 
-def print_figures(figures: dict[str, Any], folder: Path) -> None:
-    rows = [
-        ("peak voltage", figures.get("peak_voltage"), "V"),
-        ("  at", figures.get("peak_voltage_time"), "s"),
-        ("2 % settling time", figures.get("settling_time_2pct"), "s"),
-        ("overshoot", figures.get("overshoot"), "m"),
-        ("steady-state error", figures.get("steady_state_error"), "m"),
-        ("integral of |error|", figures.get("iae"), "m*s"),
-        ("coupling residual", figures["coupling_residual_max"], "V"),
-    ]
-    for label, value, unit in rows if "peak_voltage" in figures else rows[-1:]:
-        shown = "-" if value is None else f"{value:.6g} {unit}"
-        print(f"{label:<22}{shown}")
+def print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Path) -> None:
+    """Print the figures of a run, whose units are those of `units_of_figures`."""
+    labels = {
+        "peak_voltage": "peak voltage" if units["peak_voltage"] == "V" else "peak command",
+        "peak_voltage_time": "  at",
+        "settling_time_2pct": "2 % settling time",
+        "overshoot": "overshoot",
+        "steady_state_error": "steady-state error",
+        "iae": "integral of |error|",
+        "coupling_residual_max": "coupling residual",
+    }
+    shown = labels if "peak_voltage" in figures else ["coupling_residual_max"]
+    for name in shown:
+        value = figures.get(name)
+        text = "-" if value is None else f"{value:.6g} {units[name]}"
+        print(f"{labels[name]:<22}{text}")
     print(f"{'coupling':<22}{figures['coupling']} ({figures['coupling_reason']})")
     print(f"{'communication steps':<22}{figures['macro_steps']}")
     if figures["steps_tried"]:
@@ -137,14 +140,16 @@ def print_figures(figures: dict[str, Any], folder: Path) -> None:
     print(f"{'written to':<22}{folder}")
 
 
-def comparison_table(rows: list[dict[str, Any]]) -> str:
+def comparison_table(rows: list[dict[str, Any]], units: Mapping[str, str]) -> str:
+    """The figures of several runs on one plant, whose units are those of `units_of_figures`."""
     columns = {
         "controller": ("controller", "{}"),
-        "peak_voltage": ("peak [V]", "{:.2f}"),
+        "peak_voltage": (f"peak [{units['peak_voltage']}]", "{:.2f}"),
         "settling_time_2pct": ("settling [s]", "{:.3f}"),
-        "overshoot": ("overshoot [m]", "{:.3g}"),
-        "steady_state_error": ("final error [m]", "{:.3g}"),
-        "iae": ("IAE [m*s]", "{:.5f}"),
+        "overshoot": (f"overshoot [{units['overshoot']}]", "{:.3g}"),
+        "steady_state_error": (f"final error [{units['steady_state_error']}]", "{:.3g}"),
+        "iae": (f"IAE [{units['iae']}]", "{:.5f}"),
+        "sampling_period": ("sampled [s]", "{:g}"),
         "coupling": ("coupling", "{}"),
         "verdict": ("verdict", "{}"),
     }

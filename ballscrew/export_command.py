@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 import tempfile
 from functools import partial
@@ -14,7 +15,7 @@ from .console import tell_export
 from .controllers import CONTROLLERS
 from .instruments import INSTRUMENTS
 from .options import TRUSTED, BadRequest, check_part, out_folder, read_whole_number
-from .params_option import add_params, apart, bad_parameters, baked, read_params
+from .params_option import add_params, apart, bad_parameters, baked, plant_of, read_params
 from .plant import PLANTS
 from .results_folder import prepare_folder, write_or_refuse
 from .sides import check_labels
@@ -33,6 +34,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "  ballscrew export --ssp --only pid_sampled+position_encoder --out loops\n"
         "  ballscrew export --native --platforms linux64,win64 --out native\n"
         "  ballscrew export --loop iol --native --out loops\n"
+        "  ballscrew export --loop pid --plant mine.py:axis --out loops\n"
         "  ballscrew export --component mine.py:pi --native --out native\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -57,7 +59,14 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "--loop",
         metavar="PART",
         help="instead, write one FMU of the whole closed loop with this controller, set-point in "
-        f"and signals out: one of {', '.join(CONTROLLERS)}, or mine.py:pi",
+        f"and signals out: one of {', '.join(CONTROLLERS)}, or mine.py:pi; or CONTROLLER+"
+        "INSTRUMENT+...",
+    )
+    parser.add_argument(
+        "--plant",
+        metavar="PART",
+        help="with --loop or --ssp: in place of our plant another of "
+        f"{', '.join(PLANTS)}, or mine.py:axis",
     )
     parser.add_argument(
         "--variational",
@@ -87,6 +96,10 @@ def export(options: argparse.Namespace) -> int:
     for name in names:
         check_part(option, name, known, fmus=False)
     check_labels(option, names)
+    if options.plant is not None:
+        if not whole:
+            raise BadRequest("--plant is for --loop and --ssp; of a plant alone say --component")
+        check_part("--plant", options.plant, PLANTS, fmus=False)
     if options.variational and options.ssp:
         raise BadRequest("--variational and --ssp: expected one of them")
     if options.tangents is not None and not options.variational:
@@ -145,17 +158,17 @@ def _export_one(
     from .fmus.system_export import export_system
     from .solver.files import write_atomically
 
-    with bad_parameters():
-        plant = told.plant_name if told and (options.ssp or options.loop) else "plant"
+    plant = plant_of(options, told) if options.ssp or options.loop else ""
     if options.ssp:
         with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
 
             def fmu(part: str, side: str) -> Path:
-                if told is None:
-                    return catalogue.fmu(part)
-                kernel = baked(told, part, catalogue.fmu_kernel(part))
+                # under the part's own name, which complaints tell
                 path = Path(folder) / side / f"{catalogue.name_of(part)}.fmu"
-                return export_kernel(kernel, path)
+                if told is None:
+                    path.parent.mkdir(exist_ok=True)
+                    return Path(shutil.copyfile(catalogue.fmu(part), path))
+                return export_kernel(baked(told, part, catalogue.fmu_kernel(part)), path)
 
             base, instruments = apart(told, name)
             sides = fmu(plant, "plant"), fmu(base, "controller"), target
@@ -170,13 +183,13 @@ def _export_one(
     else:
         kernel = catalogue.fmu_kernel(name)
     if told:
-        kernel = baked(told, name, kernel, loop=bool(options.loop))
+        kernel = baked(told, name, kernel, plant)
         write_or_refuse(lambda: export_kernel(kernel, target))
     else:
         if options.variational:
             made = catalogue.variational_fmu(name, tangents)
         else:
-            made = catalogue.loop_fmu(name) if options.loop else catalogue.fmu(name)
+            made = catalogue.loop_fmu(name, plant) if options.loop else catalogue.fmu(name)
         write_or_refuse(partial(write_atomically, target, made.read_bytes()))
     if not options.variational:
         native_command.add_reference(kernel, target)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Bar, print_notes
-from .loop_options import read_settings
 from .named_loop import add_loop_options, read_loop
 from .options import TRUSTED, BadRequest, guarded
 from .results_folder import prepare_folder
@@ -136,12 +135,7 @@ def _fmus(asked: NamedLoop, options: argparse.Namespace) -> OverFmus | None:
 
 
 def _only_once(axis: Axis, options: argparse.Namespace) -> None:
-    """Refuse ``--set`` of what an axis goes through: it would do nothing."""
-
-    plant, controllers = read_settings(options, [options.controller])
-    fixed = {"plant": plant, "controller": controllers[options.controller]}
-    if axis.parameter in fixed.get(axis.side, {}):
-        raise BadRequest(f"{axis.name} is given a value and is an axis; expected one of them")
+    """Refuse a set-point beside an axis of set-points: it would do nothing."""
     if axis.side == "setpoint" and options.setpoint is not None:
         raise BadRequest("--setpoint, and an axis of set-points: expected one of them")
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from .console import tell_export
 from .options import BAD_REQUEST, TRUSTED, BadRequest
-from .params_option import apart, bad_parameters, baked
+from .params_option import apart, baked, plant_of
 from .results_folder import write_or_refuse
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def export(
     from .solver.tape import UnsupportedComponent
 
     written: list[NativeFmu] = []
+    plant = plant_of(options, told) if options.loop else ""
     for name in names:
         tell_export(names, name)
         kind = "_variational" if options.variational else "_loop" if options.loop else ""
@@ -77,12 +78,11 @@ def export(
             if options.variational:
                 model = variational_model(name, tangents)
             elif options.loop:
-                plant = told.plant_name if told else "plant"
                 kernel = loop_fmu_kernel(name, plant)
                 model = stored_model(kernel.name, kernel, partial(loop, name, plant))
             else:
                 model = catalogued_model(name)
-            kernel = baked(told, name, model.kernel, loop=options.loop is not None)
+            kernel = baked(told, name, model.kernel, plant)
             model = with_kernel(model, kernel)
 
             def make(model: NativeModel = model, target: Path = target) -> None:
@@ -140,10 +140,8 @@ def export_systems(
             path = Path(folder) / side / f"{name_of(name)}.fmu"
             return write_native(model, path, 2, _platforms(options))
 
-        with bad_parameters():
-            plant_name = told.plant_name if told else "plant"
         try:
-            plant = write(plant_name, "plant")
+            plant = write(plant_of(options, told), "plant")
             for name in names:
                 label = name_of(name)
                 target = options.out / f"{label}.ssp"

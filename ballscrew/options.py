@@ -54,10 +54,10 @@ def check_part(option: str, name: str, known: Iterable[str], fmus: bool = True) 
 
     A Python file is run here, as it is now; the command goes on with what its function made.
     """
-    from .instruments import INSTRUMENTS, without_instruments
+    from .instruments import INSTRUMENTS, SAMPLED, bare
     from .solver.component_file import BadComponentFile, names_file, read_component
 
-    base, _ = without_instruments(name)
+    base = bare(name)
     if names_file(base):
         try:
             read_component(base)
@@ -68,11 +68,13 @@ def check_part(option: str, name: str, known: Iterable[str], fmus: bool = True) 
         return
     import difflib
 
-    first, _, rest = base.partition("+")
+    first, *rest = name.split("+")
     if rest and first in known:
+        wrong = next((part for part in rest if part not in INSTRUMENTS), "")
+        if wrong == SAMPLED:
+            raise BadRequest(f"{option} {name!r}: {SAMPLED!r} comes right behind {first!r}, once")
         raise BadRequest(
-            f"{option} {name!r}: no instrument {rest.partition('+')[0]!r}; there are "
-            f"{', '.join(INSTRUMENTS)}"
+            f"{option} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}"
         )
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     hint = f", did you mean {near[0]}?" if near else ""

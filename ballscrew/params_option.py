@@ -104,19 +104,20 @@ def note_aside(told: ParameterFile, values: Collection[str], plant: str) -> None
 
 
 def _controller_values(told: ParameterFile, name: str) -> dict[str, float]:
-    from .orchestration.parts import label_of, part_of
+    from .orchestration.parts import part_of, table_of
 
-    if label_of(name) not in told.controllers:
+    table = table_of(told, name)
+    if table not in told.controllers:
         return {}
-    return told.controller_values(label_of(name), part_of(name).parameters)
+    return told.controller_values(table, part_of(name).parameters)
 
 
 def _note_other_fmus(told: ParameterFile, controllers: Sequence[str]) -> None:
     """Say which tables are of no controller that runs here, nor of one that is known."""
     from .controllers import CONTROLLERS
-    from .orchestration.parts import label_of
+    from .orchestration.parts import label_of, table_of
 
-    known = {*CONTROLLERS, *map(label_of, controllers)}
+    known = {*CONTROLLERS, *map(label_of, controllers), *(table_of(told, c) for c in controllers)}
     for name in told.controllers:
         if name not in known:
             _note(told, f"[controller.{name}]: no controller of this name runs here")
@@ -146,8 +147,31 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
     return base, instruments
 
 
-def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = False) -> Kernel:
-    """The kernel of a part, or of a loop with this controller, with the file's start values.
+def plant_of(options: argparse.Namespace, told: ParameterFile | None) -> str:
+    """The plant of ``--plant``, else the one that a parameter file describes, else ours.
+
+    Raises
+    ------
+    BadRequest
+        If the file describes none.
+    """
+    if options.plant is not None:
+        return str(options.plant)
+    with bad_parameters():
+        return told.plant_name if told else "plant"
+
+
+def baked(told: ParameterFile | None, name: str, kernel: Kernel, plant: str = "") -> Kernel:
+    """The kernel of a part with the file's start values.
+
+    Parameters
+    ----------
+    told : ParameterFile or None
+    name : str
+    kernel : Kernel
+        Of the part, or of a loop of it and a plant.
+    plant : str
+        That of the loop; empty: the kernel is of no loop.
 
     Raises
     ------
@@ -156,7 +180,7 @@ def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = Fa
     if told is None:
         return kernel
     from .fmus.start_values import with_start_values
-    from .orchestration.parts import label_of
+    from .orchestration.parts import table_of
     from .solver.kernel import CONTROLLER, PLANT
 
     path = str(told.path)
@@ -169,10 +193,10 @@ def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = Fa
             sources[prefix + n] = (said[n].source if n in said else "") or f"from {path}"
 
     of_plant = {**told.plant, **told.found}
-    of_controller = told.controllers.get(label_of(name), {})
+    of_controller = told.controllers.get(table_of(told, name), {})
     with bad_parameters():
-        if loop:
-            add(PLANT, _plant_values(told, told.plant_name), of_plant)
+        if plant:
+            add(PLANT, guarded(lambda: _plant_values(told, plant)), of_plant)
             add(CONTROLLER, _controller_values(told, name), of_controller)
         elif _is_plant(name):
             add("", _plant_values(told, name), of_plant)
@@ -184,10 +208,10 @@ def baked(told: ParameterFile | None, name: str, kernel: Kernel, loop: bool = Fa
 def _is_plant(part: str) -> bool:
     """Whether a part stands on the plant's side: nothing of it is measured or asked."""
     from .fmus.catalogue import component
-    from .instruments import without_instruments
+    from .instruments import bare
     from .plant import PLANTS
     from .solver.component_file import names_file
 
-    if not names_file(without_instruments(part)[0]):
+    if not names_file(bare(part)):
         return part in PLANTS
     return not any(i.role in ("measurement", "reference") for i in component(part).inputs)

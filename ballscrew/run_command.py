@@ -54,6 +54,7 @@ def run(options: argparse.Namespace) -> int:
     )
     prepare_folder(options.out, [options.params, options.reference])
     from .orchestration.closed_loop import Study, run_study
+    from .orchestration.metrics import units_of_figures
     from .results.run_result import RunResult
     from .solver.files import finite_or_null
 
@@ -71,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(finite_or_null(figures)))
     else:
-        print_figures(figures, options.out)
+        print_figures(figures, units_of_figures(result.run.units), options.out)
     for note in result.notes:
         print(f"note: {note}", file=sys.stderr)
     if not result.trusted:

@@ -60,10 +60,17 @@ def check_labels(option: str, parts: Sequence[str]) -> None:
 
 
 def labels_of(controllers: Sequence[str]) -> dict[str, str]:
-    """Controllers by what they are called in options; those of the words for sides are not."""
+    """Controllers by what they are called in options; those of the words for sides are not.
+
+    Without its instruments, where no other is called so, too: ``pid`` for ``pid+position_encoder``.
+    """
+    from .instruments import bare
     from .orchestration.parts import own_name
 
     labels = {own_name(c): c for c in controllers}
+    alone = [own_name(bare(c)) for c in controllers]
+    shorter = {n: c for n, c in zip(alone, controllers, strict=True) if alone.count(n) == 1}
+    labels = shorter | labels
     return {label: c for label, c in labels.items() if label not in ("plant", "controller")}
 
 

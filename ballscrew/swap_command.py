@@ -5,12 +5,26 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from .console import Progress, comparison_table
+from .controllers import CONTROLLERS
+from .instruments import INSTRUMENTS
 from .loop_options import add_closed_loop_options, read_studies
-from .options import NOT_TRUSTED, PART, TRUSTED, guarded
+from .options import (
+    NOT_TRUSTED,
+    PART,
+    TRUSTED,
+    BadRequest,
+    check_part,
+    guarded,
+    read_number,
+)
 from .results_folder import prepare_folder, save_results
+
+if TYPE_CHECKING:
+    from .orchestration.closed_loop import Study
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -18,19 +32,65 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "swap",
         help="run several controllers on the same plant and compare them",
-        epilog="example:\n  ballscrew swap --controllers iol mine.py:pi hand.fmu --out out/swap\n",
+        epilog="examples:\n  ballscrew swap --controllers iol mine.py:pi hand.fmu --out out/swap\n"
+        "  ballscrew swap --controllers iol_observed pid --sampled 1e-3 --noise --out out/real\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "--controllers", required=True, nargs="+", metavar="PART", help=f"each {PART}"
     )
+    parser.add_argument(
+        "--sampled",
+        metavar="PERIOD",
+        help="let every controller run on a computer: it reads at sample instants, so many seconds "
+        "apart, and holds its commands",
+    )
+    parser.add_argument(
+        "--noise",
+        action="store_true",
+        help="let every controller measure through the instruments that fit it, with their errors: "
+        f"{', '.join(INSTRUMENTS)}",
+    )
     add_closed_loop_options(parser)
     parser.set_defaults(action=swap_controllers)
 
 
+def _studies(options: argparse.Namespace) -> list[Study]:
+    """What to run, with every controller put into practice as the options say."""
+    from .orchestration.in_practice import in_practice
+
+    option, asked = "--controllers", options.controllers
+    if options.sampled is None and not options.noise:
+        return read_studies(options, asked, option)
+    period = None
+    if options.sampled is not None:
+        period = read_number("--sampled", options.sampled)
+        if period <= 0:
+            raise BadRequest(f"--sampled is {options.sampled} s, expected more than 0")
+    for controller in asked:
+        check_part(option, controller, CONTROLLERS)
+    put = [guarded(lambda c=c: in_practice(c, period is not None, options.noise)) for c in asked]
+    studies = read_studies(options, [name for name, _ in put], option)
+    for k, (study, (_, practice)) in enumerate(zip(studies, put, strict=True)):
+        values = dict(study.controller_values or {})
+        if period is not None:
+            _refuse_another(options, practice.period)
+            values[practice.period] = period
+        studies[k] = replace(study, controller_values=values, notes=practice.notes)
+    return studies
+
+
+def _refuse_another(options: argparse.Namespace, parameter: str) -> None:
+    """Refuse a sampling period by ``--set`` beside that of ``--sampled``."""
+    for text in options.set:
+        if text.partition("=")[0].strip().endswith(f".{parameter}"):
+            raise BadRequest(f"--sampled {options.sampled} and --set {text}: expected one of them")
+
+
 def swap_controllers(options: argparse.Namespace) -> int:
-    studies = read_studies(options, options.controllers, "--controllers")
+    studies = _studies(options)
     prepare_folder(options.out, [options.params, options.reference])
+    from .orchestration.metrics import units_of_figures
     from .orchestration.swap import swap
     from .results.comparison import Comparison
     from .solver.files import finite_or_null
@@ -42,7 +102,8 @@ def swap_controllers(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(finite_or_null([r.figures() for r in result.results])))
     else:
-        print(comparison_table([r.figures() for r in result.results]))
+        units = units_of_figures(result.results[0].run.units)
+        print(comparison_table([r.figures() for r in result.results], units))
         files = ["comparison.csv", "comparison.json", "comparison.png", "parameters.toml"]
         print(f"{', '.join([*files, *result.trajectories])} in {options.out}")
     for r in result.results:

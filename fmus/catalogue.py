@@ -1,18 +1,20 @@
 """Components by what a user calls them, and their FMUs kept ready on disk.
 
 A part is a name of the catalogue, a function of a user's file (``mine.py:pi``), either of them
-with the instruments that it measures through (``pid_sampled+position_encoder``), or a component
-that was made a minute ago; all others are paths of FMUs.
+as a computer runs it (``nctf+sampled``) and with the instruments that it measures through
+(``nctf+sampled+position_encoder``), or a component that was made a minute ago; all others are paths
+of FMUs.
 """
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ..controllers import ALONE, CONTROLLERS
-from ..instruments import INSTRUMENTS, without_instruments
+from ..instruments import INSTRUMENTS, bare, without_instruments, without_sampling
 from ..plant import PLANTS
 from ..solver import kernel_cache
 from ..solver.component_file import loaded_component, names_file
@@ -24,11 +26,11 @@ if TYPE_CHECKING:
     from ..solver.component import Component
 
 NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
-_PLACES = NAMES | ALONE
 # what makes equations or files of components; named, since it is imported when it is needed
 _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
 _CONNECT = "ballscrew.solver.connect"
 _MEASURED = "ballscrew.instruments.measured_through"
+_SAMPLED = "ballscrew.instruments.sample_and_hold"
 
 
 class UnknownComponent(KeyError):
@@ -40,8 +42,8 @@ class UnknownComponent(KeyError):
 
 def has_equations(part: str) -> bool:
     """Whether a part's name means equations; if not, it is the path of an FMU."""
-    base, _ = without_instruments(part)
-    return base in _PLACES or names_file(base)
+    name = bare(part)
+    return name in NAMES | ALONE or names_file(name)
 
 
 def component(part: str | Component) -> Component:
@@ -54,39 +56,60 @@ def component(part: str | Component) -> Component:
     UnknownComponent
     BadComponentFile
     ContractError
-        For instruments that do not go together with the controller.
+        For instruments that do not go together with the controller, or one that cannot be sampled.
     """
     if not isinstance(part, str):
         return part
     base, instruments = without_instruments(part)
-    if instruments:
-        return _measured(component(base), [component(name) for name in instruments])
+    name, is_sampled = without_sampling(base)
+    if is_sampled or instruments:
+        return put_into_practice(component(name), is_sampled, instruments)
     if names_file(part):
         return loaded_component(part)
     module, _, function = _place_of(part).partition(":")
     return cast("Component", getattr(importlib.import_module(module), function)())
 
 
-def _measured(controller: Component, instruments: list[Component]) -> Component:
+def put_into_practice(
+    controller: Component, is_sampled: bool, instruments: Sequence[str]
+) -> Component:
+    """The controller as a computer runs it, if so, behind instruments of these names.
+
+    Raises
+    ------
+    ContractError
+    """
     from dataclasses import replace
 
     from ..instruments.measured_through import measured_through
+    from ..instruments.sample_and_hold import sampled
+    from ..solver.contract_error import ContractError
 
+    if is_sampled:
+        if not {"measurement", "reference"} & {i.role for i in controller.inputs}:
+            raise ContractError(
+                f"{controller.name} cannot be sampled: none of its inputs has the role measurement "
+                "or reference, as those of a controller have"
+            )
+        controller = sampled(controller)
+    if not instruments:
+        return controller
+    parts = [component(name) for name in instruments]
     if controller.sample_time:
         period = controller.sample_time.default
-        instruments = [
+        parts = [
             replace(i, sample_time=replace(i.sample_time, default=period)) if i.sample_time else i
-            for i in instruments
+            for i in parts
         ]
-    return measured_through(controller, instruments)
+    return measured_through(controller, parts)
 
 
 def name_of(part: str | Component) -> str:
     """What to call a part in tables and files; raises as `component` does."""
     if not isinstance(part, str):
         return part.name
-    base, instruments = without_instruments(part)
-    return "+".join([component(base).name if names_file(base) else base, *instruments])
+    name = bare(part)
+    return component(name).name + part.removeprefix(name) if names_file(name) else part
 
 
 def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
@@ -101,6 +124,10 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
             kept = [kept_as(name) for name in (base, *instruments)]
             modules = [module for _, own in kept for module in own]
             return "_behind_".join(name for name, _ in kept), (*modules, _MEASURED)
+        base, is_sampled = without_sampling(part)
+        if is_sampled:
+            name, own = kept_as(base)
+            return f"sampled_{name}", (*own, _SAMPLED)
         if not names_file(part):
             return part, (_place_of(part).partition(":")[0],)
     made = component(part)
@@ -109,9 +136,9 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
 
 def _place_of(name: str) -> str:
     """``module:function`` of a name of the catalogue."""
-    if name not in _PLACES:
+    if name not in NAMES | ALONE:
         raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
-    return _PLACES[name]
+    return (NAMES | ALONE)[name]
 
 
 def fmu_kernel(part: str | Component) -> Kernel:
@@ -196,6 +223,6 @@ def loop_fmu_kernel(controller: str, plant: str = "plant") -> Kernel:
     return stored_kernel(f"fmu_loop_{p}_{c}", lambda: loop(controller, plant), *parts)
 
 
-def loop_fmu(controller: str) -> Path:
+def loop_fmu(controller: str, plant: str = "plant") -> Path:
     """Path of the FMU of the closed loop with this controller, as `fmu`; raises as `loop` does."""
-    return _stored_fmu(loop_fmu_kernel(controller))
+    return _stored_fmu(loop_fmu_kernel(controller, plant))

@@ -6,9 +6,12 @@ a folder and a line here.
 """
 
 SYSTEMS = {
+    "belt": "friction oscillator on a moving belt: where stick-slip begins and ends",
     "van_der_pol": "Van der Pol's oscillator: the limit cycle of the Reference-FMUs",
     "bouncing_ball": "Bouncing ball: where it ends, and how the table of the Reference-FMUs is off",
     "impact_oscillator": "Impact oscillator: grazing, chaos and period doubling at a rigid stop",
     "backlash_drive": "Drive with backlash: how it hunts, against its describing function",
     "cart_pendulum": "Balanced pendulum: why it hunts where its cart has friction",
+    "pid_mass": "a mass under PID: it hunts where Fs > Fc, else its error falls as 1/time",
+    "dc_motor": "a DC motor with friction under P, PD and PID: it stops short, or it hunts",
 }

@@ -23,3 +23,18 @@ def without_instruments(part: str) -> tuple[str, tuple[str, ...]]:
     while first > 1 and names[first - 1] in INSTRUMENTS:
         first -= 1
     return "+".join(names[:first]), (*names[first:],)
+
+
+SAMPLED = "sampled"
+"""Behind a controller's name: that it reads at sample instants and holds its commands."""
+
+
+def without_sampling(controller: str) -> tuple[str, bool]:
+    """The controller of ``controller+sampled``, and whether it is one."""
+    name = controller.removesuffix(f"+{SAMPLED}")
+    return name, name != controller
+
+
+def bare(part: str) -> str:
+    """The controller alone of ``controller+sampled+instrument+...``."""
+    return without_sampling(without_instruments(part)[0])[0]

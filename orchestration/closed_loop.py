@@ -61,6 +61,8 @@ class Study:
         Longest time that one call of an FMU in a process of its own may take [s].
     told : ParameterFile, optional
         Where values come from; the written parameter file keeps their intervals and sources.
+    notes : tuple of str
+        What is known before the run, and told with what the run says.
     """
 
     controller: str
@@ -77,6 +79,7 @@ class Study:
     isolate: bool | None = None
     time_limit: float = TIME_LIMIT
     told: ParameterFile | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -103,7 +106,8 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
 
     def run_at(step: float, look_again: bool = True) -> LoopRun:
         nonlocal notes
-        run, notes = _run_once(replace(study, step=step), progress, look_again)
+        run, found = _run_once(replace(study, step=step), progress, look_again)
+        notes = *study.notes, *found
         return run
 
     first = min(FIRST, study.stop)

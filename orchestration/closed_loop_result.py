@@ -68,6 +68,7 @@ class ClosedLoopResult:
             "coupling": run.coupling.value,
             "coupling_reason": run.coupling_reason,
             "corrected": run.corrected,
+            "sampling_period": run.sampling_period or None,
             "verdict": verdict.word,
             "verdict_reason": verdict.reason,
             "advice": verdict.advice,

@@ -61,6 +61,8 @@ class LoopRun:
         Whether it ended because an output left every bound.
     units : dict of str to str
         Of outputs and commands, as far as the parts say them.
+    sampling_period : float
+        Of what is sampled of the controller and its instruments [s]; 0 if nothing is.
     """
 
     time: Vector
@@ -78,6 +80,7 @@ class LoopRun:
     stopped: str = ""
     diverged: bool = False
     units: dict[str, str] = field(default_factory=dict)
+    sampling_period: float = 0.0
 
     @property
     def alone(self) -> bool:

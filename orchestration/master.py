@@ -121,7 +121,7 @@ def run_loop(
             co_run.close()
     ended = _Ended(main, co_runs, course, time, why, not missing)
     first = _concluded(ended, names, commands, chosen, reason)
-    if not commands and first.verdict.trusted:
+    if wiring.is_empty and first.verdict.trusted:
         own = f"nothing is coupled; how exact {plant.name}'s own solver is, this run does not tell"
         return replace(first, verdict=replace(first.verdict, reason=own))
     if not look_again or adaptive or why.reason or any(pair.failure for pair in co_runs):
@@ -223,7 +223,7 @@ def _choose(
             f"interface-Jacobian coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., "
             "u_rate) and there are none; use gauss-seidel"
         )
-    if not wiring.commands and not wiring.signals:
+    if wiring.is_empty:
         return Coupling.JACOBI, f"{plant.name} runs alone, nothing is coupled"
     if wanted is not None:
         return wanted, "as asked"
@@ -244,8 +244,6 @@ def _tangent_reason(loop: Loop, wiring: Wiring) -> str:
 
 def _meet_samples(loop: Loop, step: float, reason: str) -> tuple[float, str]:
     period = loop.controller.sample_time
-    if period <= 0:
-        return step, reason
     met = step_that_meets(period, step)
     if abs(met - step) > 1e-9 * step:
         reason += f"; steps of {met:g} s meet its samples every {period:g} s"
@@ -383,6 +381,7 @@ def _concluded(
         verdict=ended.verdict(names, coupling),
         stopped=ended.why.reason,
         diverged=ended.why.diverged,
+        sampling_period=main.loop.controller.sample_time,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -19,7 +20,8 @@ class Metrics:
     Attributes
     ----------
     peak_voltage, peak_voltage_time : float
-        Largest magnitude of the command [V] and when [s].
+        Largest magnitude of the command, a voltage [V] unless the plant says otherwise, and when
+        [s].
     settling_time_2pct : float or None
         Time after which the error stays within 2 % of the step [s]; None if it does not, or if the
         set-point moves.
@@ -40,6 +42,26 @@ class Metrics:
 
     def to_dict(self) -> dict[str, float | None]:
         return asdict(self)
+
+
+def units_of_figures(units: Mapping[str, str]) -> dict[str, str]:
+    """The unit of each figure of a run, from those of its signals, or the axis' where none is said.
+
+    Parameters
+    ----------
+    units : mapping of str to str
+        Of ``x`` and ``u``, as `LoopRun.units`.
+    """
+    x, u = units.get("x") or "m", units.get("u") or "V"
+    return {
+        "peak_voltage": u,
+        "peak_voltage_time": "s",
+        "settling_time_2pct": "s",
+        "overshoot": x,
+        "steady_state_error": x,
+        "iae": f"{x}*s",
+        "coupling_residual_max": u,
+    }
 
 
 def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:

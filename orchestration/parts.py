@@ -12,6 +12,7 @@ from ..controllers import ALONE
 from ..fmus.catalogue import fmu_kernel, has_equations, name_of
 from ..fmus.interface import START
 from ..fmus.reading import unpack
+from ..instruments import bare
 from ..plant import LAWS, PLANTS
 from ..solver.kernel import Kernel, ParameterInfo
 from .parameter_file import BALL_SCREW, DEFAULT_LAW, FMU, ParameterFile, used
@@ -43,6 +44,15 @@ class Part:
 def label_of(name: str) -> str:
     """What a part is called in tables, pictures, options and parameter files."""
     return readable(own_name(name))
+
+
+def table_of(file: ParameterFile, controller: str) -> str:
+    """Name of the table of a parameter file that is of a controller: its own, else the bare one's.
+
+    So ``[controller.pid]`` is of ``pid+position_encoder``, too, where that has no table.
+    """
+    own = label_of(controller)
+    return own if own in file.controllers else label_of(bare(controller))
 
 
 def loop_label(plant: str, controller: str) -> str:
@@ -147,7 +157,7 @@ def used_parameters(
             own |= set(part_of(told.plant_name).parameters)
     described = {
         label_of(name): used(
-            part_of(name).parameters, given, file.controllers.get(label_of(name), {}), source
+            part_of(name).parameters, given, file.controllers.get(table_of(file, name), {}), source
         )
         for name, given in controllers.items()
     }

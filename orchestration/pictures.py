@@ -261,7 +261,7 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
         ends = []
         for k, result in enumerate(results):
             run = result.run
-            label = result.study.label
+            label = result.study.label.replace("+", "\n+")  # long names leave no room for curves
             if not result.trusted:
                 label += " (not converged)"
             style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}
@@ -296,6 +296,8 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
         for axes in (position, fine, voltage):
             axes.set_xlim(-0.02 * end, end)  # what happens at once stands apart from the frame
         for axes, title in ((position, ""), (voltage, "peak")):  # beside the curves, never over
-            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title)
+            names = axes.get_legend_handles_labels()[1]
+            size = 8 if any("\n" in name for name in names) else None
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title, fontsize=size)
         figure.align_ylabels()
     return figure

@@ -24,6 +24,7 @@ COLUMNS = (
     "iae",
     "coupling_residual_max",
     "macro_steps",
+    "sampling_period",
     "coupling",
     "verdict",
 )

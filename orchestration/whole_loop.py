@@ -165,16 +165,18 @@ def run_monolithic(
         verdict=verdict,
         stopped=tight.stopped,
         units={o.name: o.unit for o in kernel.outputs},
+        sampling_period=tight.period,
     )
 
 
 @dataclass(frozen=True)
 class _Course:
-    """Outputs on the grid of communication points, as far as the solver got."""
+    """Outputs on the grid of communication points, as far as the solver got; sampling period."""
 
     time: Vector
     outputs: dict[str, Vector]
     stopped: str
+    period: float
 
 
 def _simulate(
@@ -222,7 +224,8 @@ def _simulate(
             progress(float(t))
     table = table[: k + 1]
     names = [o.name for o in kernel.outputs]
-    return _Course(times[: len(table)], {n: table[:, k] for k, n in enumerate(names)}, stopped)
+    outputs = {n: table[:, k] for k, n in enumerate(names)}
+    return _Course(times[: len(table)], outputs, stopped, period)
 
 
 def _verdict(tight: _Course, loose: _Course, names: list[str]) -> Verdict:

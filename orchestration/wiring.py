@@ -49,6 +49,11 @@ class Wiring:
         if not self.orders:
             object.__setattr__(self, "orders", (0,) * len(self.references))
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether no signal goes either way."""
+        return not self.commands and not self.signals
+
     def plant_law(self) -> list[str]:
         """The plant's inputs beside the commands, in the order in which a law is written.
 

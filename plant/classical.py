@@ -21,14 +21,22 @@ _USED = ("sigma2", "Fc", "Fs", "Vs")
 
 def classical(velocity: sp.Expr) -> ForceTerm:
     """The friction term of a body that moves with `velocity` [m/s]; needs `with_sticking`."""
-    force = _sliding(velocity, sp.sign(velocity))
-    return ForceTerm(
+    term = ForceTerm(
         name="friction",
-        force=-force,
+        force=-_sliding(velocity, sp.sign(velocity)),
         meaning="classical friction, opposing motion",
         parameters=tuple(p for p in PARAMETERS if p.name in _USED),
+    )
+    return with_outputs(term)
+
+
+def with_outputs(term: ForceTerm) -> ForceTerm:
+    """A term of friction that sticks, with the outputs of its modes."""
+    return replace(
+        term,
         outputs=(
-            Output("friction", "N", "friction force, opposing motion", force, nominal=1.0),
+            *term.outputs,
+            Output("friction", "N", "friction force, opposing motion", -term.force, nominal=1.0),
             Output("stuck", "1", "one while the body sticks, else zero", sp.Integer(0)),
         ),
     )
@@ -41,37 +49,59 @@ def _sliding(velocity: sp.Expr, direction: sp.Expr) -> sp.Expr:
 CLAIMS = Claims(steady_state=_sliding(symbol("v"), sp.sign(symbol("v"))), stiffness=None)
 
 
-def with_sticking(component: Component, velocity: str = "v", position: str = "x") -> Component:
+def with_sticking(
+    component: Component,
+    velocity: str = "v",
+    position: str = "x",
+    breakaway: sp.Expr | None = None,
+) -> Component:
     """The component with the modes stuck, forward and backward around its friction term.
 
     Parameters
     ----------
     component : Component
-        Has a force balance of `velocity` with the term of `classical` in it.
+        Has a force balance of `velocity` with a term ``friction``, which opposes motion and says so
+        by the sign of that state.
     velocity : str
         The state that is zero where the body sticks: its speed relative to what it slides on.
     position : str
         The state that moves with `velocity`, and goes on as it does where that is zero.
+    breakaway : expression, optional
+        Force up to which the body sticks [N]; by default that of sliding at no speed.
 
     Raises
     ------
     ContractError
         If it has no such balance or term, or has modes already.
     """
+    v = symbol(velocity)
     balance = next((b for b in component.balances if b.state == velocity), None)
-    names = [t.name for t in balance.terms] if balance else []
-    if balance is None or "friction" not in names or component.modes:
+    terms = {t.name: t for t in balance.terms} if balance else {}
+    term = terms.get("friction")
+    if balance is None or term is None or component.modes:
         raise ContractError(
             f"{component.name}: sticking needs a force balance of {velocity!r} with a term "
-            f"'friction', and no modes; it has the terms {', '.join(names) or 'none'}"
+            f"'friction', and no modes; it has the terms {', '.join(terms) or 'none'}"
         )
-    v = symbol(velocity)
-    applied = sp.Add(*[t.force for t in balance.terms if t.name != "friction"])
-    held = applied.xreplace({v: sp.Integer(0)})
-    stop = {velocity: sp.Integer(0)}
+    if not term.force.has(sp.sign(v)):
+        raise ContractError(
+            f"{component.name}: the term 'friction' has no sign({velocity}), by which friction "
+            "that sticks opposes sliding"
+        )
 
-    def sliding(name: str, direction: int) -> Mode:
-        force = _sliding(v, sp.Integer(direction))
+    def sliding(direction: int) -> sp.Expr:
+        return -term.force.xreplace({sp.sign(v): sp.Integer(direction), sp.Abs(v): direction * v})
+
+    def at_rest(expression: sp.Expr) -> sp.Expr:
+        return expression.xreplace({v: sp.Integer(0)})
+
+    applied = sp.Add(*[t.force for t in balance.terms if t is not term])
+    held = at_rest(applied)
+    holds = at_rest(sliding(1)) if breakaway is None else breakaway
+
+    def mode(name: str, direction: int) -> Mode:
+        force = sliding(direction)
+        stop = {velocity: sp.Integer(0)}
         return Mode(
             name,
             derivatives={velocity: (applied - force) / balance.inertia},
@@ -83,15 +113,15 @@ def with_sticking(component: Component, velocity: str = "v", position: str = "x"
         STUCK,
         derivatives={
             velocity: sp.Integer(0),
-            position: component.derivative(position).xreplace({v: sp.Integer(0)}),
+            position: at_rest(component.derivative(position)),
         },
         outputs={"friction": held, "stuck": sp.Integer(1)},
         events=(
             # a body that starts in motion, or is set in motion, does not stick
             Event("moves forward", v, direction=1, next_mode=FORWARD),
             Event("moves backward", v, direction=-1, next_mode=BACKWARD),
-            Event("breaks away forward", held - symbol("Fs"), direction=1, next_mode=FORWARD),
-            Event("breaks away backward", held + symbol("Fs"), direction=-1, next_mode=BACKWARD),
+            Event("breaks away forward", held - holds, direction=1, next_mode=FORWARD),
+            Event("breaks away backward", held + holds, direction=-1, next_mode=BACKWARD),
         ),
     )
-    return replace(component, modes=(stuck, sliding(FORWARD, 1), sliding(BACKWARD, -1)))
+    return replace(component, modes=(stuck, mode(FORWARD, 1), mode(BACKWARD, -1)))

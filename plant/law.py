@@ -11,8 +11,9 @@ the law to it; whoever needs a steady-state curve or a stiffness takes it from t
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import sympy as sp
@@ -72,6 +73,21 @@ def law(name: str) -> Law:
     """
     module, function = _place(name)
     return cast("Law", getattr(importlib.import_module(module), function))
+
+
+def turning(term: ForceTerm) -> ForceTerm:
+    """The term of a body that turns: the same numbers in N*m for N and in rad for m."""
+    words = {"N": "N*m", "m": "rad"}
+
+    def unit(text: str) -> str:
+        return re.sub(r"[A-Za-z]+", lambda word: words.get(word[0], word[0]), text)
+
+    return replace(
+        term,
+        parameters=tuple(replace(p, unit=unit(p.unit)) for p in term.parameters),
+        states=tuple(replace(s, unit=unit(s.unit)) for s in term.states),
+        outputs=tuple(replace(o, unit=unit(o.unit)) for o in term.outputs),
+    )
 
 
 def claims(name: str) -> Claims:

@@ -178,7 +178,9 @@ def _importable(folder: Path) -> Iterator[None]:
     out of sight meanwhile. Python's own and installed ones are not: others hold parts of them.
     """
     paths, before, writes = list(sys.path), dict(sys.modules), sys.dont_write_bytecode
-    hidden = {name for name in before if _is_hidden(name.partition(".")[0], folder)}
+    above = {name: name.partition(".")[0] for name in before}
+    out_of_sight = {root for root in set(above.values()) if _is_hidden(root, folder)}
+    hidden = {name for name, root in above.items() if root in out_of_sight}
     for name in hidden:
         del sys.modules[name]
     importlib.invalidate_caches()  # a helper may have been written a moment ago

@@ -31,6 +31,12 @@ def connect(plant: Component, controller: Component) -> Component:
     measured = {}
     used = c.used_symbols()
     for signal in (i for i in c.inputs if i.role not in _REFERENCES and symbol(i.name) in used):
+        if not any(o.name == signal.name for o in p.all_outputs):
+            there = ", ".join(o.name for o in p.all_outputs) or "none"
+            raise ContractError(
+                f"{plant.name} has no output {signal.name!r}, {controller.name} measures it; "
+                f"it has {there}"
+            )
         value = p.output(signal.name).value
         if {symbol(i.name) for i in p.inputs} & symbols_in(value):
             raise ContractError(

@@ -14,6 +14,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
+from ..solver.core import EVENTS
 from ..solver.kernel import IntegrationError, Model
 from ..solver.spectrum import Returns, follow_returns, follow_tangents
 from .equilibria import Equilibrium, equilibrium_near, sample_after
@@ -202,15 +203,15 @@ def _resting(model: Model, time: float, until: float, span: float) -> Attractor 
         wait = sample_after(model, time + wait) - time
     if distance > NEAR or time + wait > until:
         return None
-    state, held = model.x.copy(), model.u.copy()
-    found = equilibrium_near(model, time + wait) if _moved(model, time, wait) else None
+    state, held, events = model.x.copy(), model.u.copy(), model.info[EVENTS]
+    moved = _moved(model, time, wait) and model.info[EVENTS] == events
+    found = equilibrium_near(model, time + wait) if moved else None
     if found is not None and found.slowest <= 0.0:
         left = float(np.max(np.abs(model.x - found.state) / nominal))
-        moved = float(np.max(np.abs(found.state - before.state) / nominal))
+        shift = float(np.max(np.abs(found.state - before.state) / nominal))
         stays = found.drift * span <= max(left, SETTLED)
-        falls = left <= 0.2 * distance and not _ends_there(model, time + wait, found.state)
-        near = falls or left <= SETTLED
-        if near and stays and moved <= 2.0 * max(distance, SETTLED):
+        near = left <= 0.2 * distance or left <= SETTLED
+        if near and stays and shift <= 2.0 * max(distance, SETTLED):
             return _rest(model, found, time + wait, wait, distance, left)
     model.x[:], model.u[:] = state, held
     return None
@@ -323,8 +324,8 @@ def closings(states: Matrix, size: Vector, noise: float) -> Iterator[tuple[int, 
 def _cycle(model: Model, passes: Returns, exponents: bool) -> Attractor | None:
     """A cycle, where states one period apart close upon each other faster than the motion dies."""
     size = passes.high - passes.low
-    size[size <= model.atol] = np.inf  # what has died away has no part in it
-    if not np.isfinite(size).any():
+    size[size <= model.atol] = np.inf  # at rest, or fading for as long as one looks
+    if np.isinf(size).all():
         return None
     for lag, error in closings(passes.states, size, NOISE * model.tolerance):
         period = float(passes.time[-1] - passes.time[-1 - lag])

@@ -111,8 +111,8 @@ def _drift(a: Matrix, change: Vector, slowest: float, period: float) -> float:
     """What is left of a change, per second, when all that falls has fallen."""
     if slowest > 0.0:
         return 0.0
-    if slowest == 0.0:  # nothing falls
-        left = change
+    if slowest == 0.0:  # nothing falls: what a belt carries, or a clock that runs
+        left = change / period if period else change
     elif period:
         times = max(len(a), math.ceil(FALLEN / (-slowest * period)))
         left = np.linalg.matrix_power(a + np.eye(len(a)), times) @ change / period

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.catalogue import component, kept_as
-from ..instruments import without_instruments
+from ..instruments import bare
 from ..orchestration.memory import check_memory
 from ..orchestration.parts import label_of, part_of
 from ..orchestration.whole_loop import held_loop_kernel
@@ -136,7 +136,10 @@ class MapStudy:
             raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
         if self.fmus is None and PLANT + "x" not in [s.name for s in kernel_of(self).states]:
             raise BadMap(f"{label_of(self.plant)} has no state x, whose motion a map judges")
+        given = {"plant": self.plant_values, "controller": self.controller_values}
         for axis in (self.x, self.y):
+            if axis.parameter in given.get(axis.side, {}):
+                raise BadMap(f"{axis.name} is given a value and is an axis; expected one of them")
             about = _about(axis, self.plant, self.controller)
             low, high = (about.minimum, about.maximum) if about else (-math.inf, math.inf)
             if axis.low < low or axis.high > high:
@@ -151,7 +154,7 @@ class MapStudy:
 
     def __getstate__(self) -> dict[str, Any]:
         """What goes to workers: they may lack the files of parts, or find them edited."""
-        bases = (without_instruments(p)[0] for p in (self.plant, self.controller))
+        bases = (bare(p) for p in (self.plant, self.controller))
         parts = {p: component(p) for p in bases if names_file(p)}
         return vars(self) | {_FROM_FILES: parts}
 

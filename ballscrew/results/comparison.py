@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from ..orchestration.metrics import units_of_figures
 from ..orchestration.swap import COLUMNS, SwapResult
 from .result import Result, table_of, with_unit
 
@@ -28,8 +29,8 @@ class Comparison(Result, SwapResult):
 
     def facts(self) -> Iterable[tuple[str, str]]:
         for result in self.results:
-            figures = result.figures()
-            peak = with_unit(figures.get("peak_voltage"), "V")
+            figures, units = result.figures(), units_of_figures(result.run.units)
+            peak = with_unit(figures.get("peak_voltage"), units["peak_voltage"])
             settled = with_unit(figures.get("settling_time_2pct"), "s")
             yield result.study.label, f"peak {peak}, settled in {settled}, {figures['verdict']}"
 

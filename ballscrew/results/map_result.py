@@ -62,9 +62,13 @@ class StabilityMap(Result):
         if pictures:
             write_figure(self.plot(), folder, "map")
 
+    def columns(self) -> dict[str, list[Any]]:
+        """The map's table by column, a value for each cell: along `x` first, then along `y`."""
+        return read_table(self._table)
+
     def to_pandas(self) -> Any:
         """A row for each cell, as in the map's table."""
-        return table_of(read_table(self._table))
+        return table_of(self.columns())
 
     @property
     def _table(self) -> Path:

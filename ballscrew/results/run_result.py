@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..orchestration.closed_loop_result import ClosedLoopResult
+from ..orchestration.metrics import units_of_figures
 from .result import Result, table_of, with_unit
 
 
@@ -24,16 +25,8 @@ class RunResult(Result, ClosedLoopResult):
 
     def facts(self) -> Iterable[tuple[str, str]]:
         figures = self.figures()
-        units = {
-            "peak_voltage": "V",
-            "settling_time_2pct": "s",
-            "overshoot": "m",
-            "steady_state_error": "m",
-            "iae": "m*s",
-            "coupling_residual_max": "V",
-        }
-        for name, unit in units.items():
-            if name in figures:
+        for name, unit in units_of_figures(self.run.units).items():
+            if name in figures and name != "peak_voltage_time":
                 yield name.replace("_", " "), with_unit(figures[name], unit)
         yield "communication steps", str(figures["macro_steps"])
         yield "coupling", figures["coupling"]

@@ -42,8 +42,11 @@ class SwapStudy(Result, StudyResult):
             if len(answer.best) > 1:
                 text += f"; not told from it: {', '.join(answer.best[1:])}"
             yield answer.duty, text
-        worst = max((c.apart for c in self.checks if c.apart >= 0), default=0.0)
-        yield "again over FMUs", f"{len(self.checks)} runs, at most {worst:.2g} m apart"
+        worst = max((c.apart for c in self.checks.values() if c.apart >= 0), default=0.0)
+        text = f"{len(self.checks)} runs, at most {worst:.2g} m apart"
+        if self.not_converged:
+            text += f"; the coupling of {self.not_converged} not converged"
+        yield "again over FMUs", text
 
     def save(self, folder: Path | str, pictures: bool = True) -> None:
         """Write ``study.json``, the table of runs and, by default, the report and its picture."""

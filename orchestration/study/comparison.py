@@ -1,4 +1,4 @@
-"""Whether two controllers can be told apart: by plants that both ran on, and tunings of each."""
+"""Means with intervals over plants, and whether two controllers can be told apart."""
 
 from __future__ import annotations
 
@@ -14,6 +14,26 @@ LEVEL = 0.90
 """Equal controllers may be called different in one study of ten at most."""
 RELEVANT = 0.02
 """Smallest ratio less one of two figures that matters to anybody."""
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A mean of a figure over plants, with its interval; NaN where a run has no such figure.
+
+    Attributes
+    ----------
+    mean : float
+        In the figure's unit.
+    low, high : float
+        90 % interval of it, over plants and their noise.
+    geometric : bool
+        Whether it is the geometric mean.
+    """
+
+    mean: float
+    low: float
+    high: float
+    geometric: bool
 
 
 @dataclass(frozen=True)
@@ -34,6 +54,37 @@ class Difference:
     low: float
     high: float
     told_apart: bool
+
+
+def mean_over_plants(figure: Matrix, geometric: bool) -> Mean:
+    """The mean of a figure on plants as were drawn, each with noise of its own.
+
+    Student's interval over the plants, of the mean over tunings on each; of a figure that is
+    positive of its logarithm: what varies between plants multiplies an error more than it adds to
+    it, so that the logarithm is the closer to normal, and two controllers are compared by it. The
+    tunings are what they are: the luck of another tuning is not in it.
+
+    A bootstrap needs no distribution, but at 20 plants it is too narrow (of a normal figure it
+    holds the mean in 86 or 87 of 100 studies).
+
+    Parameters
+    ----------
+    figure : ndarray, shape (seeds, plants)
+        By tuning and plant.
+    geometric : bool
+        Whether to take the logarithm; all are positive then.
+    """
+    from scipy import stats
+
+    if not np.isfinite(figure).all():
+        return Mean(math.nan, math.nan, math.nan, geometric)
+    by_plant = (np.log(figure) if geometric else figure).mean(axis=0)
+    middle, count = float(by_plant.mean()), len(by_plant)
+    half = float(stats.t.ppf((1 + LEVEL) / 2, count - 1)) * math.sqrt(_variance_of_mean(by_plant))
+    mean, low, high = (
+        math.exp(v) if geometric else v for v in (middle, middle - half, middle + half)
+    )
+    return Mean(mean, low, high, geometric)
 
 
 def compare(first: Matrix, second: Matrix) -> Difference:

@@ -45,6 +45,10 @@ class Figures:
     hunting_amplitude, hunting_period : float
         Half the range of the position in the last quarter of the last rest [m], and its period [s];
         zero and NaN where there are fewer than two whole cycles in it.
+    hunting : float
+        1 where it hunts there: to and fro two times or more, with an amplitude of more than a count
+        of the position sensor. 0 where it does not: it stays within a count. NaN where neither can
+        be said: it creeps, goes to and fro by less than a count, or there is no rest.
     steady_error : float
         Mean error there [m].
     failed : float
@@ -64,6 +68,7 @@ class Figures:
     peak_current: float
     hunting_amplitude: float
     hunting_period: float
+    hunting: float
     steady_error: float
     failed: float = 0.0
 
@@ -72,10 +77,21 @@ NAMES = tuple(f.name for f in fields(Figures))
 UNITS = dict(
     zip(
         NAMES,
-        ["m", "m", "s", "s", "s", "m", "m", "J", "V", "1", "A", "m", "s", "m", "1"],
+        ["m", "m", "s", "s", "s", "m", "m", "J", "V", "1", "A", "m", "s", "1", "m", "1"],
         strict=True,
     )
 )
+
+
+SIZES = ("rms_error", "peak_error", "reversal_error", "energy", "total_variation", "peak_current")
+"""Figures that are positive but where nothing moves at all, and that plants change by factors."""
+
+
+def hunting_verdict(hunting: float) -> str:
+    """In words what `Figures.hunting` says."""
+    if math.isnan(hunting):
+        return "undecided"
+    return "hunting" if hunting else "none"
 
 
 def figures_of(course: Course, count: float, limit: float) -> Figures:
@@ -114,6 +130,7 @@ def figures_of(course: Course, count: float, limit: float) -> Figures:
         peak_current=float(np.abs(course.current).max()),
         hunting_amplitude=amplitude,
         hunting_period=period,
+        hunting=_hunts(course.position[rest], amplitude, count) if rests else math.nan,
         steady_error=float(np.mean(error[rest])) if rests else math.nan,
     )
 
@@ -145,3 +162,10 @@ def _hunting(position: Vector, step: float) -> tuple[float, float]:
     if len(upward) <= CYCLES or size < 1e-10:
         return 0.0, math.nan
     return size, float((upward[-1] - upward[0]) * step / (len(upward) - 1))
+
+
+def _hunts(position: Vector, amplitude: float, count: float) -> float:
+    """See `Figures.hunting`; the amplitude is zero where there are too few cycles."""
+    if np.ptp(position) <= count:
+        return 0.0
+    return 1.0 if amplitude > count else math.nan

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 SHARE = 20  # every so many runs, drawn at random
 ALLOWED = 10.0  # times what units in the last place, or a tenth of the tolerance, move the run
+TRUSTED = "trusted"  # of the master's verdicts, that on a coupling that converged
 ROUND_OFF = 1e-13  # m, of positions in the size of a metre
 
 
@@ -35,11 +36,18 @@ class FmuCheck:
         solvers, moves it [m]; and, where the controller is not sampled, the master's own estimate
         of its coupling error.
     agrees : bool
+    coupling : str
+        What the master says of its coupling: ``trusted`` or ``not converged``; empty where the
+        study's own run failed, and none was made over FMUs.
+    reason : str
+        Why.
     """
 
     apart: float
     allowed: float
     agrees: bool
+    coupling: str = ""
+    reason: str = ""
 
 
 def check_over_fmus(
@@ -87,7 +95,8 @@ def check_over_fmus(
     allowed = ALLOWED * max(uncertain, ROUND_OFF)
     if not loop.sampled:
         allowed = max(allowed, run.verdict.error_estimate["x"])
-    return FmuCheck(apart, allowed, apart <= allowed)
+    verdict = run.verdict
+    return FmuCheck(apart, allowed, apart <= allowed, verdict.word, verdict.reason)
 
 
 def _nearest(loop: StudyLoop, values: Mapping[str, float]) -> Iterator[dict[str, float]]:

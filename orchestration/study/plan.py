@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import json
-import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache
 from pathlib import Path
@@ -20,12 +18,11 @@ from ...instruments.supply import NOMINAL_VOLTAGE
 from ..reference_motions import read_motion
 from ..reference_signal import BadReference, Reference
 from .figures import NAMES
+from .reading import BadPlan, as_list, as_numbers, as_range, as_table, check_names
+from .sobol import sobol_shares
+from .variation import Variation, read_variation
 
 VERSION = 1
-
-
-class BadPlan(ValueError):
-    """A study file that makes no sense; the message says what was got and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +38,15 @@ class Duty:
         [s]
     tune : bool
         Whether controllers are tuned on it; they are judged on the others.
+    plant : dict of str to float
+        Parameters of the plant that are not default at this duty, such as those of a load.
     """
 
     name: str
     reference: str
     stop: float
     tune: bool = False
+    plant: Mapping[str, float] = field(default_factory=dict)
 
     def signal(self) -> Reference:
         """The set-point over time.
@@ -56,22 +56,6 @@ class Duty:
         BadReference
         """
         return _signal(self.reference)
-
-
-@dataclass(frozen=True)
-class Variation:
-    """How plants differ: factors on nominal values of parameters.
-
-    Attributes
-    ----------
-    parameters : tuple of str
-        Of the plant; all of them get the same factor.
-    uniform : tuple of two floats
-        Least and largest factor.
-    """
-
-    parameters: tuple[str, ...]
-    uniform: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -144,6 +128,9 @@ class Plan:
     tolerance : float
         Relative, of the solver.
     seed : int
+    sobol : int
+        Points of the sample for Sobol indices; 0 for none. Each controller then runs
+        ``sobol (variations + 2)`` times at each judged duty.
     """
 
     plant: str
@@ -159,6 +146,7 @@ class Plan:
     count: float = 1 / 512_000
     tolerance: float = 1e-6
     seed: int = 1
+    sobol: int = 0
 
     @property
     def tuning_duties(self) -> tuple[Duty, ...]:
@@ -168,8 +156,8 @@ class Plan:
     def judged_duties(self) -> tuple[Duty, ...]:
         return tuple(d for d in self.duties if not d.tune)
 
-    def factors(self, purpose: str) -> npt.NDArray[np.float64]:
-        """Factors of the drawn plants, one row each, one column per variation.
+    def draws(self, purpose: str) -> npt.NDArray[np.float64]:
+        """What the drawn plants are, one row each, one column per variation.
 
         Parameters
         ----------
@@ -178,9 +166,38 @@ class Plan:
         """
         count = self.tuning.plants if purpose == "tune" else self.plants
         random = np.random.default_rng([self.seed, ("tune", "judge").index(purpose)])
-        low, high = (np.array([v.uniform[k] for v in self.variations]) for k in (0, 1))
-        drawn = low + (high - low) * random.random((count, len(self.variations)))
-        return np.vstack([np.ones((1, drawn.shape[1])), drawn]) if purpose == "tune" else drawn
+        drawn = self.drawn(random.random((count, len(self.variations))))
+        return np.vstack([self.nominal, drawn]) if purpose == "tune" else drawn
+
+    @property
+    def nominal(self) -> npt.NDArray[np.float64]:
+        """What is drawn for the nominal plant."""
+        return np.array([v.nominal for v in self.variations])
+
+    def drawn(self, shares: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Draws, one column per variation, from shares between 0 and 1."""
+        columns = [v.quantiles(shares[:, k]) for k, v in enumerate(self.variations)]
+        return np.column_stack(columns) if columns else shares
+
+    def rows_to_check(self) -> npt.NDArray[np.float64]:
+        """All drawn plants of the study, and those with one thing at an end of its range."""
+        rows = []
+        for k, variation in enumerate(self.variations):
+            for end in variation.ends:
+                rows.append(self.nominal)
+                rows[-1][k] = end
+        sobol = [self.sobol_draws()] if self.sobol else []
+        return np.vstack([*rows, self.draws("tune"), self.draws("judge"), *sobol])
+
+    def sobol_draws(self) -> npt.NDArray[np.float64]:
+        """The plants on which Sobol indices are computed, see `sobol_shares`.
+
+        Raises
+        ------
+        BadPlan
+            If SALib is not installed.
+        """
+        return self.drawn(sobol_shares(self.sobol, len(self.variations), self.seed))
 
     def to_json(self) -> str:
         return json.dumps(asdict(self), sort_keys=True)
@@ -217,19 +234,23 @@ def _plan(table: dict[str, Any]) -> Plan:
         raise BadPlan(f"version is {version!r}, expected {VERSION}")
     controllers = _part(table, "controllers", dict)
     duties = _part(table, "duty", list)
-    variations = _list("vary", table.pop("vary", []))
-    tuning = _table("tuning", table.pop("tuning", {}))
-    limits = _table("tuning.limits", tuning.pop("limits", {}))
-    known = {f.name for f in fields(Plan)} - {"entrants", "duties", "variations", "tuning"}
-    _check_names("the study", table, known)
+    variations = as_list("vary", table.pop("vary", []))
+    tuning = as_table("tuning", table.pop("tuning", {}))
+    limits = as_table("tuning.limits", tuning.pop("limits", {}))
+    sensitivity = as_table("sensitivity", table.pop("sensitivity", {}))
+    check_names("sensitivity", sensitivity, ("sobol",))
+    elsewhere = {"entrants", "duties", "variations", "tuning", "sobol"}
+    known = {f.name for f in fields(Plan)} - elsewhere
+    check_names("the study", table, known)
     plan = Plan(
         plant=str(table.pop("plant", "plant")),
         entrants=tuple(_entrant(name, given) for name, given in controllers.items()),
         duties=tuple(_duty(k, given) for k, given in enumerate(duties)),
-        variations=tuple(_variation(given) for given in variations),
+        variations=tuple(read_variation(given) for given in variations),
         tuning=_tuning(tuning, limits),
-        instruments=tuple(map(str, _list("instruments", table.pop("instruments", [])))),
-        **_numbers("the study", table, {"plants": 2, "seed": 0, "delay": 0}),
+        instruments=tuple(map(str, as_list("instruments", table.pop("instruments", [])))),
+        **as_numbers("the study", table, {"plants": 2, "seed": 0, "delay": 0}),
+        **as_numbers("sensitivity", sensitivity, {"sobol": 2}),
     )
     _check(plan)
     return plan
@@ -243,48 +264,29 @@ def _part(table: dict[str, Any], name: str, kind: type) -> Any:
     return found
 
 
-def _table(where: str, given: Any) -> dict[str, Any]:
-    if not isinstance(given, dict):
-        raise BadPlan(f"{where} is {given!r}, expected a table")
-    return dict(given)
-
-
-def _list(where: str, given: Any) -> list[Any]:
-    if not isinstance(given, list):
-        raise BadPlan(f"{where} is {given!r}, expected a list")
-    return given
-
-
 def _entrant(name: str, given: Any) -> Entrant:
     where = f"controllers.{name}"
-    given = _table(where, given)
-    _check_names(where, given, ("component", "values", "tune"))
+    given = as_table(where, given)
+    check_names(where, given, ("component", "values", "tune"))
     component = str(given.get("component", name))
-    values = _numbers(f"{where}.values", _table(f"{where}.values", given.get("values", {})), {})
-    ranges = _table(f"{where}.tune", given.get("tune", tunable(component)))
-    return Entrant(name, component, values, {n: _range(where, n, r) for n, r in ranges.items()})
-
-
-def _range(where: str, name: str, given: Any) -> tuple[float, float]:
-    pair = list(given) if isinstance(given, list | tuple) else []
-    numbers = [float(v) for v in pair if isinstance(v, int | float) and math.isfinite(v)]
-    if len(pair) != 2 or len(numbers) != 2:
-        raise BadPlan(f"{where}: {name} is {given!r}, expected two finite numbers")
-    if not numbers[0] < numbers[1]:
-        raise BadPlan(f"{where}: {name} is {given!r}, an empty range; the lower bound goes first")
-    return numbers[0], numbers[1]
+    values = as_numbers(f"{where}.values", as_table(f"{where}.values", given.get("values", {})), {})
+    ranges = as_table(f"{where}.tune", given.get("tune", tunable(component)))
+    return Entrant(name, component, values, {n: as_range(where, n, r) for n, r in ranges.items()})
 
 
 def _duty(k: int, given: Any) -> Duty:
-    given = _table(f"duty {k + 1}", given)
-    _check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune"))
+    given = as_table(f"duty {k + 1}", given)
+    check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune", "plant"))
     for name in ("name", "reference", "stop"):
         if name not in given:
             raise BadPlan(f"duty {k + 1} has no {name}")
-    stop = _numbers(f"duty {given['name']}", {"stop": given["stop"]}, {})["stop"]
+    stop = as_numbers(f"duty {given['name']}", {"stop": given["stop"]}, {})["stop"]
     if not stop > 0:
         raise BadPlan(f"duty {given['name']}: stop is {stop:g} s, expected more than 0")
-    duty = Duty(str(given["name"]), str(given["reference"]), stop, bool(given.get("tune", False)))
+    where = f"duty {given['name']}: plant"
+    plant = as_numbers(where, as_table(where, given.get("plant", {})), {})
+    tune = bool(given.get("tune", False))
+    duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, plant)
     try:
         duty.signal()
     except BadReference as error:
@@ -292,43 +294,11 @@ def _duty(k: int, given: Any) -> Duty:
     return duty
 
 
-def _variation(given: Any) -> Variation:
-    given = _table("vary", given)
-    _check_names("vary", given, ("parameters", "uniform"))
-    names = given.get("parameters", [])
-    if not isinstance(names, list) or not names:
-        raise BadPlan(f"vary: parameters is {names!r}, expected a list of names")
-    return Variation(
-        tuple(map(str, names)), _range("vary", ", ".join(map(str, names)), given.get("uniform"))
-    )
-
-
 def _tuning(given: dict[str, Any], limits: Mapping[str, Any]) -> Tuning:
-    _check_names("tuning", given, ("budget", "plants", "seeds"))
-    _check_names("tuning.limits", limits, NAMES)
-    numbers = _numbers("tuning", given, {"budget": 1, "plants": 0, "seeds": 1})
-    return Tuning(**numbers, limits=_numbers("tuning.limits", dict(limits), {}))
-
-
-def _numbers(where: str, given: Mapping[str, Any], whole: Mapping[str, int]) -> dict[str, Any]:
-    """Finite numbers; those of `whole` are whole numbers, at least so large."""
-    found: dict[str, Any] = {}
-    for name, value in given.items():
-        plain = isinstance(value, int | float) and not isinstance(value, bool)
-        if not plain or not math.isfinite(value):
-            raise BadPlan(f"{where}: {name} is {value!r}, expected a finite number")
-        if name in whole and (value != int(value) or value < whole[name]):
-            raise BadPlan(f"{where}: {name} is {value!r}, expected a whole number >= {whole[name]}")
-        found[name] = int(value) if name in whole else float(value)
-    return found
-
-
-def _check_names(where: str, given: Mapping[str, Any], known: Sequence[str] | set[str]) -> None:
-    for name in given:
-        if name not in known:
-            near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-            hint = f"; nearest: {near[0]}" if near else ""
-            raise BadPlan(f"{where} has no {name!r}{hint}; it has {', '.join(sorted(known))}")
+    check_names("tuning", given, ("budget", "plants", "seeds"))
+    check_names("tuning.limits", limits, NAMES)
+    numbers = as_numbers("tuning", given, {"budget": 1, "plants": 0, "seeds": 1})
+    return Tuning(**numbers, limits=as_numbers("tuning.limits", dict(limits), {}))
 
 
 def _check(plan: Plan) -> None:
@@ -344,9 +314,16 @@ def _check(plan: Plan) -> None:
     for duty in plan.tuning_duties:
         if not duty.signal().values.any():
             raise BadPlan(f"duty {duty.name} does not move, and gives nothing to tune on")
+    if plan.sobol & (plan.sobol - 1):
+        raise BadPlan(f"sensitivity: sobol is {plan.sobol}, expected a power of two")
+    if plan.sobol and not plan.variations:
+        raise BadPlan("sensitivity: nothing is varied; add a [[vary]], or leave out sobol")
     names = [d.name for d in plan.duties]
     if len(set(names)) < len(names):
         raise BadPlan("two duties have one name")
+    columns = [v.name for v in plan.variations]
+    if len(set(columns)) < len(columns):
+        raise BadPlan("two [[vary]] vary the same parameters; leave one out")
     for name, value, least in (
         ("period", plan.period, 0.0),
         ("voltage_limit", plan.voltage_limit, 1e-9),

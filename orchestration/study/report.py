@@ -7,28 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from .figures import UNITS
 from .pictures import COLOURS, mark_of
-from .result import JUDGED_BY
+from .result import JUDGED_BY, MEASURED
 
 if TYPE_CHECKING:
     from .result import StudyResult
 
 _SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x")
-SHOWN = (
-    "rms_error",
-    "peak_error",
-    "settling_2pct",
-    "settling_1um",
-    "settling_10counts",
-    "overshoot",
-    "reversal_error",
-    "steady_error",
-    "hunting_amplitude",
-    "hunting_period",
-    "peak_current",
-    "saturated_share",
-    "total_variation",
-    "energy",
-)
 
 
 def report(study: StudyResult) -> str:
@@ -52,7 +36,7 @@ def report(study: StudyResult) -> str:
         duties=duties,
         names=[e.name for e in study.plan.entrants],
         answers=study.answers,
-        shown=[(n, UNITS[n]) for n in SHOWN],
+        shown=[(n, UNITS[n]) for n in MEASURED],
         figures=[_error_over_duties(study), *(_error_against_effort(study, d) for d in duties)],
         plotly=get_plotlyjs(),
         version=__version__,

@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from .comparison import Difference, compare
-from .figures import NAMES
-from .over_fmus import FmuCheck
+from .comparison import Difference, Mean, compare, mean_over_plants
+from .figures import NAMES, SIZES, hunting_verdict
+from .over_fmus import TRUSTED, FmuCheck
 from .plan import Plan
 from .sensitivity import Sensitivity, sensitivity
+from .sobol import SobolIndex
 from .tuning import Tuned
 
 Array = npt.NDArray[np.float64]
 
 JUDGED_BY = "rms_error"
 SMALLEST = 1e-12  # m; errors below it are equal
+MEASURED = tuple(n for n in NAMES if n not in ("hunting", "failed"))  # and not a verdict
+
+
+class Run(NamedTuple):
+    """Which run of a study."""
+
+    controller: str
+    tuning: int
+    duty: str
+    plant: int
 
 
 @dataclass(frozen=True)
@@ -60,8 +71,11 @@ class StudyResult:
         By duty and pair of controllers, of the rms error.
     sensitivities : dict of str to Sensitivity
         Of the rms error, by controller.
-    checks : list of FmuCheck
+    checks : dict of Run to FmuCheck
         Runs that were done again over FMUs.
+    sobol : dict
+        Sobol indices of the rms error by controller, duty and what was varied; empty where not
+        asked, and at a duty where a run failed.
     """
 
     plan: Plan
@@ -70,42 +84,66 @@ class StudyResult:
     answers: list[DutyAnswer]
     differences: dict[str, dict[tuple[str, str], Difference]]
     sensitivities: dict[str, Sensitivity]
-    checks: list[FmuCheck]
+    checks: dict[Run, FmuCheck]
+    sobol: dict[str, dict[str, dict[str, SobolIndex]]] = field(default_factory=dict)
 
     @property
     def disagreed(self) -> int:
         """Runs that came out differently over FMUs."""
-        return sum(not c.agrees for c in self.checks)
+        return sum(not c.agrees for c in self.checks.values())
+
+    @property
+    def not_converged(self) -> int:
+        """Runs over FMUs whose coupling the master does not trust."""
+        return sum(c.coupling not in ("", TRUSTED) for c in self.checks.values())
 
     def mean(self, figure: str, controller: str, duty: str) -> float:
         """Mean of a figure over tunings and plants; geometric for the rms error."""
-        names = [e.name for e in self.plan.entrants]
-        duties = [d.name for d in self.plan.judged_duties]
-        values = self.figures[figure][names.index(controller), :, duties.index(duty)]
+        values = self._runs(figure, controller, duty)
         if figure == JUDGED_BY:
             return float(np.exp(np.mean(np.log(np.maximum(values, SMALLEST)))))
         finite = values[np.isfinite(values)]
         return float(finite.mean()) if len(finite) == values.size else math.nan
 
+    def interval(self, figure: str, controller: str, duty: str) -> Mean:
+        """Mean of a figure with its 90 % interval over plants.
+
+        Geometric for what is positive in the runs of all controllers at this duty, see `SIZES`.
+        """
+        d = [d.name for d in self.plan.judged_duties].index(duty)
+        every = self.figures[figure][:, :, d]
+        geometric = figure in SIZES and bool((every[np.isfinite(every)] > 0).all())
+        return mean_over_plants(self._runs(figure, controller, duty), geometric)
+
+    def _runs(self, figure: str, controller: str, duty: str) -> Array:
+        """A figure of all runs of a controller at a duty, by tuning and plant."""
+        e = [e.name for e in self.plan.entrants].index(controller)
+        d = [d.name for d in self.plan.judged_duties].index(duty)
+        return self.figures[figure][e, :, d]
+
+    def hunting(self, controller: str, duty: str) -> dict[str, int]:
+        """Runs by the verdict on hunting; see `Figures`."""
+        said = [hunting_verdict(v) for v in self._runs("hunting", controller, duty).ravel()]
+        return {word: said.count(word) for word in ("hunting", "none", "undecided")}
+
     def rows(self) -> dict[str, list[Any]]:
         """A row for each run, as columns."""
         plan = self.plan
-        factors = plan.factors("judge")
+        draws = plan.draws("judge")
         columns: dict[str, list[Any]] = {n: [] for n in ("controller", "tuning", "duty", "plant")}
-        varied = [factor_name(v.parameters) for v in plan.variations]
-        columns |= {n: [] for n in (*varied, *NAMES)}
-        for e, entrant in enumerate(plan.entrants):
-            for s in range(plan.tuning.seeds):
-                for d, duty in enumerate(plan.judged_duties):
-                    for p in range(plan.plants):
-                        columns["controller"].append(entrant.name)
-                        columns["tuning"].append(s)
-                        columns["duty"].append(duty.name)
-                        columns["plant"].append(p)
-                        for name, factor in zip(varied, factors[p], strict=True):
-                            columns[name].append(float(factor))
-                        for name in NAMES:
-                            columns[name].append(float(self.figures[name][e, s, d, p]))
+        varied = [v.name for v in plan.variations]
+        columns |= {n: [] for n in (*varied, *NAMES, "coupling")}
+        for place in np.ndindex(self.figures[JUDGED_BY].shape):
+            e, s, d, p = place
+            run = Run(plan.entrants[e].name, s, plan.judged_duties[d].name, p)
+            for name, value in run._asdict().items():
+                columns[name].append(value)
+            for name, drawn in zip(varied, draws[p], strict=True):
+                columns[name].append(float(drawn))
+            for name in NAMES:
+                columns[name].append(float(self.figures[name][place]))
+            columns["hunting"][-1] = hunting_verdict(columns["hunting"][-1])
+            columns["coupling"].append(self.checks[run].coupling if run in self.checks else "")
         return columns
 
     def to_dict(self) -> dict[str, Any]:
@@ -120,7 +158,25 @@ class StudyResult:
                 for duty, pairs in self.differences.items()
             },
             "sensitivities": {n: asdict(s) for n, s in self.sensitivities.items()},
-            "over_fmus": [asdict(c) for c in self.checks],
+            "sobol": {
+                name: {
+                    duty: {varied: asdict(index) for varied, index in of_duty.items()}
+                    for duty, of_duty in of_controller.items()
+                }
+                for name, of_controller in self.sobol.items()
+            },
+            "over_fmus": [r._asdict() | asdict(c) for r, c in self.checks.items()],
+            "hunting": {
+                d.name: {e.name: self.hunting(e.name, d.name) for e in self.plan.entrants}
+                for d in self.plan.judged_duties
+            },
+            "intervals": {
+                d.name: {
+                    e.name: {n: asdict(self.interval(n, e.name, d.name)) for n in MEASURED}
+                    for e in self.plan.entrants
+                }
+                for d in self.plan.judged_duties
+            },
             "means": {
                 d.name: {
                     e.name: {n: self.mean(n, e.name, d.name) for n in NAMES}
@@ -131,16 +187,12 @@ class StudyResult:
         }
 
 
-def factor_name(parameters: Sequence[str]) -> str:
-    """Name of the column of a variation's factor."""
-    return "factor_" + "_".join(parameters)
-
-
 def concluded(
     plan: Plan,
     tunings: Mapping[str, list[Tuned]],
     figures: Mapping[str, Array],
-    checks: list[FmuCheck],
+    checks: dict[Run, FmuCheck],
+    sobol: dict[str, dict[str, dict[str, SobolIndex]]],
 ) -> StudyResult:
     """The result of a study from its runs."""
     names = [e.name for e in plan.entrants]
@@ -168,15 +220,16 @@ def concluded(
         differences,
         {n: _sensitivity(plan, errors[e], failed[e]) for e, n in enumerate(names)},
         checks,
+        sobol,
     )
 
 
 def _sensitivity(plan: Plan, errors: Array, failed: Array) -> Sensitivity:
     """Of all runs of a controller, each duty and tuning about its own mean."""
-    varied = [factor_name(v.parameters) for v in plan.variations]
+    varied = [v.name for v in plan.variations]
     if failed.any():
         return Sensitivity(dict.fromkeys(varied, 0.0), 0.0)
     logs = np.log(errors)
     about = np.exp(logs - logs.mean(axis=-1, keepdims=True))  # (seeds, duties, plants)
-    factors = np.tile(plan.factors("judge"), (about.shape[0] * about.shape[1], 1))
-    return sensitivity(factors, about.ravel(), varied)
+    draws = np.tile(plan.draws("judge"), (about.shape[0] * about.shape[1], 1))
+    return sensitivity(draws, about.ravel(), varied)

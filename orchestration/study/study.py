@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,15 +14,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...solver.files import write_atomically, write_json
-from ...solver.kernel import CONTROLLER, PLANT, Kernel
+from ...solver.kernel import CONTROLLER, PLANT
 from ..whole_loop import loop_kernel
 from ..workers import Processes
 from .figures import NAMES, Figures, figures_of
 from .loop import StudyLoop
 from .over_fmus import SHARE, FmuCheck, check_over_fmus
-from .plan import BadPlan, Duty, Entrant, Plan
-from .result import Array, StudyResult, concluded
+from .plan import Duty, Entrant, Plan
+from .reading import BadPlan
+from .result import JUDGED_BY, SMALLEST, Array, Run, StudyResult, concluded
+from .sobol import SobolIndex, sobol_indices
 from .tuning import Tuned, tune
+from .values import LIMIT, check_controller, check_plants, values_for
 
 if TYPE_CHECKING:
     from ...solver.component import Component
@@ -30,11 +33,11 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 
-LIMIT = "voltage_limit"  # the plant's parameter
 PARTS = "study.parts"
 FAILED = 1e6  # cost of a candidate whose run fails, for each such run
 OVER_LIMIT = 10.0  # cost for each limit that is exceeded by its own size
 CHUNK = 10  # plants of a task
+FIRST_JUDGED = 1000  # number of the first drawn plant to judge on; those to tune on count from 0
 
 
 def do_study(
@@ -61,16 +64,20 @@ def do_study(
     loops = loops_of(plan)
     parts = _claim(plan, loops, folder / PARTS, resume)
     tunings, figures = tuned_and_judged(plan, loops, parts, workers, progress)
-    again = _checks(plan, loops, tunings)
+    runs = runs_again(plan)
+    again = _checks(plan, loops, tunings, runs)
     here = workers if isinstance(workers, Processes) else Processes(1)  # the FMUs are files
     checked = _computed(parts, again, _checked, here, "over FMUs", progress)
-    checks = [FmuCheck(**checked[name]) for name in again]
-    return concluded(plan, tunings, figures, checks)
+    checks = {run: FmuCheck(**checked[name]) for run, name in zip(runs, again, strict=True)}
+    sobol = _sobol(plan, loops, tunings, parts, workers, progress)
+    return concluded(plan, tunings, figures, checks, sobol)
 
 
 def loops_of(plan: Plan) -> dict[str, StudyLoop]:
     """The closed loop of each controller; raises as `do_study` does."""
-    return {e.name: _loop(plan, e) for e in plan.entrants}
+    loops = {e.name: _loop(plan, e) for e in plan.entrants}
+    check_plants(plan, loops[plan.entrants[0].name].kernel)
+    return loops
 
 
 def tuned_and_judged(
@@ -110,31 +117,95 @@ def tuned_and_judged(
     return tunings, {n: table[:, k].reshape(shape) for k, n in enumerate(NAMES)}
 
 
-def _checks(
-    plan: Plan, loops: Mapping[str, StudyLoop], tunings: Mapping[str, list[Tuned]]
-) -> dict[str, tuple[Any, ...]]:
-    """A random twentieth of the runs, at least one, as tasks over FMUs."""
-    from ...fmus.catalogue import fmu
-
-    shape = len(plan.entrants), plan.tuning.seeds, len(plan.judged_duties), plan.plants
+def runs_again(plan: Plan) -> list[Run]:
+    """A random twentieth of the runs, at least one: those that are done again over FMUs."""
+    entrants, duties = plan.entrants, plan.judged_duties
+    shape = len(entrants), plan.tuning.seeds, len(duties), plan.plants
     runs = math.prod(shape)
     random = np.random.default_rng([plan.seed, len(PARTS)])
-    drawn = np.sort(random.choice(runs, math.ceil(runs / SHARE), replace=False))
+    numbers = np.sort(random.choice(runs, math.ceil(runs / SHARE), replace=False))
+    places = (map(int, np.unravel_index(number, shape)) for number in numbers)
+    return [Run(entrants[e].name, s, duties[d].name, p) for e, s, d, p in places]
+
+
+def _checks(
+    plan: Plan,
+    loops: Mapping[str, StudyLoop],
+    tunings: Mapping[str, list[Tuned]],
+    runs: list[Run],
+) -> dict[str, tuple[Any, ...]]:
+    """Runs as tasks over FMUs."""
+    from ...fmus.catalogue import fmu
+
+    entrants = {e.name: e for e in plan.entrants}
+    duties = {d.name: d for d in plan.judged_duties}
     plant = str(fmu(plan.plant))
-    controllers: dict[str, str] = {}
+    names = sorted({run.controller for run in runs})
+    controllers = {n: str(fmu(composed(plan, entrants[n]))) for n in names}
     tasks: dict[str, tuple[Any, ...]] = {}
-    for run in drawn.tolist():
-        e, seed, d, p = (int(k) for k in np.unravel_index(run, shape))
-        entrant = plan.entrants[e]
-        if entrant.name not in controllers:
-            controllers[entrant.name] = str(fmu(composed(plan, entrant)))
-        loop, tuned = loops[entrant.name], tunings[entrant.name][seed].values
-        factors = plan.factors("judge")[p]
-        values = values_for(plan, loop, entrant, tuned, factors, 1000 + p)
-        fmus = plant, controllers[entrant.name]
-        duty = plan.judged_duties[d]
-        tasks[f"fmu-{run}.json"] = loop, fmus, values, duty, plan.tolerance
+    for k, run in enumerate(runs):
+        loop, entrant, duty = loops[run.controller], entrants[run.controller], duties[run.duty]
+        tuned = tunings[run.controller][run.tuning].values
+        drawn, number = plan.draws("judge")[run.plant], FIRST_JUDGED + run.plant
+        values = values_for(plan, loop.kernel, entrant, tuned, duty, drawn, number)
+        fmus = plant, controllers[run.controller]
+        tasks[f"fmu-{k}.json"] = loop, fmus, values, duty, plan.tolerance
     return tasks
+
+
+def _sobol(
+    plan: Plan,
+    loops: Mapping[str, StudyLoop],
+    tunings: Mapping[str, list[Tuned]],
+    parts: Path,
+    workers: Workers,
+    progress: Progress | None,
+) -> dict[str, dict[str, dict[str, SobolIndex]]]:
+    """Indices of the error by controller, duty and what was varied; empty where not asked.
+
+    Of the tuning with the least cost, under one noise: the figure is then one of the plant alone.
+    """
+    if not plan.sobol:
+        return {}
+    draws = plan.sobol_draws()
+    jobs = {}
+    for k, entrant in enumerate(plan.entrants):
+        best = min(tunings[entrant.name], key=lambda t: t.cost)
+        for d, duty in enumerate(plan.judged_duties):
+            common = plan, entrant, loops[entrant.name], best.values, duty
+            for first in range(0, len(draws), CHUNK):
+                jobs[f"sobol-{k}-{d}-{first}.json"] = *common, draws[first : first + CHUNK]
+    done = _computed(parts, jobs, _errors_on, workers, "Sobol indices", progress)
+    names = [v.name for v in plan.variations]
+
+    def indices(k: int, d: int) -> dict[str, SobolIndex]:
+        chunks = (done[f"sobol-{k}-{d}-{first}.json"] for first in range(0, len(draws), CHUNK))
+        errors = np.maximum([error for chunk in chunks for error in chunk], SMALLEST)
+        return sobol_indices(errors, names, plan.seed)
+
+    duties = list(enumerate(plan.judged_duties))
+    return {
+        entrant.name: {duty.name: indices(k, d) for d, duty in duties}
+        for k, entrant in enumerate(plan.entrants)
+    }
+
+
+def _errors_on(
+    plan: Plan,
+    entrant: Entrant,
+    loop: StudyLoop,
+    tuned: Mapping[str, float],
+    duty: Duty,
+    draws: Array,
+) -> list[float]:
+    """The error that controllers are judged by on each of these plants; NaN where a run failed."""
+    number = FIRST_JUDGED - 1  # whose noise no judged plant has
+    return [
+        float(getattr(_measured(plan, loop, values, duty), JUDGED_BY))
+        for values in (
+            values_for(plan, loop.kernel, entrant, tuned, duty, drawn, number) for drawn in draws
+        )
+    ]
 
 
 def _checked(*task: Any) -> dict[str, Any]:
@@ -186,69 +257,26 @@ def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:
         kernel = loop_kernel(component(plan.plant), composed(plan, entrant))
     except (UnknownComponent, BadComponentFile, ContractError) as error:
         raise BadPlan(f"controllers.{entrant.name} on {plan.plant}: {error}") from error
-    _check_parameters(plan, entrant, kernel)
+    check_controller(entrant, kernel)
     kernel.compile()
     return StudyLoop(kernel)
 
 
-def _check_parameters(plan: Plan, entrant: Entrant, kernel: Kernel) -> None:
-    """Make sure that all that is set, tuned or varied is there, and stays in its range."""
-    known = {p.name: p for p in kernel.parameters}
-    where = f"controllers.{entrant.name}"
-    asked: list[tuple[str, str, str, tuple[float, ...]]]
-    asked = [(where, CONTROLLER, n, (value,)) for n, value in entrant.values.items()]
-    asked += [(where, CONTROLLER, n, ends) for n, ends in entrant.tune.items()]
-    asked += [("vary", PLANT, n, v.uniform) for v in plan.variations for n in v.parameters]
-    for place, side, name, ends in asked:
-        p = known.get(side + name)
-        if p is None:
-            there = ", ".join(sorted(n.removeprefix(side) for n in known if n.startswith(side)))
-            raise BadPlan(f"{place}: no parameter {name!r}; there are {there}")
-        for end in ends:
-            value = end * p.default if side == PLANT else end
-            if not p.minimum <= value <= p.maximum:
-                raise BadPlan(
-                    f"{place}: {name} would be {value:g}, expected within "
-                    f"[{p.minimum:g}, {p.maximum:g}]"
-                )
-
-
-def values_for(
-    plan: Plan,
-    loop: StudyLoop,
-    entrant: Entrant,
-    tuned: Mapping[str, float],
-    factors: Sequence[float],
-    draw: int,
-) -> dict[str, float]:
-    """Parameters of a run, by the loop's names, on a plant with these factors.
-
-    Noise sources get seeds that follow from the number of the draw: the same for all controllers.
-    """
-    known = {p.name: p.default for p in loop.kernel.parameters}
-    limit = PLANT + LIMIT
-    values = {limit: plan.voltage_limit} if limit in known else {}
-    for variation, factor in zip(plan.variations, factors, strict=True):
-        values |= {PLANT + n: known[PLANT + n] * float(factor) for n in variation.parameters}
-    values |= {CONTROLLER + n: v for n, v in {**entrant.values, **tuned}.items()}
-    return values | {n: float(1 + draw) for n in known if n.endswith("_seed")}
-
-
 def _measured(plan: Plan, loop: StudyLoop, values: Mapping[str, float], duty: Duty) -> Figures:
     course = loop.run(values, duty.signal(), duty.stop, plan.tolerance)
-    return figures_of(course, plan.count, plan.voltage_limit)
+    return figures_of(course, plan.count, values.get(PLANT + LIMIT, plan.voltage_limit))
 
 
 def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str, Any]:
     """A tuning of an entrant."""
-    factors = plan.factors("tune")
+    draws = plan.draws("tune")
 
     def cost(values: Mapping[str, float]) -> float:
         total = 0.0
         for duty in plan.tuning_duties:
             size = float(np.abs(duty.signal().values).max())
-            for draw, row in enumerate(factors):
-                given = values_for(plan, loop, entrant, values, row, draw)
+            for number, drawn in enumerate(draws):
+                given = values_for(plan, loop.kernel, entrant, values, duty, drawn, number)
                 found = _measured(plan, loop, given, duty)
                 if found.failed:
                     total += FAILED
@@ -259,7 +287,7 @@ def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str
                     if reached > most:
                         excess = reached / most - 1 if most > 0 else reached
                         total += OVER_LIMIT * min(excess, FAILED)
-        return total / (len(plan.tuning_duties) * len(factors))
+        return total / (len(plan.tuning_duties) * len(draws))
 
     defaults = {p.name: p.default for p in loop.kernel.parameters}
     published = {n: defaults[CONTROLLER + n] for n in entrant.tune}
@@ -277,10 +305,11 @@ def _judged(
     plants: range,
 ) -> list[list[float]]:
     """Figures on some of the plants, one row each."""
-    factors = plan.factors("judge")
+    draws = plan.draws("judge")
     rows = []
     for plant in plants:
-        values = values_for(plan, loop, entrant, tuned, factors[plant], 1000 + plant)
+        number = FIRST_JUDGED + plant
+        values = values_for(plan, loop.kernel, entrant, tuned, duty, draws[plant], number)
         found = _measured(plan, loop, values, duty)
         rows.append([float(getattr(found, n)) for n in NAMES])
     return rows
@@ -288,7 +317,7 @@ def _judged(
 
 def _claim(plan: Plan, loops: Mapping[str, StudyLoop], parts: Path, resume: bool) -> Path:
     """The folder for what is done, of this study and no other."""
-    text = plan.to_json() + "".join(loop.kernel.module for loop in loops.values())
+    text = plan.to_json() + ",".join(NAMES) + "".join(loop.kernel.module for loop in loops.values())
     own = {"fingerprint": hashlib.sha256(text.encode()).hexdigest()[:16]}
     mark = parts / "study.json"
     if mark.is_file():

@@ -156,6 +156,24 @@ def test_bad_requests_are_told_by_one_exception_with_one_line():
         ballscrew.stability_map("iol", x="sigma0_hat", y="sigma1_hat=1:2:2", folder="nowhere")
 
 
+def test_a_map_keeps_to_given_parameters_and_gives_its_cells_by_column(tmp_path):
+    axes = {"x": "plant.Fs=1.5:2.5:3", "y": "setpoint=0.01:0.02:2"}
+    given = {"plant_values": {"m": 2.0}, "controller_values": {"Kp": 900.0}}
+    made = ballscrew.stability_map("pid", **axes, folder=tmp_path / "map", stop=0.2, **given)
+    cells = made.columns()
+    assert cells["plant.Fs"] == pytest.approx([1.5, 2.0, 2.5] * 2)
+    assert cells["setpoint"] == pytest.approx([0.01] * 3 + [0.02] * 3)
+    given = {"plant_values": {"m": 2.0, "Fs": 2.0}, "controller_values": {"Kp": 900.0}}
+    whole = ballscrew.Coupling("monolithic")
+    alone = ballscrew.run("pid", reference=0.02, stop=0.2, coupling=whole, **given)
+    error = alone.run.outputs["x"][-1] - 0.02
+    assert cells["final_error"][4] == pytest.approx(error, rel=1e-4)
+    for wrong in ({"Fs": 2.0}, {"mass": 2.0}, {"m": -1.0}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            ballscrew.stability_map("pid", **axes, folder=tmp_path / "no", plant_values=wrong)
+    assert not (tmp_path / "no").exists()
+
+
 def test_over_fmus_exponents_and_maps_are_those_of_the_command_and_their_wrong_use_is_told(
     tmp_path,
 ):

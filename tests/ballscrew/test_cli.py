@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import ballscrew
 from ballscrew.cli import main
 from ballscrew.solver.core import SUFFIX
 
@@ -77,6 +78,47 @@ def test_swap_writes_a_comparison(tmp_path, capsys, fmus):
         assert rows[0][:6] == ["time", "x", "v", "z", "i", "u"]
         assert len(rows) == 1002
     assert "peak [V]" in capsys.readouterr().out
+
+
+ON_A_SHAFT = """
+from ballscrew import Component, Input, Output, State, symbol
+
+x, v, u = map(symbol, ("x", "v", "u"))
+
+def shaft():
+    return Component(
+        "shaft", "A shaft that a torque turns",
+        inputs=(Input("u", "N*m", "torque", law=("x", "v")),),
+        states=(State("x", "rad", "angle", v), State("v", "rad/s", "speed", u)),
+        outputs=(Output("x", "rad", "angle", x), Output("v", "rad/s", "speed", v)),
+    )
+
+def law():
+    return Component(
+        "law", "PD",
+        inputs=(Input("x", "rad", "angle", role="measurement"),
+                Input("v", "rad/s", "speed", role="measurement"),
+                Input("x_d", "rad", "desired angle", role="reference")),
+        outputs=(Output("u", "N*m", "torque", symbol("x_d") - x - v),),
+    )
+"""
+
+
+def test_figures_have_the_units_of_the_plant(tmp_path, capsys):
+    file = tmp_path / "mine.py"
+    file.write_text(ON_A_SHAFT, encoding="utf-8")
+    loop = ["--plant", f"{file}:shaft", "--setpoint", "0.5", "--stop", "0.1"]
+    assert main(["run", "--controller", f"{file}:law", *loop, "--out", str(tmp_path / "run")]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "peak command 0.5 N*m" in printed
+    assert "steady-state error 0.49" in printed
+    assert "rad*s coupling residual" in printed
+    assert (
+        main(["swap", "--controllers", f"{file}:law", *loop, "--out", str(tmp_path / "swap")]) == 0
+    )
+    assert "peak [N*m]" in capsys.readouterr().out
+    made = ballscrew.run(f"{file}:law", f"{file}:shaft", 0.5, stop=0.1)
+    assert dict(made.facts())["peak voltage"] == "0.5 N*m"
 
 
 def test_export_only_writes_what_is_named(tmp_path):
@@ -340,6 +382,7 @@ def test_the_wheel_holds_every_module(tmp_path):
     for name in ("faultless_evidence.csv", "report.html.jinja"):
         expected.add(f"ballscrew/diagnosis/{name}")
     expected.add("ballscrew/orchestration/study/report.html.jinja")
+    expected |= {f"ballscrew/{p.relative_to(root)}" for p in root.glob("gallery/*/page.md")}
     for name in ("controller", "test_controller"):
         expected.add(f"ballscrew/templates/{name}.py.jinja")
     parts = {p.parent.name for p in root.glob("*/__init__.py")} - {"ballscrew", "tests", "proofs"}

@@ -118,41 +118,6 @@ def test_readable_fmus_have_the_component_s_name_and_the_catalogue_s_variables(m
     assert main(["run", "--controller", "fmus/pid_a.fmu", *SHORT, "--out", "out"]) == 0
 
 
-@pytest.mark.parametrize(
-    ("options", "file"),
-    [
-        (["--ssp", "--component"], "pid_a.ssp"),
-        (["--loop"], "pid_a_loop.fmu"),
-        (["--variational", "--component"], "pid_a_variational.fmu"),
-    ],
-)
-def test_systems_loops_and_variational_fmus_of_a_file_s_controller(mine, options, file):
-    assert main(["export", *options, mine, "--out", "out"]) == 0
-    assert Path("out", file).is_file()
-
-
-@pytest.mark.parametrize(
-    ("options", "file"),
-    [
-        (["--fmi", "3", "--component"], "pid_a.fmu"),
-        (["--ssp", "--component"], "pid_a.ssp"),
-        (["--loop"], "pid_a_loop.fmu"),
-    ],
-)
-def test_native_builds_of_a_file_s_controller(mine, native, options, file):
-    del native  # skips where there is no compiler
-    assert main(["export", "--native", *options, mine, "--out", "out"]) == 0
-    assert Path("out", file).is_file()
-
-
-def test_an_ssp_of_a_file_s_controller_runs_as_the_loop_does(mine):
-    assert main(["export", "--ssp", "--component", mine, "--out", "loops"]) == 0
-    assert main(["run", "--system", "loops/pid_a.ssp", *SHORT, "--out", "system"]) == 0
-    assert main(["run", "--controller", mine, *SHORT, "--out", "loop"]) == 0
-    here, there = position("loop/trajectory.csv"), position("system/trajectory.csv")
-    assert np.allclose(here, there, rtol=0, atol=1e-9)
-
-
 def test_a_parameter_file_s_values_become_start_values_of_either_side(mine):
     own = ["--controller", mine, "--plant", "b/mine.py:body", *SHORT]
     given = ["--set", "plant.Fc=0.9", "--set", "controller.Kp=250"]
@@ -165,13 +130,14 @@ def test_a_parameter_file_s_values_become_start_values_of_either_side(mine):
 
 
 @pytest.mark.parametrize("via", [[], ["--via", "fmu", "--step", "1e-3"]])
-def test_exponents_of_a_file_s_controller_are_the_catalogue_s(mine, via):
+def test_exponents_of_a_file_s_loop_are_the_catalogue_s(mine, via):
     found = []
-    for controller, out in ((mine, "own"), ("pid", "ours")):
-        arguments = ["lyapunov", "--controller", controller, "--stop", "0.5", *via, "--out", out]
+    for controller, plant, out in ((mine, "b/mine.py:body", "own"), ("pid", "plant", "ours")):
+        loop = ["--controller", controller, "--plant", plant, *via]
+        arguments = ["lyapunov", *loop, "--stop", "0.5", "--out", out]
         assert main(arguments) in (0, 1)
         found.append(json.loads(Path(out, "lyapunov.json").read_text()))
-    assert found[0]["label"] == "pid_a on plant"
+    assert found[0]["label"] == "pid_a on body"
     assert found[0]["exponents_bits_per_s"] == found[1]["exponents_bits_per_s"]
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import sympy as sp
 
 from ballscrew import (
     Component,
@@ -59,8 +60,74 @@ def test_every_law_holds_a_block_with_its_friction_after_a_long_time_of_sliding(
     assert STIFFNESS * model.x[0] == pytest.approx(-outputs["friction"], rel=0.02)
 
 
+def falling() -> ForceTerm:
+    """Friction that falls with the speed of sliding, as no law of the catalogue does."""
+    v = symbol("v")
+    curve = symbol("F0") / (1 + 3 * sp.Abs(v))
+    return ForceTerm(
+        "friction",
+        -sp.sign(v) * curve,
+        "falling friction",
+        parameters=(Parameter("F0", BREAK_AWAY, "N", "largest friction", "test"),),
+    )
+
+
+def test_dry_friction_of_ones_own_sticks_up_to_its_largest_force_and_slides_by_its_curve():
+    model = Model(generate(with_friction(block_on_belt(), falling())), {}, 1e-10)
+    off = (BREAK_AWAY - 5.0 * SPEED) / STIFFNESS / SPEED  # s
+    model.advance(0.0, 0.999 * off)
+    assert model.outputs(0.999 * off, model.x)["stuck"] == 1.0
+    model.advance(0.999 * off, 1.2 * off)
+    outputs = model.outputs(1.2 * off, model.x)
+    assert outputs["stuck"] == 0.0
+    assert outputs["friction"] == pytest.approx(-BREAK_AWAY / (1 + 3 * abs(model.x[1])), rel=1e-14)
+    sliding_ahead = Model(generate(with_friction(block_on_belt(), falling())), {"v_start": 0.1})
+    sliding_ahead.settle(0.0)
+    assert sliding_ahead.outputs(0.0, sliding_ahead.x)["friction"] == BREAK_AWAY / 1.3
+
+
+def test_it_may_hold_more_at_rest_than_it_does_while_sliding():
+    held = with_friction(block_on_belt(), falling(), {"F0": 1.0}, breakaway=sp.Float(BREAK_AWAY))
+    model = Model(generate(held), {}, 1e-10)
+    off = (BREAK_AWAY - 5.0 * SPEED) / STIFFNESS / SPEED  # s
+    model.advance(0.0, 0.999 * off)
+    assert model.outputs(0.999 * off, model.x)["stuck"] == 1.0
+    model.advance(0.999 * off, 1.001 * off)
+    outputs = model.outputs(1.001 * off, model.x)
+    assert outputs["stuck"] == 0.0
+    assert abs(outputs["friction"]) < 1.0
+
+
+def test_friction_that_cannot_stick_is_refused_with_the_reason():
+    smooth = ForceTerm("friction", -sp.tanh(symbol("v")), "smooth friction")
+    with pytest.raises(ValueError, match=r"has no sign\(v\)"):
+        with_friction(block_on_belt(), smooth)
+    with pytest.raises(ValueError, match="for friction that sticks as a mode, and dahl does not"):
+        with_friction(block_on_belt(), "dahl", breakaway=sp.Float(1.0))
+
+
 def test_a_law_or_a_parameter_that_is_not_there_is_named():
     with pytest.raises(KeyError, match="no friction law 'coulomb'; there are"):
         with_friction(block_on_belt(), "coulomb")
     with pytest.raises(ValueError, match="no parameter 'mu'"):
         with_friction(block_on_belt(), "lugre", {"mu": 0.3})
+
+
+def test_friction_of_a_body_that_turns_is_a_torque_over_an_angle():
+    angle, speed = symbol("x"), symbol("v")
+    spring = ForceTerm("spring", -2.0 * angle, "a torsion spring")
+    shaft = Component(
+        "shaft",
+        "A shaft on a torsion spring",
+        states=(State("x", "rad", "angle", speed), State("v", "rad/s", "angular velocity")),
+        balances=(ForceBalance("v", 1, (spring,)),),
+    )
+    turning = with_friction(shaft, "lugre", {"sigma0": 50.0})
+    units = {p.name: p.unit for p in turning.all_parameters}
+    assert units["sigma0"] == "N*m/rad"
+    assert units["sigma1"] == units["sigma2"] == "N*m*s/rad"
+    assert units["Fc"] == units["Fs"] == "N*m"
+    assert units["Vs"] == "rad/s"
+    assert turning.output("friction").unit == "N*m"
+    assert next(s.unit for s in turning.all_states if s.name == "z") == "rad"
+    assert {p.unit for p in with_friction(block_on_belt(), "lugre").all_parameters} >= {"N", "N/m"}

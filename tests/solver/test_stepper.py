@@ -60,6 +60,14 @@ def road(request):
     return request.param
 
 
+def test_an_interval_of_round_off_s_length_does_not_hold_up_the_next(road):
+    made, x, info = system([-symbol("x0")], road), np.ones(1), np.zeros(core.INFO_SIZE)
+    given = np.zeros(1), np.zeros(1), np.full(1, 1e-9), 1e-9, info, 1000
+    for start, end in ((0.0, 1e-14), (1e-14, 1.0)):
+        assert made.advance(start, end, x, *given) == core.DONE
+    assert x[0] == pytest.approx(np.exp(-1.0), rel=1e-8)
+
+
 @pytest.fixture(scope="module")
 def pendulum(road):
     """x'' = -sin(x) + cos(2t): nonlinear and dependent on time."""

@@ -31,10 +31,10 @@ FC, VS, SIGMA2, PERIOD = 1.0, 0.05, 0.4, 0.01
 START = 1.0  # m
 
 
-def loop(sampled: bool) -> Component:
+def loop(sampled: bool, kp: float = KP, ki: float = KI, kd: float = KD) -> Component:
     """A mass of 1 kg at x, its set-point at 0, with its controller inside."""
     x, v, w = symbol("x"), symbol("v"), symbol("w")
-    law = -KP * x - KD * v - KI * w
+    law = -kp * x - kd * v - ki * w
     drive = symbol("u") if sampled else law
     body = Component(
         name="body",
@@ -134,6 +134,22 @@ def test_period_and_amplitude_of_hunting_are_those_of_an_event_driven_solver(sam
     assert 1 <= turns_of_one <= (4 if sampled else 1)
     assert found.period / turns_of_one == pytest.approx(period, rel=1e-4 if sampled else 1e-6)
     assert found.amplitude["x"] == pytest.approx(amplitude, rel=1e-2 if sampled else 1e-6)
+
+
+def test_a_block_that_hunts_is_nowhere_at_rest_however_near_it_passes_to_an_equilibrium() -> None:
+    """Of these phases, some were an isolated fixed point of sliding, others a line of sticking."""
+    gains = {"kp": 42.0, "ki": 185.0, "kd": 11.6}
+    values = {"Fc": 1.0, "Fs": 1.375, "Vs": 0.013, "sigma2": 0.0}
+    model = Model(generate(loop(False, **gains)), values, 1e-9)
+    time = 91.0
+    model.advance(0.0, time)
+    for _ in range(30):
+        model.advance(time, time + 0.1)
+        time += 0.1
+        kept = model.x.copy(), model.u.copy()
+        found = classify_attractor(model, time, 90.0, exponents=False, rounds=1)
+        assert found.kind is Kind.CYCLE, found.evidence
+        model.x[:], model.u[:] = kept
 
 
 def test_without_a_fall_from_static_to_sliding_friction_the_error_shrinks_without_hunting() -> None:

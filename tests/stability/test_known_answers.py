@@ -21,8 +21,10 @@ from known_systems import (
 )
 from scipy.integrate import solve_ivp
 
+from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns
 from ballscrew.stability.attractor import Kind, classify_attractor
+from ballscrew.stability.equilibria import equilibrium_near
 from ballscrew.stability.lyapunov import lyapunov
 
 pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
@@ -70,6 +72,16 @@ def run(name):
 def test_the_verdict_is_the_known_one(name, kind):
     motion = run(name).motion
     assert motion.kind is kind, motion.evidence
+
+
+def test_what_a_belt_carries_is_not_at_rest_though_all_its_eigenvalues_are_zero():
+    model = Model(belt(), {}, 1e-10)
+    model.advance(0.0, 40.0)
+    assert model.mode == "stick"
+    found = equilibrium_near(model, 40.0)
+    assert found is not None
+    assert found.neutral == 2
+    assert found.drift == pytest.approx(BELT_SPEED)
 
 
 def test_a_centre_is_no_torus():

@@ -1,9 +1,9 @@
-"""Who can be told apart: rates over random figures of known ratio."""
+"""Means over plants and who can be told apart: rates over random figures of known laws."""
 
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.study.comparison import compare
+from ballscrew.orchestration.study.comparison import compare, mean_over_plants
 
 
 def drawn(random, ratio, seeds=3, plants=20, tuning=0.01, own=0.02):
@@ -56,3 +56,50 @@ def test_a_difference_below_two_percent_matters_to_nobody():
     steady = np.full((3, 20), 1.0)
     assert not compare(1.01 * steady, steady).told_apart
     assert compare(1.03 * steady, steady).told_apart
+
+
+@pytest.mark.parametrize("geometric", [True, False])
+@pytest.mark.parametrize("plants", [5, 20])
+def test_the_interval_of_a_mean_holds_that_of_its_law_in_nine_of_ten_studies(geometric, plants):
+    """Normal, and log-normal with a spread of 50 %: Student's interval is exact. 2000 studies
+    are within 2 % of it but for three in a thousand."""
+    random = np.random.default_rng(4)
+    held = 0
+    for _ in range(2000):
+        drawn = random.normal(1.3, 0.5, (1, plants))
+        found = mean_over_plants(np.exp(drawn) if geometric else drawn, geometric)
+        truth = np.exp(1.3) if geometric else 1.3
+        assert found.low < found.mean < found.high
+        held += found.low <= truth <= found.high
+    assert held / 2000 == pytest.approx(0.9, abs=0.02)
+
+
+def test_a_bootstrap_holds_the_mean_less_often_than_it_says():
+    """Why Student's interval was taken: 20 plants of a normal law."""
+    from scipy.stats import bootstrap
+
+    random = np.random.default_rng(5)
+
+    def holds() -> bool:
+        drawn = random.normal(0.0, 1.0, 20)
+        found = bootstrap(
+            (drawn,), np.mean, confidence_level=0.9, n_resamples=400, rng=random
+        ).confidence_interval
+        return found.low <= 0.0 <= found.high
+
+    assert np.mean([holds() for _ in range(800)]) < 0.885
+
+
+def test_tunings_on_a_plant_are_averaged_and_the_mean_is_that_of_all_runs():
+    figure = np.array([[1.0, 4.0, 2.0], [9.0, 1.0, 2.0]])
+    plain, geometric = (mean_over_plants(figure, kind) for kind in (False, True))
+    assert plain.mean == pytest.approx(figure.mean())
+    assert geometric.mean == pytest.approx(np.exp(np.log(figure).mean()))
+    # plants 5, 2.5, 2: a deviation of 1.6073, and 2.92 of Student's table at 2 degrees
+    assert plain.high - plain.mean == pytest.approx(2.91999 * 1.607275 / np.sqrt(3), rel=1e-5)
+
+
+def test_a_figure_that_a_run_does_not_have_has_no_mean_and_one_that_is_always_equal_no_width():
+    assert np.isnan(mean_over_plants(np.array([[1.0, np.inf, 2.0]]), False).mean)
+    steady = mean_over_plants(np.full((2, 4), 3.0), True)
+    assert (steady.low, steady.high) == pytest.approx((3.0, 3.0))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.study.figures import figures_of
+from ballscrew.orchestration.study.figures import figures_of, hunting_verdict
 from ballscrew.orchestration.study.loop import Course
 
 STEP, COUNT, LIMIT = 1e-3, 2e-6, 36.0
@@ -44,6 +44,7 @@ def test_a_position_that_goes_to_and_fro_at_rest_hunts_with_its_amplitude_and_pe
     found = figures_of(course(0.01 + 3e-6 * np.cos(2 * np.pi * 5 * TIME)), COUNT, LIMIT)
     assert found.hunting_amplitude == pytest.approx(3e-6, rel=1e-3)
     assert found.hunting_period == pytest.approx(0.2, rel=1e-2)
+    assert hunting_verdict(found.hunting) == "hunting"
     assert found.settling_1um == math.inf
     assert found.settling_10counts == 0.0
 
@@ -52,6 +53,26 @@ def test_a_slow_creep_is_no_hunting():
     found = figures_of(course(0.01 - 1e-5 * np.exp(-TIME)), COUNT, LIMIT)
     assert found.hunting_amplitude == 0.0
     assert math.isnan(found.hunting_period)
+
+
+@pytest.mark.parametrize(
+    ("position", "verdict"),
+    [
+        (0.01 + 1.01 * COUNT * np.sin(30 * TIME), "hunting"),
+        (0.01 + 0.99 * COUNT * np.sin(30 * TIME), "undecided"),  # the encoder may be all there is
+        (0.01 + 0.49 * COUNT * np.sin(30 * TIME), "none"),
+        (0.01 + 9 * COUNT * np.sin(3 * TIME), "undecided"),  # less than two cycles in a second
+        (0.01 - 9 * COUNT * (4 - TIME), "undecided"),  # it creeps
+        (0.01 + 0 * TIME, "none"),
+    ],
+)
+def test_hunting_is_told_from_rest_by_counts_and_cycles(position, verdict):
+    assert hunting_verdict(figures_of(course(position), COUNT, LIMIT).hunting) == verdict
+
+
+def test_a_motion_without_a_rest_says_nothing_of_hunting():
+    moving = 0.01 * np.sin(TIME)
+    assert math.isnan(figures_of(course(moving, moving), COUNT, LIMIT).hunting)
 
 
 def test_effort_is_counted_as_it_is_spent():

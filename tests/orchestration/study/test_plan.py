@@ -1,10 +1,16 @@
 """Study files: what is read, and what is refused in one line."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.study.plan import BadPlan, read_plan
+from ballscrew.orchestration.study.plan import read_plan
+from ballscrew.orchestration.study.reading import BadPlan
+from ballscrew.orchestration.study.values import check_plants
+from ballscrew.orchestration.whole_loop import loop_kernel
 
+DOCS = Path(__file__).resolve().parents[3] / "docs"
 GOOD = """version = 1
 plants = 5
 [controllers.pid]
@@ -44,12 +50,12 @@ def test_a_study_is_read(tmp_path):
 
 def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
     plan = plan_of(tmp_path, GOOD)
-    tuned, judged = plan.factors("tune"), plan.factors("judge")
+    tuned, judged = plan.draws("tune"), plan.draws("judge")
     assert tuned[0] == pytest.approx(1.0)
     assert judged.shape == (5, 1)
     assert not set(tuned.ravel()) & set(judged.ravel())
     assert np.all((judged >= 0.7) & (judged <= 1.3))
-    np.testing.assert_array_equal(judged, plan_of(tmp_path, GOOD).factors("judge"))
+    np.testing.assert_array_equal(judged, plan_of(tmp_path, GOOD).draws("judge"))
 
 
 @pytest.mark.parametrize(
@@ -79,6 +85,35 @@ def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
         ("tune = {Kp = [10.0, 3000.0]}", "values = 3", "pid.values is 3, expected a table"),
         ("[tuning.limits]\novershoot = 1e-3", "limits = 3", "limits is 3, expected a table"),
         ('[[vary]]\nparameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]', "[vary]", "expected a list"),
+        ("uniform = [0.7, 1.3]", "", "has no distribution, expected one of uniform, normal"),
+        ("uniform = [0.7, 1.3]", "normal = [1, 0.1]\nuniform = [0, 1]", "uniform and normal"),
+        ("uniform = [0.7, 1.3]", "unifrm = [0.7, 1.3]", "nearest: uniform"),
+        ("uniform = [0.7, 1.3]", "normal = [1.0, 0.0]", "standard deviation., finite .*second"),
+        ("uniform = [0.7, 1.3]", "normal = [1.0]", r"normal of Fc, Fs is .1.0., expected .mean"),
+        ("uniform = [0.7, 1.3]", "lognormal = [0.0, 0.1]", "median, .* both more than 0"),
+        ("uniform = [0.7, 1.3]", 'lognormal = [1.0, "a"]', "median, .* both more than 0"),
+        ("uniform = [0.7, 1.3]", "lognormal = 3", "is 3, expected a list"),
+        ("uniform = [0.7, 1.3]", "temperature = [0, 40]", "has parameters, expected coeff"),
+        ("uniform = [0.7, 1.3]", "uniform = [0, 1]\ncoefficients = {}", "expected parameters"),
+        ('parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]', "temperature = [0, 40]", "no coeff"),
+        (
+            'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]',
+            "temperature = [40, 0]\ncoefficients = {Fc = -0.01}",
+            "temperature is .40, 0., an empty range",
+        ),
+        (
+            'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]',
+            "temperature = [0, 40]\ncoefficients = {Fc = nan}",
+            "Fc is nan, expected a finite",
+        ),
+        (
+            "[[duty]]",
+            '[[vary]]\nparameters = ["Fc", "Fs"]\nnormal = [1, 0.1]\n[[duty]]',
+            "vary the same parameters; leave",
+        ),
+        ('"Fc", "Fs"', '"Fc", "Fc"', "expected a list of names"),
+        ("stop = 1.0", "stop = 1.0\nplant = 3", "duty b: plant is 3, expected a table"),
+        ("stop = 1.0", "stop = 1.0\nplant = {m = nan}", "duty b: plant: m is nan, expected a fin"),
         ("move:distance=0.01", "step:size=0", "does not move, and gives nothing to tune on"),
     ],
 )
@@ -87,6 +122,16 @@ def test_bad_studies_are_refused_in_one_line(tmp_path, old, new, message):
     with pytest.raises(BadPlan, match=message) as caught:
         plan_of(tmp_path, GOOD.replace(old, new, 1))
     assert "\n" not in str(caught.value)
+
+
+def test_the_studies_of_the_manual_are_read(tmp_path):
+    page = (DOCS / "study.md").read_text("utf-8")
+    plan = plan_of(tmp_path, page.split("```toml\n")[1].partition("```")[0])
+    assert plan.duties[-1].plant == {"load_force": -5.0, "load_time": 0.3}
+    assert [v.distribution for v in plan.variations] == ["uniform", "uniform", "temperature"]
+    assert plan.sobol == 64
+    check_plants(plan, loop_kernel(plan.plant, "pid"))
+    assert read_plan(DOCS / "examples" / "swap_study.toml").entrants
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):

@@ -10,7 +10,8 @@ import pytest
 from ballscrew.cli import main
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.study.loop import StudyLoop
-from ballscrew.orchestration.study.plan import BadPlan, read_plan
+from ballscrew.orchestration.study.plan import read_plan
+from ballscrew.orchestration.study.reading import BadPlan
 from ballscrew.orchestration.study.study import PARTS, do_study
 from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.workers import Processes
@@ -64,7 +65,7 @@ def test_every_run_is_there_and_has_its_figures(result):
     assert np.isfinite(result.figures["rms_error"]).all()
     rows = result.rows()
     assert {len(column) for column in rows.values()} == {12}
-    assert set(rows["factor_Fc_Fs"]) == set(result.plan.factors("judge").ravel())
+    assert set(rows["factor_Fc_Fs"]) == set(result.plan.draws("judge").ravel())
     assert result.answers[0].duty == "back"
     assert set(result.answers[0].order) == {"pid", "nctf"}
 
@@ -79,7 +80,34 @@ def test_tuned_controllers_cost_no_more_than_the_published_rules(result):
 def test_runs_over_fmus_come_out_as_in_one_solver(result):
     assert len(result.checks) == 1
     assert result.disagreed == 0
-    assert 0 < result.checks[0].apart < 1e-7
+    ((run, check),) = result.checks.items()
+    assert 0 < check.apart < 1e-7
+    rows = result.rows()
+    again = [k for k, verdict in enumerate(rows["coupling"]) if verdict]
+    assert [tuple(rows[name][k] for name in run._fields) for k in again] == [run]
+    assert [rows["coupling"][k] for k in again] == [check.coupling]
+    assert result.not_converged == (check.coupling == "not converged")
+
+
+def test_every_figure_has_its_interval_over_plants(result):
+    for figure, geometric in (("rms_error", True), ("steady_error", False)):
+        found = result.interval(figure, "pid", "back")
+        assert found.geometric == geometric
+        assert found.low < found.mean < found.high
+    assert result.interval("rms_error", "pid", "back").mean == pytest.approx(
+        result.mean("rms_error", "pid", "back")
+    )
+    assert np.isnan(result.interval("reversal_error", "pid", "back").mean)  # nothing turns
+
+
+def test_every_run_has_a_verdict_on_hunting(result):
+    said = result.rows()["hunting"]
+    assert set(said) <= {"hunting", "none", "undecided"}
+    for name in ("pid", "nctf"):
+        counts = result.hunting(name, "back")
+        assert sum(counts.values()) == 6
+        own = [v for v, c in zip(said, result.rows()["controller"], strict=True) if c == name]
+        assert counts == {word: own.count(word) for word in counts}
 
 
 def test_a_study_that_goes_on_after_a_kill_gives_the_same_numbers(plan, folder, result, tmp_path):
@@ -128,6 +156,7 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
         ("plants = 3", 'plants = 3\nplant = "no.py:f"', "there is no file no.py"),
         ("plants = 3", 'plants = 3\ninstruments = ["encodr"]', "no instrument 'encodr'"),
         ("uniform = [0.7, 1.3]", "uniform = [-1.0, 1.0]", "Fc would be -1"),
+        ("uniform = [0.7, 1.3]", "normal = [1.0, 3.0]", "Fc would be -"),
         ("[5.0, 60.0]", "[-5.0, 60.0]", "c would be -5, expected within [0, inf]"),
         ('"Fc", "Fs"', '"Fc", "Fz"', "vary: no parameter 'Fz'; there are Fc, Fs"),
     ],

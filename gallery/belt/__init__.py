@@ -1,0 +1,1 @@
+"""A friction oscillator on a moving belt."""

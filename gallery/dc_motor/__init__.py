@@ -1,0 +1,1 @@
+"""A DC motor with friction under position control."""

@@ -1,0 +1,1 @@
+"""A mass with dry friction under PID control."""

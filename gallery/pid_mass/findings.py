@@ -1,0 +1,254 @@
+"""What becomes of a mass with dry friction under PID control.
+
+Between two sticks the mass slides, and its motion is linear: with the error e, the velocity v and
+the force q of the proportional and integral action beyond Coulomb friction,
+
+    e' = -v,   q' = Ki e - Kp v,   m v' = q - D v,   D = Kd + sigma2.
+
+So a slip from rest is known in closed form, and so is what it leaves: `slip`.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from functools import cache
+from typing import Any
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+import ballscrew
+
+from ..drawing import COLOURS, DASHES, drawn, part
+from ..finding import Finding
+
+MASS, PID = part(__file__, "mass"), part(__file__, "pid_law")
+STEP = 1.0  # of the set-point [m]
+M, FC, KP, KI, KD = 1.0, 1.0, 3.0, 4.0, 6.0
+DAMPING = KD + 0.4  # with the viscous friction [N*s/m]
+VS = 1e-3  # Stribeck velocity of the example [m/s]
+SOFT = {"Vs": 0.05, "sigma2": 0.0}  # where hunting ends within the map
+AIRY = 1.9863527  # smallest s > 0 with sqrt(3) Ai(-s) + Bi(-s) = 0
+SLIP = "slip by slip in closed form"
+
+
+@cache
+def motion(stop: float, step: float, static: float, soft: bool = False, kd: float = KD) -> Any:
+    """The motion after a step of the set-point by a metre; `static` is Fs."""
+    return ballscrew.run(
+        PID,
+        MASS,
+        reference=STEP,
+        stop=stop,
+        step=step,
+        coupling=ballscrew.Coupling("monolithic"),
+        plant_values={"Fs": static, **(SOFT if soft else {})},
+        controller_values={"Kd": kd},
+    ).run
+
+
+@cache
+def exponents() -> Any:
+    """Of the example, whose Fs is 1.5 Fc."""
+    return ballscrew.lyapunov(PID, MASS, stop=200.0, setpoint=STEP)
+
+
+def slip(error: float, beyond: float) -> tuple[float, float, float]:
+    """A slip from rest: how long, and error and force beyond Coulomb friction at its end.
+
+    Parameters
+    ----------
+    error : float
+        At its begin [m], more than 0 or, with `beyond` more than 0, also 0.
+    beyond : float
+        Force beyond Coulomb friction at its begin [N].
+    """
+    rates = np.array([[0.0, 0.0, -1.0], [KI, 0.0, -KP], [0.0, 1.0 / M, -DAMPING / M]])
+    start = np.array([error, beyond, 0.0])
+    short = 0.02
+    one, state, time = expm(rates * short), start, 0.0
+    while time == 0.0 or state[2] > 0.0:
+        state, time = one @ state, time + short
+    early = 1e-6 if time < 1.5 * short else time - short
+    end = brentq(lambda t: (expm(rates * t) @ start)[2], early, time, xtol=1e-13)
+    error, beyond, _ = expm(rates * end) @ start
+    return float(end), float(error), float(beyond)
+
+
+def ratio() -> float:
+    """Error after a slip over the error before, with Fs = Fc: the same for every slip."""
+    return slip(1.0, 0.0)[1]
+
+
+def late(error: float, fall: float) -> float:
+    """How long the fall of friction, by `fall` [N], takes to begin [s].
+
+    While v is far below Vs, m v' = Ki e t + fall (v/Vs)^2: a Riccati equation, solved by Airy
+    functions, whose v is infinite at this time.
+    """
+    return float(AIRY * (M**2 * VS**2 / (KI * error * fall)) ** (1 / 3))
+
+
+def after(error: float, fall: float, smooth: bool) -> tuple[float, float]:
+    """The size of the error after one slip, and how long stick and slip take.
+
+    Parameters
+    ----------
+    fall : float
+        Fs - Fc [N].
+    smooth : bool
+        Whether friction falls as the Stribeck curve does, to leading order, or at once.
+    """
+    waits = late(error, fall) if smooth else 0.0
+    duration, over, beyond = slip(error, fall + KI * error * waits)
+    stick = (2 * FC + fall + beyond) / (KI * abs(over))
+    return abs(over), waits + duration + stick
+
+
+@cache
+def cycle(fall: float, smooth: bool = True) -> tuple[float, float, float]:
+    """Error while stuck [m], period [s] and second exponent [nats/s] of hunting."""
+    error = 0.1
+    for _ in range(60):
+        error, half = after(error, fall, smooth)
+    h = 1e-5 * error
+    slope = (after(error + h, fall, smooth)[0] - after(error - h, fall, smooth)[0]) / (2 * h)
+    return error, 2 * half, math.log(abs(slope)) / half
+
+
+def sticks(run: Any) -> tuple[np.ndarray, np.ndarray]:
+    """When each stick of a motion was seen last [s], and its error [m]."""
+    stuck = run.outputs["stuck"] > 0.5
+    ends = np.flatnonzero(stuck[1:-1] & ~stuck[2:]) + 1
+    return run.time[ends], STEP - run.outputs["x"][ends]
+
+
+def hunts(kd: float) -> bool:
+    """Whether it still swings after a long time, with Fs = 1.5 Fc and the larger Vs."""
+    x = motion(2000.0, 2.0, 1.5, True, kd).outputs["x"]
+    return bool(np.ptp(x[len(x) // 2 :]) > 0.02)
+
+
+@cache
+def border() -> float:
+    """The gain on the velocity at which hunting ends, with Fs = 1.5 Fc [N*s/m]."""
+    low, high = 6.0, 9.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if hunts(middle) else (low, middle)
+    return 0.5 * (low + high)
+
+
+def steepest(fall: float) -> float:
+    """The steepest fall of the Stribeck curve with the larger Vs [N*s/m]."""
+    return fall / SOFT["Vs"] * math.sqrt(2 / math.e)
+
+
+def findings() -> list[Finding]:
+    times, errors = sticks(motion(4000.0, 0.5, 1.0))
+    found = exponents().motion
+    fall = 0.5
+    error, period, second = cycle(fall)
+    gap = VS / 0.1  # over the speed of a slip
+    return [
+        Finding(
+            "Fs = Fc: error of a stick over that of the stick before",
+            float(errors[-1] / errors[-2]),
+            "1",
+            f"{SLIP}: a slip that begins at Fc is proportional to its error",
+            ratio(),
+            1e-5,
+        ),
+        Finding(
+            "Fs = Fc: error times time, at the end of a stick",
+            float(abs(errors[-1]) * times[-1]),
+            "m*s",
+            "2 Fc / (Ki (1 - q)) with the ratio -q above, but for slips, a share of 1/time",
+            2 * FC / (KI * (1 + ratio())),
+            0.02,
+        ),
+        Finding(
+            "Fs = 1.5 Fc: error while it sticks, in the cycle",
+            found.amplitude["plant_x"],
+            "m",
+            f"{SLIP}, with the time that friction takes to fall; but for terms in Vs",
+            error,
+            gap * error,
+        ),
+        Finding(
+            "Fs = 1.5 Fc: period of hunting",
+            found.period or 0.0,
+            "s",
+            f"{SLIP}, the same",
+            period,
+            gap * period,
+        ),
+        Finding(
+            "Fs = 1.5 Fc: second exponent of the cycle [nats/s]",
+            float(found.limit[1]),
+            "1/s",
+            f"{SLIP}: the slope of the error after a slip by the error before",
+            second,
+            gap * abs(second),
+        ),
+        Finding(
+            "Fs = 1.5 Fc, Vs = 0.05 m/s: Kd at which hunting ends",
+            border(),
+            "N*s/m",
+            "SciPy hunts 2 % below it and not 2 % above; the steepest fall of friction is "
+            f"{steepest(fall):.3g} N*s/m",
+        ),
+    ]
+
+
+def _map(x: str, y: str, values: dict[str, float]) -> tuple[Any, Any, Any]:
+    """Values along x and y, and the swing of the position where it hunts [mm]."""
+    with tempfile.TemporaryDirectory() as folder:
+        cells = ballscrew.stability_map(
+            PID, x, y, folder, MASS, stop=300.0, setpoint=STEP, plant_values=values
+        ).columns()
+    hunting = [kind == "limit cycle" for kind in cells["verdict"]]
+    swing = np.where(hunting, np.array(cells["oscillation_amplitude"]) * 1e3, np.nan)
+    across, along = (np.unique(cells[axis.partition("=")[0]]) for axis in (x, y))
+    return across, along, swing.reshape(len(along), len(across))
+
+
+def _shade(axes: Any, cells: tuple[Any, Any, Any]) -> None:
+    shade = axes.pcolormesh(*cells, cmap="viridis_r", vmin=0.0, shading="nearest")
+    axes.figure.colorbar(shade, ax=axes, label="swing of the cycle [mm]")
+    axes.grid(visible=False)
+
+
+def picture() -> Any:
+    with drawn(2, 2) as (figure, (plane, decay, gains, starts)):
+        for static, colour, dash in ((1.5, COLOURS[1], "-"), (1.0, COLOURS[0], DASHES[1])):
+            style = {"color": colour, "ls": dash, "label": f"Fs = {static:g} Fc"}
+            fine = motion(100.0, 0.04, static)
+            error = STEP - fine.outputs["x"]
+            integral = (fine.commands["u"] - KP * error + KD * fine.outputs["v"]) / KI
+            plane.plot(integral, 1e3 * error, lw=1.4, **style)
+            times, errors = sticks(motion(4000.0, 0.5, static))
+            decay.loglog(times, 1e3 * np.abs(errors), marker="o", ms=4, **style)
+        times = np.array([20.0, 4000.0])
+        slope = 1e3 * 2 * FC / (KI * (1 + ratio())) / times
+        decay.loglog(times, slope, color="#000000", lw=0.9, ls=":", label="closed form, 1/time")
+        plane.set(xlabel="integral of the error [m s]", ylabel="error [mm]", ylim=(-560, 420))
+        plane.set_title("Fs > Fc hunts, Fs = Fc creeps in ...")
+        decay.set(xlabel="time [s]", ylabel="error while it sticks [mm]")
+        decay.set_title("... as slowly as 1/time")
+        for axes in (plane, decay):
+            axes.legend(fontsize=9)
+
+        _shade(gains, _map("plant.Fs=1:2.5:9", "Kd=2:14:7", SOFT))
+        ratios = np.array([1.0, 1.75])
+        gains.plot(ratios, [steepest(FC * (r - 1)) for r in ratios], color="#000000", ls="--", lw=1)
+        gains.text(
+            1.02, 11.0, "left of the line\nfriction falls by\nless than Kd rises", fontsize=9
+        )
+        gains.set(xlabel="Fs / Fc", ylabel="Kd [N s/m]", title="A larger Kd ends hunting ...")
+        _shade(starts, _map("setpoint=0.002:0.05:9", "Kd=2:8:7", SOFT | {"Fs": 1.5}))
+        starts.text(0.004, 7.4, "no cycle", fontsize=9)
+        starts.set(xlabel="step [m]", ylabel="Kd [N s/m]", title="... and so does a smaller step")
+    return figure

@@ -1,0 +1,105 @@
+"""A controller as it is put into practice: on a computer, behind the instruments of its axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..fmus.catalogue import component, has_equations
+from ..instruments import INSTRUMENTS, MEASURED, SAMPLED, without_instruments
+from ..solver.contract_error import ContractError
+from .fmu_instance import SAMPLE_TIME
+
+if TYPE_CHECKING:
+    from ..solver.component import Component
+
+
+@dataclass(frozen=True)
+class Practice:
+    """What is put around a controller.
+
+    Attributes
+    ----------
+    sampled : bool
+        Whether it is to be sampled; not where it is already.
+    instruments : tuple of str
+        Names of the catalogue, in the order of the signals.
+    ideal : tuple of str
+        What it measures and no instrument gives: it gets the true value.
+    period : str
+        Name of the parameter that is its sampling period.
+    """
+
+    sampled: bool
+    instruments: tuple[str, ...] = ()
+    ideal: tuple[str, ...] = ()
+    period: str = SAMPLE_TIME
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know."""
+        if not self.ideal:
+            return ()
+        return (f"no instrument measures {', '.join(self.ideal)}: the true value is taken",)
+
+
+def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
+    """What puts a controller into practice.
+
+    Parameters
+    ----------
+    controller : Component
+    sampled, noise : bool
+        Whether it is to be sampled; whether it is to measure through all instruments that fit.
+
+    Raises
+    ------
+    ContractError
+        If no instrument fits.
+    """
+    own = controller.sample_time
+    sampled, period = sampled and not own, own.name if own else SAMPLE_TIME
+    if not noise:
+        return Practice(sampled, period=period)
+    used = {str(s) for s in controller.used_symbols()}
+    measured = [
+        i.name for i in controller.inputs if i.role in ("measurement", "signal") and i.name in used
+    ]
+    wanted, given, instruments = {*measured}, set[str](), list[str]()
+    for name in reversed(INSTRUMENTS):  # an instrument may take what one before it gives
+        instrument = component(name)
+        outputs = {o.name.removesuffix(MEASURED) for o in instrument.outputs}
+        if outputs & wanted:
+            instruments.append(name)
+            given |= outputs
+            wanted |= {i.name for i in instrument.inputs}
+    if not instruments:
+        there = ", ".join(o.name for n in INSTRUMENTS for o in component(n).outputs)
+        raise ContractError(
+            f"{controller.name} measures {', '.join(measured) or 'nothing'}, and instruments give "
+            f"{there}"
+        )
+    ideal = tuple(name for name in measured if name not in given)
+    return Practice(sampled, (*reversed(instruments),), ideal, period)
+
+
+def in_practice(controller: str, sampled: bool, noise: bool) -> tuple[str, Practice]:
+    """The name of a controller put into practice, and what that is, as `practice_of` says.
+
+    Raises
+    ------
+    ContractError
+        For an FMU, or a controller that cannot be put so.
+    UnknownComponent, BadComponentFile
+    """
+    if not has_equations(controller):
+        raise ContractError(
+            f"{controller} is an FMU and gives no equations that could be sampled or measure "
+            "through instruments; expected a name or FILE.py:FUNCTION"
+        )
+    base, own = without_instruments(controller)
+    if noise and own:
+        raise ContractError(f"{controller} has instruments already; expected {base} alone")
+    practice = practice_of(component(base), sampled, noise)
+    name = "+".join([base, *[SAMPLED] * practice.sampled, *own, *practice.instruments])
+    return name, practice

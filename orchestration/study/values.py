@@ -1,0 +1,102 @@
+"""Parameters of the runs of a study: of the amplifier, the duty, the drawn plant, the tuning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ...solver.kernel import CONTROLLER, PLANT, Kernel
+from .plan import Duty, Entrant, Plan
+from .reading import BadPlan
+
+LIMIT = "voltage_limit"  # the plant's parameter
+SEED = "_seed"  # how the name of a noise's seed ends
+BETWEEN_SOURCES = 1_000_000  # by which the seeds of a second noise are larger than of the first
+
+
+def values_for(
+    plan: Plan,
+    kernel: Kernel,
+    entrant: Entrant,
+    tuned: Mapping[str, float],
+    duty: Duty,
+    drawn: Sequence[float],
+    number: int,
+) -> dict[str, float]:
+    """Parameters of a run, by the loop's names, that are not default.
+
+    Noise sources get seeds that follow from the number of the draw: the same for all controllers
+    and duties on a plant, others on another plant, and another one for each source.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Of the closed loop.
+    tuned : mapping of str to float
+        Of the controller.
+    drawn : sequence of float
+        What was drawn of the plant, one for each variation; its factors are on the nominal value,
+        or on that of the duty.
+    number : int
+        Of the drawn plant, from 0.
+    """
+    known = {p.name: p.default for p in kernel.parameters}
+    values = {PLANT + LIMIT: plan.voltage_limit} if PLANT + LIMIT in known else {}
+    values |= {PLANT + n: v for n, v in duty.plant.items()}
+    for variation, draw in zip(plan.variations, drawn, strict=True):
+        for name, factor in variation.factors(draw).items():
+            values[PLANT + name] = values.get(PLANT + name, known[PLANT + name]) * factor
+    values |= {CONTROLLER + n: v for n, v in {**entrant.values, **tuned}.items()}
+    sources = sorted(n for n in known if n.endswith(SEED))
+    return values | {n: float(1 + number + k * BETWEEN_SOURCES) for k, n in enumerate(sources)}
+
+
+def check_controller(entrant: Entrant, kernel: Kernel) -> None:
+    """Make sure that all that is set or tuned is there, and stays in its range.
+
+    Raises
+    ------
+    BadPlan
+    """
+    where = f"controllers.{entrant.name}"
+    asked = [(n, (value,)) for n, value in entrant.values.items()]
+    for name, ends in [*asked, *entrant.tune.items()]:
+        _check_known(where, CONTROLLER, name, kernel)
+        for end in ends:
+            _check_range(where, CONTROLLER, name, end, kernel)
+
+
+def check_plants(plan: Plan, kernel: Kernel) -> None:
+    """Make sure that all plants are possible: of each duty, as drawn, and at the ends of ranges.
+
+    Raises
+    ------
+    BadPlan
+    """
+    for duty in plan.duties:
+        for name, value in duty.plant.items():
+            _check_known(f"duty {duty.name}", PLANT, name, kernel)
+            _check_range(f"duty {duty.name}", PLANT, name, value, kernel)
+    for variation in plan.variations:
+        for name in variation.parameters:
+            _check_known("vary", PLANT, name, kernel)
+    for duty in plan.duties:
+        for row in plan.rows_to_check():
+            values = values_for(plan, kernel, plan.entrants[0], {}, duty, row, 0)
+            for variation in plan.variations:
+                for name in variation.parameters:
+                    _check_range("vary", PLANT, name, values[PLANT + name], kernel)
+
+
+def _check_known(where: str, side: str, name: str, kernel: Kernel) -> None:
+    known = [p.name for p in kernel.parameters if p.name.startswith(side)]
+    if side + name not in known:
+        there = ", ".join(sorted(n.removeprefix(side) for n in known))
+        raise BadPlan(f"{where}: no parameter {name!r}; there are {there}")
+
+
+def _check_range(where: str, side: str, name: str, value: float, kernel: Kernel) -> None:
+    (p,) = (p for p in kernel.parameters if p.name == side + name)
+    if not p.minimum <= value <= p.maximum:
+        raise BadPlan(
+            f"{where}: {name} would be {value:g}, expected within [{p.minimum:g}, {p.maximum:g}]"
+        )

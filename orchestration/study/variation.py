@@ -1,0 +1,130 @@
+"""How the plants of a study differ: what is drawn for each, and what that does to parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .reading import BadPlan, as_list, as_numbers, as_range, as_table, check_names
+
+Vector = npt.NDArray[np.float64]
+
+UNIFORM, NORMAL, LOGNORMAL, TEMPERATURE = "uniform", "normal", "lognormal", "temperature"
+DISTRIBUTIONS = {
+    UNIFORM: "[least, largest]",
+    NORMAL: "[mean, standard deviation]",
+    LOGNORMAL: "[median, standard deviation of the logarithm]",
+    TEMPERATURE: "[least, largest]",
+}
+"""What the two numbers of each are."""
+OUTERMOST = 2.0**-53  # share of all draws: the least that a draw in doubles tells from none
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A draw for each plant: a factor on nominal values of parameters, or a temperature.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+        Of the plant. All get the same factor, or what the temperature makes of them.
+    numbers : tuple of two floats
+        Of the distribution, see `DISTRIBUTIONS`: factors, or kelvins above nominal.
+    distribution : str
+        A temperature is uniform.
+    coefficients : dict of str to float
+        Of a temperature: change of each parameter, relative to its nominal value, per kelvin.
+    """
+
+    parameters: tuple[str, ...]
+    numbers: tuple[float, float]
+    distribution: str = UNIFORM
+    coefficients: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Of its column in tables."""
+        kind = TEMPERATURE if self.distribution == TEMPERATURE else "factor"
+        return "_".join((kind, *self.parameters))
+
+    @property
+    def nominal(self) -> float:
+        """What is drawn for the nominal plant."""
+        return 0.0 if self.distribution == TEMPERATURE else 1.0
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """The least and the largest draw; none where the distribution has no ends."""
+        return self.numbers if self.distribution in (UNIFORM, TEMPERATURE) else ()
+
+    def quantiles(self, shares: Vector) -> Vector:
+        """The draws below which these shares of all draws lie."""
+        from scipy import stats
+
+        first, second = self.numbers
+        if self.distribution == NORMAL:
+            law = stats.norm(first, second)
+        elif self.distribution == LOGNORMAL:
+            law = stats.lognorm(second, scale=first)
+        else:
+            law = stats.uniform(first, second - first)
+        return np.asarray(law.ppf(np.clip(shares, OUTERMOST, 1 - OUTERMOST)))
+
+    def factors(self, draw: float) -> dict[str, float]:
+        """What parameters are multiplied by."""
+        if self.distribution == TEMPERATURE:
+            return {n: 1 + per_kelvin * draw for n, per_kelvin in self.coefficients.items()}
+        return dict.fromkeys(self.parameters, float(draw))
+
+
+def read_variation(given: Any) -> Variation:
+    """A ``[[vary]]`` of a study file.
+
+    Raises
+    ------
+    BadPlan
+    """
+    given = as_table("vary", given)
+    check_names("vary", given, ("parameters", "coefficients", *DISTRIBUTIONS))
+    kinds = [kind for kind in DISTRIBUTIONS if kind in given]
+    if len(kinds) != 1:
+        found = " and ".join(kinds) or "no distribution"
+        raise BadPlan(f"vary: has {found}, expected one of {', '.join(DISTRIBUTIONS)}")
+    kind = kinds[0]
+    names = "coefficients" if kind == TEMPERATURE else "parameters"
+    for other in {"coefficients", "parameters"} - {names}:
+        if other in given:
+            raise BadPlan(f"vary: {kind} has {other}, expected {names} alone")
+    if names == "coefficients":
+        coefficients = as_table("vary.coefficients", given.get(names, {}))
+        numbers = as_numbers("vary.coefficients", coefficients, {})
+        if not numbers:
+            raise BadPlan(
+                "vary: a temperature has no coefficients, such as {Fc = -0.01} per kelvin"
+            )
+        return Variation(tuple(numbers), as_range("vary", kind, given[kind]), kind, numbers)
+    parameters = tuple(map(str, as_list("vary: parameters", given.get(names, []))))
+    if not parameters or len(set(parameters)) < len(parameters):
+        raise BadPlan(f"vary: parameters is {list(parameters)!r}, expected a list of names")
+    return Variation(parameters, _numbers(kind, ", ".join(parameters), given[kind]), kind)
+
+
+def _numbers(kind: str, of: str, given: Any) -> tuple[float, float]:
+    """The two numbers of a distribution of factors."""
+    if kind == UNIFORM:
+        return as_range("vary", of, given)
+    pair = as_list(f"vary: {kind} of {of}", given)
+    found = [float(v) for v in pair if isinstance(v, int | float) and math.isfinite(v)]
+    positive = found if kind == LOGNORMAL else found[1:]
+    if len(pair) != 2 or len(found) != 2 or not min(positive) > 0:
+        more = "both" if kind == LOGNORMAL else "the second"
+        raise BadPlan(
+            f"vary: {kind} of {of} is {given!r}, expected {DISTRIBUTIONS[kind]}, finite numbers, "
+            f"{more} more than 0"
+        )
+    return found[0], found[1]

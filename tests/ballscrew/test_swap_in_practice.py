@@ -1,0 +1,155 @@
+"""`swap --sampled PERIOD --noise`: controllers on a computer, behind the instruments that fit."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import ballscrew
+from ballscrew.cli import main
+from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.in_practice import in_practice, practice_of
+
+GAIN, RESOLUTION = 300.0, 1e-5
+MINE = f"""
+from ballscrew import Component, Input, Output, symbol
+
+def p():
+    law = {GAIN} * (symbol("x_d") - symbol("x"))
+    inputs = (
+        Input("x", "m", "position", role="measurement"),
+        Input("x_d", "m", "set-point", role="reference"),
+    )
+    return Component("p", "P", inputs=inputs, outputs=(Output("u", "V", "command", law),))
+
+def blind():
+    inputs = (Input("x_d", "m", "set-point", role="reference"),)
+    return Component("blind", "U", inputs=inputs, outputs=(Output("u", "V", "u", symbol("x_d")),))
+"""
+ALL = "position_encoder", "velocity_estimate", "current_sensor"
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(MINE)
+    return "mine.py:p"
+
+
+def course(file):
+    return np.genfromtxt(file, delimiter=",", names=True)
+
+
+def test_commands_are_the_law_of_what_the_encoder_shows_at_samples_and_held_between(mine, capsys):
+    asked = ["--sampled", "2e-3", "--noise", "--stop", "0.06", "--step", "5e-4", "--json"]
+    given = ["--set", f"p.position_encoder_resolution={RESOLUTION}"]
+    assert main(["swap", "--controllers", mine, *given, *asked, "--out", "out"]) == 0
+    found = course("out/trajectory_p+sampled+position_encoder.csv")
+    told = json.loads(capsys.readouterr().out)[0]
+    assert told["controller"] == "p+sampled+position_encoder"
+    assert told["sampling_period"] == 2e-3
+    found = found[:-1]  # at the end of the run no step follows, and no sample is taken
+    samples = np.round(found["time"] / 2e-3, 6) % 1 == 0
+    assert np.ptp(found["x"]) > 100 * RESOLUTION
+    # the law by hand: a whole count, next to the true position and its error between two lines
+    seen = 0.08 - found["u"][samples] / GAIN
+    counts = seen / RESOLUTION
+    np.testing.assert_allclose(counts, np.round(counts), rtol=0, atol=1e-6)
+    assert np.abs(seen - found["x"][samples]).max() < RESOLUTION + 0.2e-6
+    held = np.repeat(found["u"][samples], 4)[: len(found)]
+    np.testing.assert_array_equal(found["u"], held)
+
+
+def test_a_name_with_sampled_is_the_catalogue_s_sampled_controller(tmp_path, capsys):
+    asked = ["--controllers", "iol", "iol_sampled", "--sampled", "5e-4", "--stop", "0.02"]
+    assert main(["swap", *asked, "--out", str(tmp_path)]) == 0
+    table = capsys.readouterr().out
+    ours, known = (course(tmp_path / f"trajectory_{n}.csv") for n in ("iol+sampled", "iol_sampled"))
+    np.testing.assert_array_equal(ours, known)
+    assert "sampled [s]" in table
+    with open(tmp_path / "comparison.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [r["controller"] for r in rows] == ["iol+sampled", "iol_sampled"]
+    assert [r["sampling_period"] for r in rows] == ["0.0005", "0.0005"]
+
+
+def test_nothing_is_sampled_unless_it_is_asked_for_or_made_so(tmp_path):
+    found = ballscrew.swap(["pid", "pid_sampled"], stop=0.01)
+    assert [r.figures()["sampling_period"] for r in found.results] == [None, 1e-3]
+
+
+@pytest.mark.parametrize(
+    ("name", "instruments", "ideal"),
+    [
+        ("iol", ALL, ("z",)),
+        ("nctf", ALL[:2], ()),
+        ("iol_observed", ALL[:1], ()),
+    ],
+)
+def test_instruments_fit_what_is_measured_and_what_none_measures_is_told(name, instruments, ideal):
+    found = practice_of(component(name), sampled=True, noise=True)
+    assert (found.instruments, found.ideal) == (instruments, ideal)
+    assert in_practice(name, True, True)[0] == "+".join([name, "sampled", *instruments])
+    told = "".join(found.notes)
+    assert all(signal in told for signal in ideal)
+    assert bool(told) == bool(ideal)
+
+
+def test_the_public_function_does_as_the_command_by_name_and_with_a_component(mine, capsys):
+    asked = ["--sampled", "1e-3", "--noise", "--stop", "0.02", "--json", "--out", "out"]
+    assert main(["swap", "--controllers", mine, *asked]) == 0
+    told = json.loads(capsys.readouterr().out)[0]
+    parts = [mine, ballscrew.component(mine)]
+    named, made = ballscrew.swap(parts, stop=0.02, sampled=1e-3, noise=True).results
+    for key in ("iae", "peak_voltage", "sampling_period", "verdict"):
+        assert named.figures()[key] == told[key] == made.figures()[key], key
+    with pytest.raises(ValueError, match="sampled is -1 s, expected more than 0"):
+        ballscrew.swap([mine], sampled=-1.0)
+
+
+def test_values_of_the_bare_controller_are_taken_and_those_that_were_used_come_back(mine, capsys):
+    def iae(*given):
+        assert main(["swap", "--stop", "0.02", "--noise", "--json", *given]) == 0
+        heard = capsys.readouterr()
+        return json.loads(heard.out)[0]["iae"], heard.err
+
+    plain = ["--controllers", "pid", "--stop", "0.02", "--set", "pid.Kp=100", "--out", "plain"]
+    assert main(["swap", *plain]) == 0
+    capsys.readouterr()
+    pid = "--controllers", "pid", "--sampled", "2e-3"
+    given, _ = iae(*pid, "--set", "pid.Kp=100", "--out", "given")
+    told, said = iae(*pid, "--params", "plain/parameters.toml", "--out", "told")
+    assert told == given != iae(*pid, "--out", "nominal")[0]
+    assert said == ""
+    again, said = iae(*pid, "--params", "told/parameters.toml", "--out", "again")
+    assert (again, said) == (given, "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["pid", "--sampled", "0"], "--sampled is 0 s, expected more than 0"),
+        (["pid", "--sampled", "often"], "--sampled is 'often', expected a number"),
+        (
+            ["pid", "--sampled", "1e-3", "--set", "pid.sample_time=2e-3"],
+            "--sampled 1e-3 and --set pid.sample_time=2e-3: expected one of them",
+        ),
+        (["pid_sampled+position_encoder", "--noise"], "has instruments already; expected pid_samp"),
+        (["hand.fmu", "--noise"], "hand.fmu is an FMU and gives no equations"),
+        (["none", "--sampled", "1e-3"], "'none' is neither one of"),
+        (["mine.py:blind", "--noise"], "blind measures nothing, and instruments give x_measured"),
+        (["pidd", "--noise"], "did you mean pid"),
+        (["pid_sampled+sampled"], "pid_sampled has discrete states; only a continuous law"),
+        (["pid+position_encoder+sampled"], "'sampled' comes right behind 'pid', once"),
+        (["pid", "--plant", "plant_loaded+sampled"], "plant_loaded cannot be sampled"),
+    ],
+)
+def test_what_cannot_be_put_into_practice_is_one_line(mine, capsys, arguments, line):
+    del mine
+    assert main(["swap", "--controllers", *arguments, "--stop", "0.02", "--out", "out"]) == 2
+    heard = capsys.readouterr().err
+    assert line in heard
+    assert heard.count("\n") == 1

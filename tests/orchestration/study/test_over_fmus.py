@@ -1,0 +1,37 @@
+"""A run of a study again over FMUs: what the master says of it."""
+
+import pytest
+
+from ballscrew.fmus.catalogue import fmu
+from ballscrew.orchestration.study.loop import StudyLoop
+from ballscrew.orchestration.study.over_fmus import check_over_fmus
+from ballscrew.orchestration.study.plan import Duty
+from ballscrew.orchestration.whole_loop import loop_kernel
+
+DUTY = Duty("there", "move:distance=0.005,speed=0.1,start=0,dwell=0.1,back=0", 0.2)
+
+
+@pytest.mark.parametrize(
+    ("controller", "verdict", "reason"),
+    [
+        ("pid_sampled", "trusted", "moved no output by more than 0 %"),
+        ("nctf_sampled", "trusted", "moved no output by more than 0 %"),
+        ("nctf", "trusted", "moved no output by more than"),
+    ],
+)
+def test_a_loop_that_converges_is_trusted_and_agrees(controller, verdict, reason):
+    loop = StudyLoop(loop_kernel("plant", controller))
+    found = check_over_fmus(loop, (str(fmu("plant")), str(fmu(controller))), {}, DUTY, 1e-6)
+    assert found.coupling == verdict
+    assert reason in found.reason
+    assert found.agrees
+
+
+def test_a_loop_without_a_voltage_limit_that_diverges_is_not_converged():
+    """nctf at a period of 1 ms; it bears 0.6 ms (`docs/stability.md`)."""
+    controller = "nctf_sampled"
+    loop = StudyLoop(loop_kernel("plant", controller))
+    values = {"controller_sample_time": 1e-3}
+    found = check_over_fmus(loop, (str(fmu("plant")), str(fmu(controller))), values, DUTY, 1e-6)
+    assert found.coupling == "not converged"
+    assert "diverges" in found.reason

@@ -1,0 +1,127 @@
+"""What the runs of a study are given: a duty's own plant, a drawn plant, noise."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballscrew.cli import main
+from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Variation
+from ballscrew.orchestration.study.reading import BadPlan
+from ballscrew.orchestration.study.study import composed, loops_of
+from ballscrew.orchestration.study.values import check_plants, values_for
+
+LOAD, LOAD_TIME = -5.0, 0.1
+HOLD = Duty("hold", "step:size=0", 0.6, plant={"load_force": LOAD, "load_time": LOAD_TIME})
+PLAN = Plan(
+    plant="plant_loaded",
+    entrants=(Entrant("pid", "pid"), Entrant("lqi", "lqi")),
+    duties=(Duty("move", "move:distance=0.01", 1.0, True), HOLD),
+    variations=(Variation(("m", "payload"), (0.5, 1.5)),),
+    instruments=("position_encoder", "velocity_estimate", "current_sensor"),
+    plants=2,
+)
+
+
+@pytest.fixture(scope="module")
+def loops():
+    return loops_of(PLAN)
+
+
+@pytest.fixture(scope="module")
+def held(loops):
+    """The course of the duty, by the value of the load's force."""
+
+    def run(force):
+        duty = replace(HOLD, plant={**HOLD.plant, "load_force": force})
+        loop = loops["pid"]
+        tuned = {"Kp": 2000.0, "Ki": 2000.0, "Kd": 50.0}
+        values = values_for(PLAN, loop.kernel, PLAN.entrants[0], tuned, duty, [1.0], 7)
+        return values, loop.run(values, duty.signal(), duty.stop)
+
+    return {force: run(force) for force in (0.0, LOAD)}
+
+
+def test_a_load_of_a_duty_acts_from_its_time_on_and_not_before(held):
+    (_, without), (_, loaded) = held[0.0], held[LOAD]
+    before = loaded.time < LOAD_TIME
+    np.testing.assert_allclose(loaded.position[before], without.position[before], atol=1e-12)
+    apart = np.abs(loaded.position - without.position)
+    assert apart[~before].max() > 1e-5
+
+
+def test_the_motor_ends_up_holding_the_load_but_for_friction(held):
+    """At rest kt 2 pi p i + load is what friction holds, which is at most the breakaway force."""
+    values, course = held[LOAD]
+    force = 37.4e-3 * 2 * math.pi * 1000 * course.current[-50:].mean()
+    assert abs(force + LOAD) < 2.5
+    assert force > 1.0
+    assert np.abs(course.velocity[-50:]).max() < 1e-3
+    assert values["plant_load_force"] == LOAD
+
+
+def test_a_factor_acts_on_the_value_of_the_duty_else_on_the_nominal_one(loops):
+    kernel, entrant = loops["pid"].kernel, PLAN.entrants[0]
+    duty = replace(HOLD, plant={"payload": 2.0})
+    values = values_for(PLAN, kernel, entrant, {}, duty, [1.25], 0)
+    assert (values["plant_payload"], values["plant_m"]) == (2.5, 1.25)
+
+
+def test_noise_is_that_of_the_plant_for_every_controller_and_another_on_another_plant(loops):
+    def seeds(name, draw):
+        entrant = next(e for e in PLAN.entrants if e.name == name)
+        values = values_for(PLAN, loops[name].kernel, entrant, {}, HOLD, [1.0], draw)
+        return {n: v for n, v in values.items() if n.endswith("seed")}
+
+    assert list(seeds("pid", 3)) == ["controller_current_sensor_seed"]
+    assert seeds("pid", 3) == seeds("lqi", 3) != seeds("lqi", 4)
+
+
+def test_two_noisy_instruments_have_two_noises():
+    """Else their noise would be one: the same generator from the same seed."""
+    from ballscrew.instruments.current_sensor import current_sensor
+    from ballscrew.instruments.measured_through import measured_through
+    from ballscrew.orchestration.whole_loop import loop_kernel
+
+    one = composed(PLAN, PLAN.entrants[0])
+    second = replace(current_sensor(), name="other_sensor")
+    two = measured_through(one, [second])
+    kernel = loop_kernel("plant", two)
+    values = values_for(
+        replace(PLAN, plant="plant", variations=()),
+        kernel,
+        PLAN.entrants[0],
+        {},
+        replace(HOLD, plant={}),
+        [],
+        3,
+    )
+    seeds = [v for n, v in values.items() if n.endswith("seed")]
+    assert len(seeds) == len(set(seeds)) == 2
+
+
+@pytest.mark.parametrize(
+    ("plant", "message"),
+    [
+        ({"load_froce": 1.0}, "duty hold: no parameter 'load_froce'; there are .*load_force"),
+        ({"load_rise": 0.0}, r"duty hold: load_rise would be 0, expected within \[1e-09, inf\]"),
+    ],
+)
+def test_a_plant_that_cannot_be_is_refused(loops, plant, message):
+    plan = replace(PLAN, duties=(PLAN.duties[0], replace(HOLD, plant=plant)))
+    with pytest.raises(BadPlan, match=message):
+        check_plants(plan, loops["pid"].kernel)
+
+
+def test_a_duty_on_a_plant_without_a_load_is_one_line_and_exit_code_2(tmp_path, capsys):
+    study = tmp_path / "study.toml"
+    study.write_text(
+        "version = 1\n[controllers.pid]\n"
+        '[[duty]]\nname = "a"\nreference = "step:size=1e-3"\nstop = 0.1\ntune = true\n'
+        '[[duty]]\nname = "b"\nreference = "step:size=0"\nstop = 0.1\nplant = {load_force = 5}\n'
+    )
+    assert main(["study", str(study), "--workers", "1", "--out", str(tmp_path / "out")]) == 2
+    heard = capsys.readouterr().err
+    assert "duty b: no parameter 'load_force'" in heard
+    assert heard.count("\n") == 1
