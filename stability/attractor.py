@@ -210,7 +210,8 @@ def _resting(model: Model, time: float, until: float, span: float) -> Attractor 
         left = float(np.max(np.abs(model.x - found.state) / nominal))
         shift = float(np.max(np.abs(found.state - before.state) / nominal))
         stays = found.drift * span <= max(left, SETTLED)
-        near = left <= 0.2 * distance or left <= SETTLED
+        falls = left <= 0.2 * distance and not _ends_there(model, time + wait, found.state)
+        near = falls or left <= SETTLED
         if near and stays and shift <= 2.0 * max(distance, SETTLED):
             return _rest(model, found, time + wait, wait, distance, left)
     model.x[:], model.u[:] = state, held
