@@ -7,10 +7,11 @@ import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
-from ..fmus.set_point import SET_POINT
+from ..fmus.set_point import DERIVATIVES, SET_POINT
 from ..fmus.system_reading import (
     BadSystem,
     SystemConnection,
@@ -34,6 +35,7 @@ from .wiring import Wiring
 STOP = 20.0
 
 Fmus = Mapping[str, FmuInstance | IsolatedInstance]
+Goal = tuple[tuple[SystemConnection, int], ...]
 
 
 @dataclass(frozen=True)
@@ -198,8 +200,8 @@ class _Loop:
     ----------
     names : dict of str to str
         What results call the plant's ports.
-    goal : tuple of SystemConnection
-        What the set-point drives.
+    goal : tuple of (SystemConnection, int)
+        What the set-point drives, and how often it is differentiated by time for it.
     """
 
     plant_name: str
@@ -207,7 +209,7 @@ class _Loop:
     controller: Instance
     wiring: Wiring
     names: dict[str, str]
-    goal: tuple[SystemConnection, ...]
+    goal: Goal
 
     def set_point(
         self, system: SystemStructure, values: Mapping[str, Mapping[str, float]], fmus: Fmus
@@ -215,12 +217,13 @@ class _Loop:
         """The set-point's start value, in its own unit; not a number where there is none."""
         if not self.goal:
             return math.nan
-        target = self.goal[0].target
+        goal, _ = self.goal[0]
+        target = goal.target
         given = values[target.element].get(target.connector)
         if given is None:
             variables = fmus[target.element].description.variables
             given = next(v.start for v in variables if v.name == target.connector) or 0.0
-        return (given - self.goal[0].offset) / (self.goal[0].factor or math.nan)
+        return (given - goal.offset) / (goal.factor or math.nan)
 
 
 def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
@@ -240,12 +243,13 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
     if not commands:
         raise BadSystem(f"{system.path}: nothing drives {plant!r}, which is taken as the plant")
 
-    plain = len(rest) == 1 and not inside and _plain([*measured, *goal], once=True)
+    goals = [c for c, _ in goal]
+    plain = len(rest) == 1 and not inside and _plain([*measured, *goals], once=True)
     alone = _plain(commands, once=False) and not own
     controller: Instance = (
         fmus[rest[0]]
         if plain
-        else _grouped("controller", {n: fmus[n] for n in rest}, inside, measured, goal)
+        else _grouped("controller", {n: fmus[n] for n in rest}, inside, measured, goals)
     )
     side: Instance = fmus[plant]
     if not alone:
@@ -262,7 +266,7 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
             (ours(c.source), c.target.connector if plain else str(c.source)) for c in measured
         )
     )
-    references = tuple(dict.fromkeys(c.target.connector if plain else str(c.source) for c in goal))
+    fed = {c.target.connector if plain else str(c.source): order for c, order in goal}
     law = study.coupling in (None, Coupling.INTERFACE_JACOBIAN) and alone
     main = _commands_of(commands, measured) if law else commands
     accepts = law and _accepts_law(fmus[plant], main, measured)
@@ -273,7 +277,8 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
             (theirs(c.source), c.target.connector if alone else str(c.source)) for c in main
         ),
         signals=signals,
-        references=references,
+        references=tuple(fed),
+        orders=tuple(fed.values()),
         accepts_law=accepts,
         reports_law=accepts and plain and _reports_law(main, measured, commands),
     )
@@ -292,8 +297,11 @@ def _plant(fmus: Fmus) -> str:
     return max(fmus, key=rank)  # the first of equals
 
 
-def _goal(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> tuple[SystemConnection, ...]:
-    """What the set-point drives: the system's input, else an input that nothing drives."""
+def _goal(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> Goal:
+    """What the set-point drives: the system's input, else an input that nothing drives.
+
+    Beside one called ``x_d`` its derivatives, ``v_d`` and ``a_d``, as in a loop of two parts.
+    """
     candidates: dict[str, tuple[SystemConnection, ...]] = {
         i.name: i.drives
         for i in system.inputs
@@ -308,9 +316,13 @@ def _goal(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> tuple[Sys
             if port not in driven
         }
     if len(candidates) == 1:
-        return next(iter(candidates.values()))
-    named = [c for n, c in candidates.items() if n.rpartition(".")[2] == SET_POINT]
-    return named[0] if len(named) == 1 else ()
+        return tuple((c, 0) for c in next(iter(candidates.values())))
+    called = [(n.rpartition(".")[2], drives) for n, drives in candidates.items()]
+    if [n for n, _ in called].count(SET_POINT) != 1:
+        return ()
+    orders = {SET_POINT: 0, **DERIVATIVES}
+    named = [(orders[n], drives) for n, drives in called if n in orders]
+    return tuple((c, order) for order, drives in sorted(named, key=itemgetter(0)) for c in drives)
 
 
 def _plain(connections: Sequence[SystemConnection], once: bool) -> bool:

@@ -7,8 +7,10 @@ from ballscrew.cli import main
 from ballscrew.controllers.linearization import measurements_of
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import native_model
+from ballscrew.fmus.system_export import export_system
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.reference_motions import move
+from ballscrew.orchestration.system import SystemStudy, run_system
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.plant.axis import axis
 from ballscrew.solver.component import Component, Input, Output, symbol
@@ -53,5 +55,15 @@ def test_fmus_are_fed_as_the_whole_loop_is(alone, tmp_path, native, coupling):
     assert main(["run", *given, *goal, "--coupling", coupling, "--out", str(out)]) in (0, 1)
     study = Study(str(path), str(native("plant")), MOTION, STOP, STEP)
     run = run_study(study).run
+    np.testing.assert_allclose(run.outputs["x"], alone.outputs["x"], atol=2e-6)
+    np.testing.assert_allclose(run.commands["u"], alone.commands["u"], atol=1e-6)
+
+
+def test_a_system_of_a_file_is_fed_as_the_whole_loop_is(alone, tmp_path, native):
+    """Through the system's own inputs, as our export writes them."""
+    path = tmp_path / "echo.fmu"
+    write_native(native_model(echo()), path, fmi=2)
+    system = export_system(native("plant"), path, tmp_path / "echo.ssp", name="echo")
+    run = run_system(SystemStudy(system, MOTION, STOP, STEP)).run
     np.testing.assert_allclose(run.outputs["x"], alone.outputs["x"], atol=2e-6)
     np.testing.assert_allclose(run.commands["u"], alone.commands["u"], atol=1e-6)
