@@ -57,7 +57,7 @@ class SwapStudy(Result, StudyResult):
         write_json(folder / "study.json", finite_or_null(self.to_dict()))
         write_table(folder, "runs", [self.rows()])
         if pictures:
-            write_atomically(folder / "report.html", report(self).encode())
+            write_atomically(folder / "report.html", report(self, self.headline()).encode())
             write_figure(self.plot(), folder, "study")
 
     def pictures(self) -> dict[str, Any]:

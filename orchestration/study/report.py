@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 _SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x")
 
 
-def report(study: StudyResult) -> str:
-    """The page as text."""
+def report(study: StudyResult, headline: str) -> str:
+    """The page as text; its headline says what weakens the result."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
 
@@ -32,6 +32,7 @@ def report(study: StudyResult) -> str:
     duties = [d.name for d in study.plan.judged_duties]
     return made.get_template("report.html.jinja").render(
         study=study,
+        headline=headline,
         plan=study.plan,
         duties=duties,
         names=[e.name for e in study.plan.entrants],

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from dask_cluster import cluster
 
 from ballscrew.orchestration.workers import Processes
 from ballscrew.stability import stability_map, store
@@ -189,54 +190,22 @@ def test_a_finished_map_is_not_computed_again(whole):
     assert again.verdicts == summary.verdicts
 
 
-@pytest.fixture
-def dask(tmp_path):
-    """A scheduler and two worker processes: the scheduler's address, and the workers."""
-    place = tmp_path / "scheduler.json"
-    run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0"]
-    begun = [*run, "--no-dashboard", "--scheduler-file", str(place)]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
-    processes = [subprocess.Popen(begun, **quiet)]
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(place)]
-    worker += ["--nthreads", "1", "--no-dashboard", "--no-nanny"]
-    try:
-        deadline = time.monotonic() + 60
-        while not place.is_file():
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        processes += [subprocess.Popen(worker, **quiet) for _ in range(2)]
-        yield json.loads(place.read_text())["address"], processes[1:]
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
-
-
 @pytest.mark.filterwarnings("ignore")
-def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, monkeypatch, dask):
-    from ballscrew.orchestration.workers import Dask
-
+def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, monkeypatch):
     folder, _ = whole
-    address, processes = dask
     monkeypatch.setattr(store, "CHUNK", 2)
-    workers = Dask(address)
-    deadline = time.monotonic() + 60
-    while len(workers.client.scheduler_info()["workers"]) < 2:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
     seen = []
 
-    def kill_one(done, total):
-        seen.append(done)
-        if len(seen) == 1:
-            processes[0].kill()
+    with cluster(tmp_path) as (workers, processes):
 
-    try:
+        def kill_one(done, total):
+            seen.append(done)
+            if len(seen) == 1:
+                processes[0].kill()
+
         make_map(gamma(), tmp_path / "out", workers, progress=kill_one)
-    finally:
-        workers.close()
+        assert processes[1].poll() is None
     assert len(seen) >= 10
-    assert processes[1].poll() is None
     ours, theirs = (pq.read_table(f / "map.parquet") for f in (tmp_path / "out", folder))
     assert ours.equals(theirs)
 

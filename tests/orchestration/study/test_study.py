@@ -2,10 +2,13 @@
 
 import json
 import shutil
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from browser import PROGRAM, opened
+from dask_cluster import cluster
 
 from ballscrew.cli import main
 from ballscrew.orchestration.reference_motions import read_motion
@@ -15,6 +18,7 @@ from ballscrew.orchestration.study.reading import BadPlan
 from ballscrew.orchestration.study.study import PARTS, do_study
 from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.workers import Processes
+from ballscrew.results.swap_study import SwapStudy
 
 STUDY = """version = 1
 plants = 3
@@ -118,6 +122,13 @@ def test_a_study_that_goes_on_after_a_kill_gives_the_same_numbers(plan, folder, 
     assert json.dumps(again.to_dict()) == json.dumps(result.to_dict())  # NaN and all
 
 
+@pytest.mark.filterwarnings("ignore")  # of Dask's, as it ends
+def test_a_study_over_dask_gives_the_same_numbers(plan, result, tmp_path):
+    with cluster(tmp_path) as (workers, _):
+        again = do_study(plan, tmp_path / "out", workers)
+    assert json.dumps(again.to_dict()) == json.dumps(result.to_dict())
+
+
 def test_a_folder_of_another_study_is_left_alone(plan, folder, result):
     with pytest.raises(BadPlan, match="add --resume to go on"):
         do_study(plan, folder, Processes(1))
@@ -145,6 +156,33 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     page = (out / "report.html").read_text()
     assert "Which controller for which duty" in page
     assert not (out / PARTS).exists()
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="no chromium here: apt-get install chromium")
+def test_a_browser_draws_the_page_zooms_and_asks_for_nothing(result, tmp_path):
+    path = tmp_path / "report.html"
+    SwapStudy.of(result).save(tmp_path)
+    area = "document.querySelector('#effort0 .nsewdrag').getBoundingClientRect()"
+    shown = "document.querySelector('#effort0 .plot').layout.xaxis.range"
+    with opened(path) as page:
+        assert page.errors == []
+        assert page.requests == [path.resolve().as_uri()]
+        for name in ("errors", "effort0"):
+            points = f"document.querySelectorAll('#{name} .points path').length"
+            assert page.evaluate(points) == 2  # controllers
+        page.evaluate("document.getElementById('effort0').scrollIntoView()")
+        x, y, width, height = page.evaluate(f"(r => [r.x, r.y, r.width, r.height])({area})")
+        low, high = page.evaluate(shown)
+        page.mouse("mouseMoved", x + 0.3 * width, y + 0.3 * height)
+        held = {"button": "left", "clickCount": 1}
+        page.mouse("mousePressed", x + 0.3 * width, y + 0.3 * height, **held)
+        page.mouse("mouseMoved", x + 0.7 * width, y + 0.7 * height, button="left", buttons=1)
+        page.mouse("mouseReleased", x + 0.7 * width, y + 0.7 * height, **held)
+        end = time.monotonic() + 10.0
+        while page.evaluate(shown) == [low, high] and time.monotonic() < end:
+            time.sleep(0.02)
+        closer = np.subtract(*page.evaluate(shown)[::-1])
+        assert closer == pytest.approx(0.4 * (high - low), rel=0.03)
 
 
 @pytest.mark.parametrize(

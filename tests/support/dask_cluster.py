@@ -1,0 +1,45 @@
+"""A Dask scheduler and workers, as processes of their own."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ballscrew.orchestration.workers import Dask
+
+WAIT = 60.0  # [s]
+
+
+@contextmanager
+def cluster(folder: Path, workers: int = 2) -> Iterator[tuple[Dask, list]]:
+    """What runs work on them, and the processes of the workers; all end with the block."""
+    place = folder / "scheduler.json"
+    run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0"]
+    begun = [*run, "--no-dashboard", "--scheduler-file", str(place)]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
+    processes = [subprocess.Popen(begun, **quiet)]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(place)]
+    worker += ["--nthreads", "1", "--no-dashboard", "--no-nanny"]
+    deadline = time.monotonic() + WAIT
+
+    def wait(ready) -> None:
+        while not ready():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
+    try:
+        wait(place.is_file)
+        processes += [subprocess.Popen(worker, **quiet) for _ in range(workers)]
+        dask = Dask(json.loads(place.read_text())["address"])
+        try:
+            wait(lambda: len(dask.client.scheduler_info()["workers"]) >= workers)
+            yield dask, processes[1:]
+        finally:
+            dask.close()
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
