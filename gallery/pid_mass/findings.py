@@ -235,9 +235,9 @@ def picture() -> Any:
         slope = 1e3 * 2 * FC / (KI * (1 + ratio())) / times
         decay.loglog(times, slope, color="#000000", lw=0.9, ls=":", label="closed form, 1/time")
         plane.set(xlabel="integral of the error [m s]", ylabel="error [mm]", ylim=(-560, 420))
-        plane.set_title("Fs > Fc hunts, Fs = Fc creeps in ...")
+        plane.set_title("Fs > Fc hunts, Fs = Fc creeps in")
         decay.set(xlabel="time [s]", ylabel="error while it sticks [mm]")
-        decay.set_title("... as slowly as 1/time")
+        decay.set_title("Fs = Fc: the error falls as 1/time")
         for axes in (plane, decay):
             axes.legend(fontsize=9)
 
