@@ -193,6 +193,22 @@ def test_a_motion_with_stops_is_a_cycle_wherever_the_run_ends(b, f, periods):
     assert found.amplitude["plant_x"] == pytest.approx(max(turns[-10:]), rel=1e-6)
 
 
+@pytest.mark.parametrize(("b", "f"), [(0.3, 0.99), (1.5, 0.99), (0.05, 0.95)])
+def test_with_twenty_rows_in_a_period_no_short_push_is_missed(b, f):
+    exact = SlideBySlide(b, f).over(42)
+    run = course({"b": b, "F": f}, 40.35, 20)
+    end = float(run.time[-1])
+    assert any(begin < end < over for begin, over in exact.stands)
+    where = [x for t, x in exact.turns if t < end][-1]
+    assert run.outputs["x"][-1] == pytest.approx(where, rel=1e-6)
+
+
+def test_a_short_push_leaves_the_verdict_undecided_or_right():
+    found, exact = motion(0.3, 0.99), SlideBySlide(0.3, 0.99).over(60)
+    if found.kind.value != "undecided":
+        assert found.amplitude["plant_x"] == pytest.approx(abs(exact.x), rel=1e-3)
+
+
 @pytest.mark.parametrize("f", [0.3, 0.6, 0.7])
 def test_at_resonance_the_swing_grows_by_what_friction_leaves_of_the_force(f):
     assert growth(f) == pytest.approx(math.pi - 4 * f, abs=1e-5)
