@@ -10,6 +10,7 @@ SYSTEMS = {
     "van_der_pol": "Van der Pol's oscillator: the limit cycle of the Reference-FMUs",
     "bouncing_ball": "Bouncing ball: where it ends, and how the table of the Reference-FMUs is off",
     "impact_oscillator": "Impact oscillator: grazing, chaos and period doubling at a rigid stop",
+    "forced_friction": "a driven mass with dry friction: its swing, where it stops, and resonance",
     "backlash_drive": "Drive with backlash: how it hunts, against its describing function",
     "cart_pendulum": "Balanced pendulum: why it hunts where its cart has friction",
     "pid_mass": "a mass under PID: it hunts where Fs > Fc, else its error falls as 1/time",

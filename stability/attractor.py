@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ..solver.core import EVENTS
 from ..solver.kernel import IntegrationError, Model
 from ..solver.spectrum import Returns, follow_returns, follow_tangents
-from .equilibria import Equilibrium, equilibrium_near, sample_after
+from .equilibria import Equilibrium, equilibrium_near, sample_after, stands
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -188,7 +188,7 @@ def _resting(model: Model, time: float, until: float, span: float) -> Attractor 
     The distance has to shrink to a fifth, over three time constants of the slowest eigenvalue, or
     to what round-off leaves where the mode ends at the equilibrium. The equilibrium has to stay
     where it is meanwhile. What is neutral must not drift either: over `span`, by no more than that
-    distance.
+    distance. Nor may time move it: a mass that sticks until its force swings back is in motion.
     """
     nominal = model.kernel.nominal
     before = equilibrium_near(model, time)
@@ -212,7 +212,9 @@ def _resting(model: Model, time: float, until: float, span: float) -> Attractor 
         stays = found.drift * span <= max(left, SETTLED)
         falls = left <= 0.2 * distance and not _ends_there(model, time + wait, found.state)
         near = falls or left <= SETTLED
-        if near and stays and shift <= 2.0 * max(distance, SETTLED):
+        within = 2.0 * max(distance, SETTLED)
+        quiet = near and stays and shift <= within
+        if quiet and stands(model, time + wait, span, found.state, within):
             return _rest(model, found, time + wait, wait, distance, left)
     model.x[:], model.u[:] = state, held
     return None

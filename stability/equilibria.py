@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +23,8 @@ FALLEN = 40.0  # time constants
 FAST = 1e-6  # share of the map's largest eigenvalue below which one has lost digits
 FOLLOWED = 20  # samples
 _NEWTON = 30
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+INSTANTS = 2000  # at which it is asked whether time moves what is at rest
 _CLOSE = 1e-6  # nominal magnitudes; where an eigenvalue is nearly zero, round-off moves it so far
 
 
@@ -105,6 +109,47 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
     values = values[np.argsort(-values.real)]
     found = Equilibrium(point, values, int(neutral.sum()), 0.0)
     return replace(found, drift=_drift(a, first, found.slowest, model.sample_time))
+
+
+def stands(model: Model, time: float, span: float, state: Vector, within: float) -> bool:
+    """Whether time alone leaves an equilibrium where it is, and in its mode, for so long.
+
+    The equations are asked at many instants, since the solver, whose steps are long where nothing
+    moves, may step over the moment in which a force that swings moves a body that sticks. The
+    instants are no grid: one might be at the same phase of each period.
+
+    Parameters
+    ----------
+    model : Model
+        Stays as it is; its mode and what it holds are those of the equilibrium.
+    time, span : float
+        [s]
+    within : float
+        How far the equilibrium may move [nominal magnitudes].
+    """
+    if not _holds_time(model.kernel.source):
+        return True
+    nominal = model.kernel.nominal
+    before, due = np.zeros(model.kernel.events), np.zeros(model.kernel.events)
+    model.system.indicate(time, state, model.u, model.p, before)
+    rates, a = _rates(model, time, state)
+    moved = np.empty((len(nominal), INSTANTS))
+    for k, share in enumerate(np.arange(1, INSTANTS + 1) * GOLDEN % 1.0):
+        then = time + share * span
+        model.system.indicate(then, state, model.u, model.p, due)
+        if np.any((due > 0.0) & (before <= 0.0)):
+            return False
+        moved[:, k] = model.derivatives(then, state) / nominal - rates
+    shift = np.linalg.lstsq(a, moved, rcond=1e-11)[0]
+    left = moved - a @ shift  # no shift makes up for it, so it adds up
+    return bool(np.abs(shift).max() <= within and np.abs(left).max() * span <= within)
+
+
+@cache
+def _holds_time(source: str) -> bool:
+    """Whether one of a kernel's equations holds the time."""
+    lines = (line for line in source.splitlines() if not line.startswith("def "))
+    return any(re.search(r"\bt\b", line) for line in lines)
 
 
 def _drift(a: Matrix, change: Vector, slowest: float, period: float) -> float:

@@ -14,6 +14,7 @@ Vector = npt.NDArray[np.float64]
 
 WINDOW = 0.1  # of the run: three of them at its end are compared
 SETTLED = 1e-7  # of a signal's range: a swing that is as good as none
+STILL = 1e-12  # of a signal's range: from row to row, what does not move at all
 SMALL = 1e-3  # of a signal's range: a swing of what is nearly at rest, and of a cycle that closes
 FALLING = 0.5  # of the swing in the window before, at most, of what comes to rest
 LEAST = 1e-6  # of its nominal value: the range of a signal that stands still all along
@@ -41,7 +42,8 @@ def signal_motion(
 
     Rest and cycles are told from the last three tenths of the run, nothing beyond. Whether rest is
     one of a line of equilibria shows in the first tangent alone: at rest it neither grows nor falls
-    where a direction is neutral.
+    where a direction is neutral. What stood still before for as long, and moved again, is not at
+    rest: a mass that sticks until its force swings back.
 
     Parameters
     ----------
@@ -68,7 +70,16 @@ def signal_motion(
     before, middle, last = (float(s.max()) for s in swings)
     moves = f"over the last tenth of the run no output moves by more than {last:.2g} of its range"
     falls = middle <= FALLING * before and last <= FALLING * middle and last <= SMALL
-    if falls or max(middle, last) <= SETTLED:
+    rests = falls or max(middle, last) <= SETTLED
+    earlier, present = _stands(run.time, table / scale)
+    if rests and earlier >= present > 0.0:
+        return Attractor(
+            Kind.UNDECIDED,
+            f"all outputs have stood still for {present:.4g} s, and they have before, for "
+            f"{earlier:.4g} s, and moved again",
+            "a longer run",
+        )
+    if rests:
         if falls:
             moves += f", after {middle:.2g} and {before:.2g} in the tenths before"
         return _rest(run, moves, growth)
@@ -80,6 +91,17 @@ def signal_motion(
         f"{names[widest]} moves by {last:.2g} of its range",
         "a longer run, or the equations (--via model)",
     )
+
+
+def _stands(time: Vector, rows: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """How long outputs stand still at the end, and at most before, but for the begin [s]."""
+    still = np.concatenate([[False], np.abs(np.diff(rows, axis=0)).max(axis=1) <= STILL, [False]])
+    ends = np.flatnonzero(np.diff(still.astype(np.int8)))
+    begins, ends = ends[::2], ends[1::2]
+    lasts = time[ends] - time[begins]
+    present = float(lasts[-1]) if len(ends) and ends[-1] == len(time) - 1 else 0.0
+    before = lasts[(begins > 0) & (ends < len(time) - 1)]
+    return float(before.max(initial=0.0)), present
 
 
 def _rest(run: Signals, moves: str, growth: Vector | None) -> Attractor:

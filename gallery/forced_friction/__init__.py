@@ -1,0 +1,1 @@
+"""A mass on a spring with dry friction, driven harmonically."""

@@ -1,0 +1,332 @@
+"""What a driven mass with dry friction does, beside the closed form of its motion without stops.
+
+In units of mass and spring, with the force P as unit, too, the mass slides from its turn at x0 back
+to the turn at -x0, half a period later, as
+
+    x = f (1 - cos t - b U sin t) + x0 cos(b t) + f U sin(b t),
+
+with the friction f, the frequency b of the force, U = sin(pi/b) / (b (1 + cos(pi/b))), and
+x0^2 = V^2 - f^2 U^2 where V = 1/(1 - b^2): `Turning`. The page derives it.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import ballscrew
+
+from ..drawing import COLOURS, DASHES, drawn, part
+from ..finding import Finding
+
+OSCILLATOR = part(__file__, "oscillator")
+CLOSED_FORM = "closed form of the motion without stops"
+SWINGS = ((0.45, 0.1), (0.8, 0.5), (1.4, 0.5))  # b and F, without stops
+SLOW, STIFF = (0.8, 0.5), (0.8, 0.8)  # exponents: a pair that turns, and two that do not
+BORDERS = {0.45: (0.15, 0.35), 0.8: (0.75, 0.95), 1.4: (0.55, 0.75)}  # F between which it lies
+STOPPING = ((0.3, 0.6), (0.1, 0.3), (0.1, 0.5))
+SIDE = 0.2, 0.05  # F, and by how much the motion is off its middle
+HALVINGS = 10
+ROWS = 200  # in a period, where stops are counted
+
+Vector = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Turning:
+    """The motion without stops that turns twice in each period.
+
+    Attributes
+    ----------
+    swing : float
+        How far it goes to either side, over that of a slow force without friction; NaN if it is
+        none.
+    phase : float
+        Of the force where the mass turns at the far end [rad].
+    ratio : float
+        Its acceleration just after a turn over that just before; below 0 the mass would stop.
+    multipliers : ndarray of complex, shape (2,)
+        By what half a period multiplies disturbances.
+    goes_on : bool
+        Whether it exists: no stop where it turns, nor on its way.
+    """
+
+    b: float
+    f: float
+    swing: float
+    phase: float
+    ratio: float
+    multipliers: npt.NDArray[np.complex128]
+    goes_on: bool
+
+    def at(self, times: Vector) -> tuple[Vector, Vector]:
+        """Displacement and velocity at times of half a period, from its far end on."""
+        b, f, u = self.b, self.f, damping(self.b)
+        x = f * (1.0 - np.cos(times) - b * u * np.sin(times))
+        x = x + self.swing * np.cos(b * times) + f * u * np.sin(b * times)
+        v = f * (np.sin(times) - b * u * np.cos(times))
+        v = v - b * self.swing * np.sin(b * times) + f * b * u * np.cos(b * times)
+        return x, v
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """Displacement and velocity where the force is largest."""
+        half = math.pi / self.b
+        turns, since = divmod(-self.phase / self.b, half)
+        x, v = self.at(np.array(since))
+        side = -1.0 if turns % 2 else 1.0
+        return side * float(x), side * float(v)
+
+
+def response(b: float) -> float:
+    """V: the swing without friction, with its sign."""
+    return 1.0 / (1.0 - b**2)
+
+
+def damping(b: float) -> float:
+    """U, by which friction makes the swing smaller."""
+    return math.sin(math.pi / b) / (b * (1.0 + math.cos(math.pi / b)))
+
+
+def steepness(b: float) -> float:
+    """S: the swing, over f, that it takes to go on.
+
+    At a turn it takes 1/b^2. At some frequencies below 1/2 it takes more on the way.
+    """
+    t = np.linspace(0.0, math.pi / b, 4002)[1:-1]
+    needed = np.sin(t) + b * damping(b) * (np.cos(b * t) - np.cos(t))
+    return max(1.0 / b**2, float((needed / (b * np.sin(b * t))).max()))
+
+
+def border(b: float) -> float:
+    """The friction, over the force, from which on the mass stops."""
+    return abs(response(b)) / math.hypot(damping(b), steepness(b))
+
+
+def turning(b: float, f: float) -> Turning:
+    """The motion without stops, where the force has the frequency b, and friction the share f."""
+    v, u = response(b), damping(b)
+    square = v**2 - (f * u) ** 2
+    swing = math.sqrt(square) if square > 0.0 else math.nan
+    phase = math.atan2(-f * u / v, swing / v)
+    ratio = (b**2 * swing - f) / (b**2 * swing + f)
+    middle = -0.5 * math.cos(math.pi / b) * (1.0 + ratio)
+    root = np.emath.sqrt(middle**2 - ratio)
+    both = np.array([middle + root, middle - root], complex)
+    return Turning(b, f, swing, phase, ratio, both, f < border(b))
+
+
+def rates(known: Turning) -> Vector:
+    """Exponents of the closed form, larger first [nats/s]."""
+    return np.sort(np.log(np.abs(known.multipliers)) * known.b / math.pi)[::-1]
+
+
+@cache
+def motion(b: float, f: float, periods: float = 20.0, x: float = 0.0) -> Any:
+    """What becomes of the motion that begins at x at rest, and its exponents."""
+    return ballscrew.lyapunov(
+        *("none", OSCILLATOR),
+        stop=periods * 2 * math.pi / b,
+        plant_values={"b": b, "F": f, "x_start": x},
+    ).motion
+
+
+def course(values: Mapping[str, float], periods: float, rows: int) -> Any:
+    """A motion, with so many rows in each period."""
+    period = 2.0 * math.pi / values["b"]
+    return ballscrew.run(
+        *("none", OSCILLATOR),
+        stop=periods * period,
+        step=period / rows,
+        coupling=ballscrew.Coupling("monolithic"),
+        plant_values=values,
+    ).run
+
+
+def stops(b: float, f: float) -> int:
+    """How often the mass stands still in a period, after ten of them."""
+    stuck = course({"b": b, "F": f}, 11, ROWS).outputs["stuck"][-ROWS - 1 :] > 0.5
+    return int(np.sum(stuck[1:] & ~stuck[:-1]))
+
+
+@cache
+def first_stop(b: float) -> float:
+    """The friction from which on the mass stops, by bisection.
+
+    A stop forgets where the mass came from: an exponent becomes minus infinity.
+    """
+    low, high = BORDERS[b]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        stands = np.isneginf(motion(b, middle, 10.0).limit).any()
+        low, high = (low, middle) if stands else (middle, high)
+    return 0.5 * (low + high)
+
+
+@cache
+def growth(f: float) -> float:
+    """By how much the swing grows in a period at resonance, over that of a slow force."""
+    outputs = course({"b": 1.0, "F": f}, 400, 4).outputs
+    size = np.hypot(outputs["x"], outputs["v"])[::4]
+    return float((size[400] - size[200]) / 200.0)
+
+
+def findings() -> list[Finding]:
+    turns, stiff = turning(*SLOW), turning(*STIFF)
+    ours, both = motion(*SLOW), motion(*STIFF)
+    low, high = 0.6, 0.7
+    balance = low + (high - low) * growth(low) / (growth(low) - growth(high))
+    width = 0.2 / 2**HALVINGS
+    return [
+        *(
+            Finding(
+                f"swing at b = {b:g}, F = {f:g} P",
+                motion(b, f).amplitude["plant_x"],
+                "m",
+                CLOSED_FORM,
+                turning(b, f).swing,
+                1e-6,
+            )
+            for b, f in SWINGS
+        ),
+        Finding(
+            f"sum of both exponents at b = {SLOW[0]:g}, F = {SLOW[1]:g} P [nats/s]",
+            float(ours.limit.sum()),
+            "1/s",
+            f"{CLOSED_FORM}: log of the ratio of its accelerations about a turn, twice in a period",
+            float(rates(turns).sum()),
+            1e-6,
+        ),
+        *(
+            Finding(
+                f"{which} exponent at b = {STIFF[0]:g}, F = {STIFF[1]:g} P [nats/s]",
+                float(both.limit[k]),
+                "1/s",
+                f"{CLOSED_FORM}: eigenvalue of its slide and its turn",
+                float(rates(stiff)[k]),
+                1e-6,
+            )
+            for k, which in enumerate(("first", "second"))
+        ),
+        Finding(
+            f"first exponent at b = 1/2, F = {SIDE[0]:g} P, beside the symmetric motion [nats/s]",
+            float(motion(0.5, SIDE[0], 20.0, response(0.5) + SIDE[1]).limit[0]),
+            "1/s",
+            "a slide takes the time of a free swing, so the turns are V + d and d - V for every "
+            f"small d; here {SIDE[1]:g} P/k",
+            0.0,
+            1e-9,
+        ),
+        *(
+            Finding(
+                f"F from which on it stops, over P, at b = {b:g}",
+                first_stop(b),
+                "1",
+                f"{CLOSED_FORM}, where it ends {where}; ours by bisection",
+                border(b),
+                width,
+            )
+            for b, where in ((0.45, "on the way"), (0.8, "at the turn"), (1.4, "at the turn"))
+        ),
+        Finding(
+            "F at which the swing no longer grows at resonance, over P",
+            balance,
+            "1",
+            "pi/4: in half a period the force gives pi P x0 / 2 and friction takes 2 F x0; ours is "
+            "drawn from runs at 0.6 and 0.7",
+            math.pi / 4.0,
+            1e-4,
+        ),
+        *(
+            Finding(
+                f"stops in a period at b = {b:g}, F = {f:g} P",
+                stops(b, f),
+                "1",
+                "slide by slide in closed form, the tests count the same",
+            )
+            for b, f in STOPPING
+        ),
+    ]
+
+
+def _map() -> tuple[Vector, Vector, npt.NDArray[np.float64]]:
+    """Frequencies, shares of friction, and swing where the motion is a cycle."""
+    with tempfile.TemporaryDirectory() as folder:
+        cells = ballscrew.stability_map(
+            *("none", "plant.b=0.2:1.8:17", "plant.F=0.1:1:10", folder, OSCILLATOR), stop=300.0
+        ).columns()
+    cycles = [kind == "limit cycle" for kind in cells["verdict"]]
+    swing = np.where(cycles, np.array(cells["oscillation_amplitude"]), np.nan)
+    across, along = np.unique(cells["plant.b"]), np.unique(cells["plant.F"])
+    return across, along, swing.reshape(len(along), len(across))
+
+
+def _swings(axes: Any) -> None:
+    grid = np.array([b for b in np.linspace(0.36, 1.8, 289) if abs(b - 1.0) > 1e-3])
+    for f, colour, dash in zip((0.2, 0.5, 0.7), COLOURS, DASHES, strict=False):
+        known = [turning(b, f) for b in grid]
+        closed = [k.swing if k.goes_on else np.nan for k in known]
+        axes.semilogy(grid, closed, color=colour, ls=dash, lw=1.3, label=f"F = {f:g} P")
+        for b in (0.6, 0.75, 0.85, 1.2, 1.4, 1.6):
+            axes.semilogy(b, motion(b, f).amplitude["plant_x"], "o", color=colour, ms=4)
+    axes.set(xlabel="b = frequency over that of the mass", ylabel="swing / (P/k)", ylim=(0.05, 60))
+    axes.set_title("Dots: runs. Lines: without stops")
+    axes.legend(loc="upper left")
+
+
+def _exponents(axes: Any) -> None:
+    b = 0.8
+    grid = np.concatenate([np.linspace(0.02, 0.8, 100), border(b) - np.geomspace(0.017, 1e-5, 60)])
+    known = np.array([rates(turning(b, f)) for f in grid])
+    for k, label in ((0, "first"), (1, "second")):
+        axes.plot(grid, known[:, k], color=COLOURS[k], ls=DASHES[k], lw=1.3, label=label)
+    for f in (0.3, 0.45, 0.6, 0.7, 0.76, 0.8, 0.815, 0.85, 0.95):
+        found = motion(b, f).limit
+        for k in (0, 1):
+            axes.plot(f, found[k], "os"[k], color=COLOURS[k], ms=4)
+    axes.axvline(border(b), color="black", lw=1.0, ls=":")
+    axes.text(border(b) + 0.01, -1.0, "stops: the\nsecond is\nminus infinity", fontsize=9)
+    axes.set(xlabel="F / P", ylabel="exponents [nats/s]", ylim=(-1.3, 0.05), xlim=(0.2, 1.05))
+    axes.set_title(f"A stop forgets the past (b = {b:g})")
+    axes.legend(loc="lower left")
+
+
+def picture() -> Any:
+    with drawn(2, 2) as (figure, (swings, plane, courses, exponents)):
+        _swings(swings)
+        across, along, swing = _map()
+        shade = plane.pcolormesh(
+            *(across, along, np.log10(swing)), cmap="viridis_r", shading="nearest", vmin=-2.0
+        )
+        figure.colorbar(shade, ax=plane, label="log10 of swing / (P/k)")
+        plane.grid(visible=False)
+        grid = np.array([b for b in np.linspace(0.201, 1.84, 400) if abs(b - 1.0) > 1e-3])
+        plane.plot(grid, [border(b) for b in grid], color="black", lw=1.4)
+        plane.plot(list(BORDERS), [first_stop(b) for b in BORDERS], "o", color=COLOURS[1], ms=5)
+        for where, text, colour in (
+            ((0.42, 0.72), "with stops", "white"),
+            ((0.75, 0.98), "stands for ever", "black"),
+            ((0.96, 0.22), "grows for ever", "black"),
+        ):
+            upright = {"rotation": 90} if text.startswith("grows") else {}
+            plane.text(*where, text, fontsize=9, color=colour, **upright)
+        plane.set(xlabel="b", ylabel="F / P", title="Above the line the mass stops")
+        for (b, f), k in (((0.8, 0.5), 0), ((0.3, 0.6), 1), ((0.1, 0.5), 2)):
+            run = course({"b": b, "F": f}, 12, ROWS)
+            late = run.time >= 10 * 2 * math.pi / b
+            time = run.time[late] * b / (2 * math.pi) - 10
+            label = f"b = {b:g}, F = {f:g} P"
+            x = run.outputs["x"][late]
+            courses.plot(time, x, color=COLOURS[k], ls=DASHES[k], lw=1.3, label=label)
+        courses.set(xlabel="time [periods of the force]", ylabel="x [m]", ylim=(-2.6, 4.2))
+        courses.set_title("No stop, two and six in a period")
+        courses.legend(loc="upper right", fontsize=9)
+        _exponents(exponents)
+    return figure
