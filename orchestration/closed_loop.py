@@ -210,8 +210,8 @@ def _connection_notes(study: Study, controller: _Fmu, wiring: Wiring) -> tuple[s
     notes += [
         f"the input {name!r} of {study.label}, which nothing else drives, is taken for the "
         f"set-point {SET_POINT}"
-        for name in wiring.references
-        if called[name] != SET_POINT
+        for name, order in zip(wiring.references, wiring.orders, strict=True)
+        if order == 0 and called[name] != SET_POINT
     ]
     return tuple(notes)
 

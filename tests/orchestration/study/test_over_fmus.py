@@ -1,5 +1,8 @@
 """A run of a study again over FMUs: what the master says of it."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from ballscrew.fmus.catalogue import fmu
@@ -35,3 +38,41 @@ def test_a_loop_without_a_voltage_limit_that_diverges_is_not_converged():
     found = check_over_fmus(loop, (str(fmu("plant")), str(fmu(controller))), values, DUTY, 1e-6)
     assert found.coupling == "not converged"
     assert "diverges" in found.reason
+
+
+class OneCount:
+    """A loop whose position is a count further where the solver's tolerance says so."""
+
+    sampled = True
+    kernel = SimpleNamespace(parameters=())
+
+    def __init__(self, flips):
+        self.flips = flips
+
+    def run(self, values, reference, stop, tolerance):
+        time = np.linspace(0.0, stop, 5)
+        position = np.full(5, 1e-9 if self.flips(tolerance) else 0.0)
+        return SimpleNamespace(time=time, position=position, stopped="")
+
+
+@pytest.mark.parametrize(
+    ("apart", "flips", "agrees"),
+    [
+        (1e-9, lambda tolerance: 3e-8 < tolerance < 5e-8, True),  # as a few tolerances do, too
+        (1e-9, lambda tolerance: False, False),
+        (2e-8, lambda tolerance: 3e-8 < tolerance < 5e-8, False),  # more than ten times as much
+    ],
+)
+def test_a_count_that_few_tolerances_see_is_no_difference(monkeypatch, apart, flips, agrees):
+    """Such runs were called different: one of eighty behind the encoder of `docs/swap-study.md`."""
+    loop = OneCount(flips)
+
+    def over_fmus(study):
+        time = np.linspace(0.0, study.stop, 5)
+        verdict = SimpleNamespace(word="trusted", reason="")
+        return SimpleNamespace(
+            run=SimpleNamespace(time=time, outputs={"x": np.full(5, apart)}, verdict=verdict)
+        )
+
+    monkeypatch.setattr("ballscrew.orchestration.study.over_fmus.run_study", over_fmus)
+    assert check_over_fmus(loop, ("plant", "controller"), {}, DUTY, 1e-6).agrees is agrees
