@@ -67,6 +67,7 @@ class StudyLoop:
         reference: Reference,
         stop: float,
         tolerance: float = TOLERANCE,
+        step: float = STEP,
     ) -> Course:
         """Run from rest.
 
@@ -79,6 +80,9 @@ class StudyLoop:
             [s]
         tolerance : float
             Relative, of the solver.
+        step : float
+            Of the grid [s], between whose times a controller that is not sampled sees the set-point
+            as a ramp. A sampled one has the grid of its samples.
 
         Raises
         ------
@@ -87,7 +91,7 @@ class StudyLoop:
         """
         model = Model(self.kernel, values, tolerance, _system(self.kernel))
         period = model.sample_time
-        step = period or STEP
+        step = period or step
         time = np.arange(math.ceil(stop / step - 1e-9) + 1, dtype=np.float64) * step
         x_d, v_d = reference.on(time, 0), reference.on(time, 1)
         at = _inputs(self.kernel, time, reference, ramps=not period)

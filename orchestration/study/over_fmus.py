@@ -21,6 +21,7 @@ SHARE = 20  # every so many runs, drawn at random
 ALLOWED = 10.0  # times what units in the last place, or a tenth of the tolerance, move the run
 TRUSTED = "trusted"  # of the master's verdicts, that on a coupling that converged
 ROUND_OFF = 1e-13  # m, of positions in the size of a metre
+SECOND_ORDER = 4 / 3  # of what half the step changes, is the error of a step
 TOLERANCES = 40  # with which a run that seems to differ is done again
 
 
@@ -35,8 +36,9 @@ class FmuCheck:
     allowed : float
         Ten times what the study's own run is uncertain by: the most that one unit in the last place
         of any parameter of the plant, a tenth of the solver's tolerance, or that of the FMUs' own
-        solvers, moves it [m]; where that is less than `apart`, also tolerances in between. And,
-        where the controller is not sampled, the master's own estimate of its coupling error.
+        solvers, moves it [m]; where that is less than `apart`, also tolerances in between. Where
+        the controller is not sampled, at least the master's own estimate of its coupling error, and
+        what the grid of the study's run takes from the set-point, by a run with half its step.
     agrees : bool
     coupling : str
         What the master says of its coupling: ``trusted`` or ``not converged``; empty where the
@@ -103,7 +105,9 @@ def check_over_fmus(
         uncertain = max(uncertain, moved((values, float(t)) for t in between))
     allowed = ALLOWED * max(uncertain, ROUND_OFF)
     if not loop.sampled:
-        allowed = max(allowed, run.verdict.error_estimate["x"])
+        finer_grid = loop.run(values, reference, duty.stop, tolerance, step=0.5 * study.step)
+        halved = np.abs(finer_grid.position[::2] - own.position).max()
+        allowed = max(allowed, run.verdict.error_estimate["x"] + SECOND_ORDER * halved)
     verdict = run.verdict
     return FmuCheck(apart, allowed, apart <= allowed, verdict.word, verdict.reason)
 

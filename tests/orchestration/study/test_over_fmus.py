@@ -30,6 +30,16 @@ def test_a_loop_that_converges_is_trusted_and_agrees(controller, verdict, reason
     assert found.agrees
 
 
+def test_a_continuous_loop_may_differ_by_what_the_grid_takes_from_a_curved_set_point():
+    """5e-9 m in ramps of 1 ms; the master, which converges, cannot know of them."""
+    duty = Duty("sine", "sine:amplitude=1e-3,frequency=2,duration=0.5", 0.5)
+    loop = StudyLoop(loop_kernel("plant", "p_pi"))
+    found = check_over_fmus(loop, (str(fmu("plant")), str(fmu("p_pi"))), {}, duty, 1e-6)
+    assert found.coupling == "trusted"
+    assert found.agrees
+    assert found.allowed < 5 * found.apart  # which would find what is wrong by more
+
+
 def test_a_loop_without_a_voltage_limit_that_diverges_is_not_converged():
     """nctf at a period of 1 ms; it bears 0.6 ms (`docs/stability.md`)."""
     controller = "nctf_sampled"
