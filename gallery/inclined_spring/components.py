@@ -14,11 +14,11 @@ SOURCE = "made for the gallery"
 
 def _mass(name: str, law: str, evolution: sp.Expr) -> Component:
     """The mass; `evolution` is the law's rate of w while the normal force is constant."""
-    d, u, w = map(symbol, ("d", "u", "w"))
+    x, u, w = map(symbol, ("x", "u", "w"))
     m, k, psi, weight, v0 = map(symbol, ("m", "k", "psi", "W", "v0"))
     mu0, a, b, alpha = map(symbol, ("mu0", "a", "b", "alpha"))
     v = v0 * sp.exp(u)
-    pull = mu0 * weight / (sp.cos(psi) + mu0 * sp.sin(psi)) + k * sp.cos(psi) * d
+    pull = mu0 * weight / (sp.cos(psi) + mu0 * sp.sin(psi)) + k * sp.cos(psi) * x
     normal = weight - pull * sp.sin(psi)
     loading = -k * sp.cos(psi) * sp.sin(psi) * (v0 - v)  # rate of the normal force
     mu = mu0 + a * u + b * w
@@ -41,7 +41,7 @@ def _mass(name: str, law: str, evolution: sp.Expr) -> Component:
             ),
         ),
         states=(
-            State("d", "m", "stretch along the surface, beyond steady sliding", v0 - v, 0.0, 1e-6),
+            State("x", "m", "stretch along the surface, beyond steady sliding", v0 - v, 0.0, 1e-6),
             State(
                 *("u", "1", "logarithm of the velocity over v0"),
                 (pull * sp.cos(psi) - normal * mu) / (m * v),

@@ -79,7 +79,7 @@ class Sliding:
         kappa = self.k * math.cos(self.psi) * self.L / self.normal
         c = 1 + self.alpha * kappa * math.sin(self.psi) / self.b
         return {
-            "d_start": (-self.v0 * swing / root).real,
+            "x_start": (-self.v0 * swing / root).real,
             "u_start": swing,
             "w_start": (-c * swing / (root * self.L / self.v0 + 1)).real,
         }
@@ -196,8 +196,9 @@ def late_swing(law: str, sliding: Sliding, start: float, count: int) -> float:
     return float(np.ptp(late) / 2)
 
 
-def border(sliding: Sliding, low: float, high: float) -> float:
-    """Swing of ln(v/v0) in the ageing law's unstable cycle, between two starts."""
+@cache
+def balanced(sliding: Sliding, low: float, high: float) -> float:
+    """Swing of ln(v/v0) in a cycle of the ageing law, stable or not, between two starts."""
     start = float(brentq(lambda s: growth(AGEING, sliding, s, 10), low, high, xtol=1e-7))
     return late_swing(AGEING, sliding, start, 10)
 
