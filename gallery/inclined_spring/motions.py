@@ -24,7 +24,7 @@ from ..drawing import part
 
 AGEING, SLIP = part(__file__, "ageing"), part(__file__, "slip")
 SMALL = 1e-4  # swings of ln(v/v0) that grow or fade as the linear part says
-POINTS = 80  # outputs in a turn
+POINTS, FINE = 48, 400  # outputs in a turn; where the largest is printed as the peak
 
 
 @dataclass(frozen=True)
@@ -188,10 +188,10 @@ def turning_velocity() -> float:
     return float(brentq(rate, 3e-4, 5e-4, xtol=1e-8))
 
 
-def late_swing(law: str, sliding: Sliding, start: float, count: int) -> float:
+def late_swing(law: str, sliding: Sliding, start: float, count: int, points: int = POINTS) -> float:
     """Swing of ln(v/v0) in the second half of so many turns from a start."""
     turn = 2 * np.pi / abs(sliding.roots()[0].imag)
-    run = motion(law, sliding, (count + 0.5) * turn, turn / POINTS, **sliding.start(start))
+    run = motion(law, sliding, (count + 0.5) * turn, turn / points, **sliding.start(start))
     late = np.log(run.outputs["v"][len(run.time) // 2 :])
     return float(np.ptp(late) / 2)
 
@@ -200,7 +200,7 @@ def late_swing(law: str, sliding: Sliding, start: float, count: int) -> float:
 def balanced(sliding: Sliding, low: float, high: float) -> float:
     """Swing of ln(v/v0) in a cycle of the ageing law, stable or not, between two starts."""
     start = float(brentq(lambda s: growth(AGEING, sliding, s, 10), low, high, xtol=1e-7))
-    return late_swing(AGEING, sliding, start, 10)
+    return late_swing(AGEING, sliding, start, 10, FINE)
 
 
 def cycle_of(law: str, start: float, v0: float) -> tuple[float, float]:
