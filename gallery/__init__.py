@@ -7,6 +7,7 @@ a folder and a line here.
 
 SYSTEMS = {
     "belt": "friction oscillator on a moving belt: where stick-slip begins and ends",
+    "inclined_spring": "mass pulled over an inclined spring: sliding or stick-slip, or both",
     "van_der_pol": "Van der Pol's oscillator: the limit cycle of the Reference-FMUs",
     "bouncing_ball": "Bouncing ball: where it ends, and how the table of the Reference-FMUs is off",
     "impact_oscillator": "Impact oscillator: grazing, chaos and period doubling at a rigid stop",

@@ -141,7 +141,7 @@ def classify_attractor(
                 break
             start = passes.end
         time = passes.end
-        if len(passes.time) == CROSSINGS:
+        if len(passes.time) == CROSSINGS and not _one_way(passes):
             if not exponents:
                 return _without_exponents(model, passes)
             return _unclosed(model, passes)
@@ -159,6 +159,19 @@ def classify_attractor(
         )
         return Attractor(Kind.CREEPING, text, "a longer run", amplitude=amplitude)
     return Attractor(Kind.UNDECIDED, text, "a longer run", amplitude=amplitude)
+
+
+def _one_way(passes: Returns) -> bool:
+    """Whether what differs most between the returns grows or falls from each to the next.
+
+    So does a swing on its way to or from a cycle or rest, however slowly. On a torus or in chaos it
+    goes both ways, so that no exponents over a finite time are needed to tell the two apart.
+    """
+    size = passes.high - passes.low
+    size[size == 0.0] = np.inf
+    most = int(np.argmax(np.ptp(passes.states, axis=0) / size))
+    steps = np.diff(passes.states[:, most])
+    return bool(np.all(steps > 0.0) or np.all(steps < 0.0))
 
 
 def _without_exponents(model: Model, passes: Returns) -> Attractor:

@@ -16,6 +16,7 @@ from known_systems import (
     lorenz,
     maker,
     relay_loop,
+    slow_and_fading,
     torus,
     van_der_pol,
 )
@@ -88,6 +89,17 @@ def test_a_centre_is_no_torus():
     """Its orbits close, but there are many side by side: it is no cycle either."""
     motion = run("centre").motion
     assert motion.kind is Kind.UNDECIDED, motion.evidence
+
+
+@pytest.mark.parametrize("start", [0.003, 0.3])
+def test_a_swing_that_is_long_on_its_way_to_a_cycle_is_no_torus(start):
+    """Close to where a cycle is born, two exponents are nearly zero; so are they here.
+
+    The oscillator is Van der Pol's with mu = 0.004: its swing grows by 1.3 % from turn to turn.
+    """
+    motion = lyapunov(maker(slow_and_fading(), {"mu": 0.004, "x_start": start}), 50.0, 1e-9).motion
+    assert motion.kind is Kind.CYCLE, motion.evidence
+    assert motion.amplitude["x"] == pytest.approx(2.0, abs=5e-3)  # it may be called so early
 
 
 @pytest.mark.parametrize("name", ["stable focus", "line of equilibria", "Lorenz"])

@@ -94,6 +94,19 @@ def van_der_pol() -> Kernel:
 
 
 @cache
+def slow_and_fading() -> Kernel:
+    """Van der Pol's oscillator, and a state that fades beside it."""
+    x, v, z, mu = (symbol(n) for n in ("x", "v", "z", "mu"))
+    return generate(
+        _component(
+            "slow_and_fading",
+            {"x": (v, 0.0), "v": (mu * (1 - x**2) * v - x, 0.0), "z": (-z, 1.0)},
+            {"mu": 0.004},
+        )
+    )
+
+
+@cache
 def torus() -> Kernel:
     """Two Van der Pol oscillators side by side, whose frequencies have no common period."""
     a, b, c, d, mu, w = (symbol(n) for n in ("a", "b", "c", "d", "mu", "w"))
