@@ -36,7 +36,7 @@ DAMPED = (0.02, 0.06, 0.12)  # D where cycles are looked at [N*m*s/rad]
 HEAVY = 0.24  # D of a servo that does not swing
 EXACT = "from stop to stop in closed form"
 DESCRIBING = "describing function of the sign, with its third harmonic for its digit"
-GRID = (16, 12)
+GRID = (14, 10)
 OUTCOMES = {"stuck on a line of equilibria": 0, "limit cycle": 1, "diverges": 2}
 
 
@@ -169,7 +169,7 @@ def cells(law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     with tempfile.TemporaryDirectory() as folder:
         found = ballscrew.stability_map(
             *(law, f"Tc_hat=0.004:0.196:{across}", f"b_hat=0.004:0.196:{along}", folder, SERVO),
-            stop=30.0,
+            stop=20.0,
             setpoint=0.0,
         ).columns()
     mismatch = TC - np.array(found["Tc_hat"])
