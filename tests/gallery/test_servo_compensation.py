@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+import fmpy
 import numpy as np
 import pytest
 from hypothesis import Phase, assume, given, settings
@@ -173,6 +174,23 @@ def test_over_fmus_each_half_period_is_a_whole_number_of_steps(step):
     passes = time[up] - x[up] * step / (x[up + 1] - x[up])
     assert np.diff(passes)[-3:] == pytest.approx(rounded, rel=1e-4)
     assert not result.trusted
+
+
+def test_as_one_fmu_the_loop_has_the_cycle_of_the_closed_form(tmp_path):
+    loop = ballscrew.connect(ballscrew.component(ours.SERVO), ballscrew.component(ours.BY_VELOCITY))
+    fmu = ballscrew.export(loop, tmp_path / "loop.fmu", native=True)
+    gains = {"controller_Tc_hat": ours.FAR_OVER, "controller_Kd": ours.DAMPED[1], "x_d": 0.0}
+    step = 7e-3
+    found = fmpy.simulate_fmu(
+        str(fmu), stop_time=8.0, step_size=step, output_interval=step, start_values=gains
+    )
+    time, x = found["time"], found["x"]
+    up = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
+    passes = time[up] - x[up] * step / (x[up + 1] - x[up])
+    assert np.diff(passes)[-4:].mean() == pytest.approx(ours.period(ours.DAMPED[1]), rel=1e-3)
+    assert np.abs(x[time > 6.0]).max() == pytest.approx(
+        ours.swing(-ours.TC, ours.DAMPED[1]), rel=1e-3
+    )
 
 
 masses, springs = st.floats(1e-3, 0.1), st.floats(0.2, 5.0)
