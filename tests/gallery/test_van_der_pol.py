@@ -52,7 +52,7 @@ def test_motion_period_swing_and_exponent_are_those_of_another_solver(turn):
 
 
 def test_weakly_damped_its_exponent_is_the_mean_damping_of_another_solver():
-    """Over twelve periods a tangent shrinks to exp(-7.5): the first has to begin along the motion."""
+    """Twelve periods shrink a tangent to exp(-7.5): the first has to begin along the motion."""
 
     def damped(_t, y):
         return [*rates(_t, y[:2], 0.1), 0.1 * (1 - y[0] ** 2)]
