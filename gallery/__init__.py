@@ -14,6 +14,7 @@ SYSTEMS = {
     "forced_friction": "a driven mass with dry friction: its swing, where it stops, and resonance",
     "backlash_drive": "Drive with backlash: how it hunts, against its describing function",
     "cart_pendulum": "Balanced pendulum: why it hunts where its cart has friction",
+    "servo_compensation": "a servo whose friction is compensated too much, and swings",
     "pid_mass": "a mass under PID: it hunts where Fs > Fc, else its error falls as 1/time",
     "dc_motor": "a DC motor with friction under P, PD and PID: it stops short, or it hunts",
 }

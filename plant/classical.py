@@ -107,6 +107,7 @@ def with_sticking(
             derivatives={velocity: (applied - force) / balance.inertia},
             outputs={"friction": force},
             events=(Event("stops", v, direction=-direction, reset=stop, next_mode=STUCK),),
+            signs={velocity: direction},
         )
 
     stuck = Mode(
@@ -123,5 +124,6 @@ def with_sticking(
             Event("breaks away forward", held - holds, direction=1, next_mode=FORWARD),
             Event("breaks away backward", held + holds, direction=-1, next_mode=BACKWARD),
         ),
+        signs={velocity: 0},
     )
     return replace(component, modes=(stuck, mode(FORWARD, 1), mode(BACKWARD, -1)))

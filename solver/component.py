@@ -183,12 +183,19 @@ class Mode:
     """Equations that hold in one mode: derivatives and outputs that differ from the common ones.
 
     The first mode of a component is the one it starts in.
+
+    Parameters
+    ----------
+    signs : mapping of str to {-1, 0, 1}
+        States whose sign does not change before an event ends the mode. Where another component is
+        connected, its ``sign`` and ``Abs`` of them are taken from here: they jump with the event.
     """
 
     name: str
     derivatives: Mapping[str, sp.Expr] = field(default_factory=dict)
     outputs: Mapping[str, sp.Expr] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
+    signs: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -389,6 +396,7 @@ class Component:
             replace(
                 mode,
                 derivatives={prefix + n: e for n, e in mode.derivatives.items()},
+                signs={prefix + n: sign for n, sign in mode.signs.items()},
                 events=tuple(
                     replace(event, reset={prefix + n: e for n, e in event.reset.items()})
                     for event in mode.events
@@ -521,6 +529,7 @@ class Component:
                 raise ContractError(f"{self.name}: mode {mode.name!r} is declared twice")
             targets = [(n, states) for n in mode.derivatives]
             targets += [(n, outputs) for n in mode.outputs]
+            targets += [(n, states) for n in mode.signs]
             for event in mode.events:
                 targets += [(n, states) for n in event.reset]
                 targets += [(event.next_mode, modes)] if event.next_mode is not None else []
@@ -529,6 +538,12 @@ class Component:
                     raise ContractError(
                         f"{self.name}: mode {mode.name!r} names {name!r}, which is not among "
                         f"{', '.join(known) or 'none'}"
+                    )
+            for name, sign in mode.signs.items():
+                if sign not in (-1, 0, 1):
+                    raise ContractError(
+                        f"{self.name}: mode {mode.name!r} says that the sign of {name!r} is "
+                        f"{sign}, expected -1, 0 or 1"
                     )
 
     def _check_outputs_and_ranges(self) -> None:

@@ -100,24 +100,49 @@ def _modes(plant: Component, controller: Component) -> tuple[Mode, ...]:
             command = {symbol(i.name): answers[i.name] for i in plant.inputs}
             outputs = {n: e.xreplace(command) for n, e in seen.items()}
             outputs |= {(CONTROLLER + n if n in seen else n): e for n, e in answers.items()}
-            modes.append(
-                Mode(
-                    _pair(ours.name, theirs.name),
-                    derivatives=_rates(plant, ours, command) | _rates(controller, theirs, measured),
-                    outputs=outputs,
-                    events=(
-                        *(
-                            _swapped(e, command, e.next_mode and _pair(e.next_mode, theirs.name))
-                            for e in ours.events
-                        ),
-                        *(
-                            _swapped(e, measured, e.next_mode and _pair(ours.name, e.next_mode))
-                            for e in theirs.events
-                        ),
+            both = Mode(
+                _pair(ours.name, theirs.name),
+                derivatives=_rates(plant, ours, command) | _rates(controller, theirs, measured),
+                outputs=outputs,
+                events=(
+                    *(
+                        _swapped(e, command, e.next_mode and _pair(e.next_mode, theirs.name))
+                        for e in ours.events
                     ),
-                )
+                    *(
+                        _swapped(e, measured, e.next_mode and _pair(ours.name, e.next_mode))
+                        for e in theirs.events
+                    ),
+                ),
+                signs={**ours.signs, **theirs.signs},
             )
+            modes.append(_told(both))
     return tuple(modes)
+
+
+def _told(mode: Mode) -> Mode:
+    """The mode with the signs that it states in its equations.
+
+    Without, a law that takes the sign of a velocity jumps where the plant's mode ends, and is there
+    neither the one before the event nor the one after it.
+    """
+    known: dict[sp.Expr, sp.Expr] = {}
+    for name, sign in mode.signs.items():
+        state = symbol(name)
+        known |= {sp.sign(state): sp.Integer(sign), sp.Abs(state): sign * state}
+
+    def told(equations: Mapping[str, sp.Expr]) -> dict[str, sp.Expr]:
+        return {n: sp.sympify(e).xreplace(known) for n, e in equations.items()}
+
+    return replace(
+        mode,
+        derivatives=told(mode.derivatives),
+        outputs=told(mode.outputs),
+        events=tuple(
+            replace(e, indicator=sp.sympify(e.indicator).xreplace(known), reset=told(e.reset))
+            for e in mode.events
+        ),
+    )
 
 
 def _pair(first: str, second: str) -> str:

@@ -38,6 +38,7 @@ LISTED = 14  # states and eigenvalues
 MANY = 400  # returns from which a torus is told from a long cycle
 STEADY = 1.5  # times as far as before a bounded motion may swing when it is watched for longer
 CERTAIN = 4.0  # standard errors
+ASIDE = 0.37  # of a period beyond a return, or half a cycle after one: no event is expected there
 SHARPER = 0.01  # of the tolerance, for the exponents of a cycle
 
 
@@ -376,7 +377,10 @@ def _closed(
     )
     if not exponents:
         return Attractor(Kind.CYCLE, text, period=period, amplitude=amplitude, return_error=error)
-    limit, limit_error = _over_periods(model, once.end, period)
+    aside = follow_returns(model, once.end, once.end + ASIDE * period, 0, np.inf, 0)
+    if aside.failure:
+        return None
+    limit, limit_error = _over_periods(model, aside.end, period)
     order = np.argsort(-limit)
     limit, limit_error = limit[order], limit_error[order]
     if not limit[0] * period <= GROWING:  # nor where they could not be followed
@@ -411,7 +415,9 @@ def _over_periods(
     # where a law turns over within a hair's breadth, exponents ask for more than the motion does
     usual = model.tolerance, model.atol
     model.tolerance, model.atol = SHARPER * usual[0], SHARPER * usual[1]
-    settle = follow_tangents(model, time + period * np.arange(periods + 1))
+    settle = follow_tangents(
+        model, time + period * np.arange(periods + 1), frame=_along(model, time)
+    )
     again = follow_tangents(
         model, time + period * (periods + np.arange(periods + 1)), frame=settle.frame
     )
@@ -427,6 +433,22 @@ def _over_periods(
         second = (growth[-1] - growth[half]) / ((periods - half) * period)
         error = np.where(np.isfinite(first + second), np.abs(first - second), 0.0)
     return np.asarray(growth[-1] / (periods * period)), error
+
+
+def _along(model: Model, time: float) -> Matrix:
+    """A frame whose first tangent is the motion's own direction, and whose others are at random.
+
+    The first neither grows nor shrinks over a period. An axis of the states may be a direction that
+    shrinks, as that of the position is where the velocity turns. It would stay the first tangent
+    until round-off turns it, amid the periods that are looked at.
+    """
+    nominal = model.kernel.nominal
+    directions = np.random.default_rng(1).normal(size=(len(nominal), len(nominal) + 1))
+    directions *= nominal[:, None]
+    rate = model.derivatives(time, model.x)
+    if np.any(rate) and np.isfinite(rate).all():
+        directions[:, 0] = rate
+    return np.ascontiguousarray(np.linalg.qr(directions)[0].T)
 
 
 def _unclosed(model: Model, passes: Returns) -> Attractor:

@@ -1,0 +1,1 @@
+"""A servo with dry friction under PD control that compensates friction."""

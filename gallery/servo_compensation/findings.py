@@ -1,0 +1,334 @@
+"""Where a servo swings whose friction is compensated too much or too little, and how far.
+
+While it moves, with D = Kamp KT Kd + b - b_hat and k = Kamp KT Kp,
+
+    J v' = -k x - D v - (Tc - Tc_hat) sign(v),
+
+which is linear from one stop to the next. With x > 0 at one stop, the next is at
+
+    -(q x - (1 + q) (Tc - Tc_hat) / k),   q = exp(-pi z / sqrt(1 - z^2)),   z = D / (2 sqrt(k J)).
+
+What happens at a stop depends on what is compensated at rest: `holds`.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import ballscrew
+
+from ..drawing import COLOURS, DASHES, drawn, part
+from ..finding import Finding
+
+SERVO = part(__file__, "servo")
+BY_VELOCITY, BY_ERROR = part(__file__, "by_velocity"), part(__file__, "by_error")
+J, K, TC, B, KD = 0.01, 1.0, 0.1, 0.1, 0.02  # the amplifier's gain times KT is 1 N*m/V
+START = 0.3  # [rad]
+NATURAL = math.sqrt(K / J)  # [rad/s]
+OVER, FAR_OVER, UNDER = 0.12, 0.2, 0.05  # Tc_hat [N*m]
+DAMPED = (0.02, 0.06, 0.12)  # D where cycles are looked at [N*m*s/rad]
+HEAVY = 0.24  # D of a servo that does not swing
+EXACT = "from stop to stop in closed form"
+DESCRIBING = "describing function of the sign, with its third harmonic for its digit"
+GRID = (14, 10)
+OUTCOMES = {"stuck on a line of equilibria": 0, "limit cycle": 1, "diverges": 2}
+
+
+def ratio(damping: float) -> float:
+    """Damping ratio of the servo in motion, with D [N*m*s/rad]."""
+    return damping / (2.0 * math.sqrt(K * J))
+
+
+def decay(damping: float) -> float:
+    """Swing from the centre that is left at the next stop; more than 1 where D is below 0."""
+    z = ratio(damping)
+    return math.exp(-math.pi * z / math.sqrt(1.0 - z * z))
+
+
+def swing(mismatch: float, damping: float) -> float:
+    """Amplitude of the cycle [rad]; `mismatch` is Tc - Tc_hat [N*m], of the other sign than D."""
+    q = decay(damping)
+    return -mismatch / K * (1.0 + q) / (1.0 - q)
+
+
+def period(damping: float) -> float:
+    """Period of every cycle [s]."""
+    return 2.0 * math.pi / (NATURAL * math.sqrt(1.0 - ratio(damping) ** 2))
+
+
+def sine(mismatch: float, damping: float) -> float:
+    """As `swing`, by the describing function: D + 4 mismatch / (pi A w) is zero."""
+    return -4.0 * mismatch / (math.pi * damping * NATURAL)
+
+
+def third(damping: float) -> float:
+    """Third harmonic of the angle, which the describing function leaves out, over the first."""
+    z = abs(ratio(damping))
+    return 2.0 * z / (3.0 * abs(8.0 - 6.0j * z))
+
+
+def holds(law: str, angle: float, mismatch: float) -> bool:
+    """Whether the servo stays where it has stopped, at an angle [rad]."""
+    return K * abs(angle) <= (TC if law == BY_VELOCITY else mismatch)
+
+
+def outcome(law: str, mismatch: float, damping: float, start: float = START) -> int:
+    """What becomes of a start from rest: 0, it rests; 1, it swings for ever; 2, it diverges."""
+    q, angle = decay(damping), start
+    for _ in range(10_000):
+        if holds(law, angle, mismatch):
+            return 0
+        if angle > 1e6:
+            return 2
+        angle = q * angle - (1.0 + q) * mismatch / K
+    return 1
+
+
+def least(damping: float) -> float:
+    """The over-compensation from which there is a cycle, where nothing is compensated at rest."""
+    return TC * (1.0 - decay(damping)) / (1.0 + decay(damping))
+
+
+def _gains(model: float, damping: float) -> dict[str, float]:
+    """For less damping than by Kd, viscous friction is over-compensated; for more, Kd is raised."""
+    return {"Tc_hat": model, "Kd": max(damping, KD), "b_hat": B + KD - min(damping, KD)}
+
+
+@cache
+def motion(
+    law: str,
+    model: float,
+    damping: float,
+    stop: float = 15.0,
+    step: float = 0.5,
+    start: float = START,
+) -> Any:
+    """The course to zero from a start at rest [rad]; `model` is Tc_hat [N*m]."""
+    return ballscrew.run(
+        law,
+        SERVO,
+        reference=0.0,
+        stop=stop,
+        step=step,
+        coupling=ballscrew.Coupling("monolithic"),
+        plant_values={"x_start": start},
+        controller_values=_gains(model, damping),
+    ).run
+
+
+@cache
+def cycle(law: str, model: float, damping: float) -> Any:
+    """What becomes of it."""
+    return ballscrew.lyapunov(
+        law, SERVO, stop=40.0, setpoint=0.0, controller_values=_gains(model, damping)
+    ).motion
+
+
+def rests(run: Any) -> bool:
+    return bool(run.outputs["stuck"][-1] > 0.5)
+
+
+def _border(rested: Callable[[float], bool], low: float, high: float) -> float:
+    """Where `rested` changes from true to false."""
+    while high - low > 1e-7:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if rested(middle) else (low, middle)
+    return 0.5 * (low + high)
+
+
+@cache
+def swings_from(damping: float) -> float:
+    """The over-compensation [N*m] from which it swings, where nothing is compensated at rest."""
+    return _border(lambda m: rests(motion(BY_VELOCITY, TC + m, damping)), 0.0, TC)
+
+
+@cache
+def radius(damping: float) -> float:
+    """The start from which it does not come to rest, with D below 0 and too little [rad]."""
+    return _border(lambda x: rests(motion(BY_VELOCITY, UNDER, damping, start=x)), TC / K, 1.0)
+
+
+@cache
+def moves_from(law: str) -> float:
+    """The start at rest from which it moves, with too little compensated [rad]."""
+    return _border(
+        lambda x: motion(law, UNDER, KD, 0.2, 0.1, x).outputs["x"][-1] == x, 0.0, 1.5 * TC / K
+    )
+
+
+@cache
+def cells(law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Tc - Tc_hat, D, what became of it in each cell, and the swing of the cycle [rad]."""
+    across, along = GRID
+    with tempfile.TemporaryDirectory() as folder:
+        found = ballscrew.stability_map(
+            *(law, f"Tc_hat=0.004:0.196:{across}", f"b_hat=0.004:0.196:{along}", folder, SERVO),
+            stop=20.0,
+            setpoint=0.0,
+        ).columns()
+    mismatch = TC - np.array(found["Tc_hat"])
+    damping = KD + B - np.array(found["b_hat"])
+    kinds = np.array([OUTCOMES.get(kind, -1) for kind in found["verdict"]])
+    swings = np.array([size or np.nan for size in found["oscillation_amplitude"]])
+    return mismatch, damping, kinds, np.where(kinds == 1, swings, np.nan)
+
+
+def differing(law: str) -> int:
+    """Cells of the map that are not as `outcome` has them."""
+    mismatch, damping, kinds, _ = cells(law)
+    theory = [outcome(law, *cell) for cell in zip(mismatch, damping, strict=True)]
+    return int(np.sum(kinds != theory))
+
+
+def findings() -> list[Finding]:
+    rows = []
+    for damping in DAMPED:
+        ours, mismatch = cycle(BY_VELOCITY, FAR_OVER, damping), TC - FAR_OVER
+        where = f"z = {ratio(damping):g}"
+        size, exact = ours.amplitude["plant_x"], swing(mismatch, damping)
+        first, natural = sine(mismatch, damping), 2.0 * math.pi / NATURAL
+        remark = "" if damping == DAMPED[0] else "its error grows as z^2, its third harmonic as z"
+        rows += [
+            Finding(f"swing of the cycle, {where}", size, "rad", EXACT, exact, 1e-5 * exact),
+            Finding(
+                f"the same, {where}",
+                *(size, "rad", DESCRIBING, first, third(damping) * first, remark),
+            ),
+            Finding(
+                f"period of the cycle, {where}",
+                *(ours.period or 0.0, "s", EXACT, period(damping), 1e-6),
+            ),
+            Finding(
+                f"the same, {where}",
+                *(ours.period or 0.0, "s", DESCRIBING, natural, third(damping) * natural, remark),
+            ),
+        ]
+    middle, negative, count = DAMPED[1], -KD, GRID[0] * GRID[1]
+    return [
+        *rows,
+        Finding(
+            f"second exponent of the cycle [nats/s], z = {ratio(middle):g}",
+            float(cycle(BY_VELOCITY, FAR_OVER, middle).limit[1]),
+            *("1/s", "-D/(2 J), the logarithm of q over half a period", -middle / (2 * J), 1e-4),
+        ),
+        Finding(
+            f"over-compensation from which it swings, z = {ratio(KD):g}",
+            *(swings_from(KD), "N*m", f"{EXACT}: the swing clears the band of rest"),
+            *(least(KD), 1e-6),
+        ),
+        Finding(
+            "the same, by the describing function",
+            *(swings_from(KD), "N*m", "any D > 0 with any Tc < Tc_hat", 0.0, 1e-6),
+            "at rest nothing is compensated, and the servo sticks",
+        ),
+        Finding(
+            f"where it ends, Tc_hat = {OVER:g} N*m, z = {ratio(HEAVY):g}",
+            float(motion(BY_VELOCITY, OVER, HEAVY, 5.0).outputs["x"][-1]),
+            *("rad", "(Tc - Tc_hat) / k, beyond the goal; there are no stops", TC - OVER, 1e-7),
+        ),
+        Finding(
+            f"unstable cycle, z = {ratio(negative):g}: start from which it diverges",
+            *(radius(negative), "rad", EXACT, swing(TC - UNDER, negative), 2e-6),
+        ),
+        Finding(
+            "error from which it moves, nothing compensated at rest",
+            *(moves_from(BY_VELOCITY), "rad", "Tc / k", TC / K, 1e-6),
+        ),
+        Finding(
+            "error from which it moves, compensated at rest",
+            *(moves_from(BY_ERROR), "rad", "(Tc - Tc_hat) / k", (TC - UNDER) / K, 1e-6),
+        ),
+        *(
+            Finding(
+                f"cells of the map of {count} unlike theory, {what} at rest",
+                *(float(differing(law)), "1", EXACT, 0.0, 0.5),
+            )
+            for law, what in ((BY_VELOCITY, "nothing compensated"), (BY_ERROR, "compensated"))
+        ),
+    ]
+
+
+def _plane(axes: Any) -> None:
+    """Two starts beside the cycle, and one within the band of rest."""
+    for k, (start, label) in enumerate(((0.45, "from outside"), (0.115, "from inside"))):
+        run = motion(BY_VELOCITY, FAR_OVER, DAMPED[1], 1.2, 1e-3, start)
+        style = {"color": COLOURS[k], "ls": DASHES[k], "lw": 1.4, "label": label}
+        axes.plot(run.outputs["x"], run.outputs["v"], **style)
+    size = swing(TC - FAR_OVER, DAMPED[1])
+    first = sine(TC - FAR_OVER, DAMPED[1])
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    axes.plot(
+        *(first * np.cos(angle), first * NATURAL * np.sin(angle)),
+        **{"color": "#000000", "ls": ":", "lw": 1.2, "label": "describing function"},
+    )
+    axes.plot([-TC / K, TC / K], [0.0, 0.0], color="#777777", lw=5, solid_capstyle="butt")
+    axes.text(0.0, 0.18, "stays at rest", ha="center", fontsize=9)
+    axes.set(xlabel="angle [rad]", ylabel="velocity [rad/s]", xlim=(-0.5, 0.5), ylim=(-4.2, 6.4))
+    axes.set_title(f"Over-compensated: cycle of {size:.3g} rad")
+    axes.legend(fontsize=9, loc="upper right")
+
+
+def _sizes(axes: Any) -> None:
+    """The swing over the damping ratio, by all three."""
+    ratios = np.linspace(0.02, 0.98, 200)
+    unit = (FAR_OVER - TC) / K
+    dampings = 2.0 * math.sqrt(K * J) * ratios
+    axes.semilogy(ratios, [swing(-K, d) for d in dampings], color=COLOURS[0], label="closed form")
+    further = np.linspace(0.02, 1.3, 260)
+    axes.semilogy(
+        *(further, [sine(-K, 2.0 * math.sqrt(K * J) * z) for z in further]),
+        **{"color": COLOURS[1], "ls": "--", "label": "describing function"},
+    )
+    for z in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+        found = cycle(BY_ERROR, FAR_OVER, 2.0 * math.sqrt(K * J) * z)
+        axes.plot(z, found.amplitude["plant_x"] / unit, "o", color="#000000", ms=4)
+    axes.plot([], [], "o", color="#000000", ms=4, label="motion")
+    axes.axvspan(1.0, 1.3, color="#dddddd", zorder=0)
+    axes.text(1.15, 6.0, "no cycle", ha="center", fontsize=9)
+    axes.set(xlabel="damping ratio z", ylabel="swing over (Tc_hat - Tc) / k", xlim=(0.0, 1.3))
+    axes.set_title("The describing function is for light damping")
+    axes.legend(fontsize=9, loc="upper center", bbox_to_anchor=(0.45, 1.0))
+
+
+def _map(axes: Any, law: str, title: str) -> None:
+    across, along = GRID
+    mismatch, damping, kinds, swings = (c.reshape(along, across) for c in cells(law))
+    x, y = mismatch[0] / TC, damping[:, 0]
+    shade = axes.pcolormesh(
+        *(x, y, np.ma.masked_invalid(1e3 * swings)),
+        **{"cmap": "viridis_r", "vmin": 0.0, "vmax": 800.0, "shading": "nearest"},
+    )
+    axes.figure.colorbar(shade, ax=axes, label="swing of the cycle [mrad]", extend="max")
+    away = np.ma.masked_where(kinds != 2, np.full(kinds.shape, 0.4))
+    axes.pcolormesh(x, y, away, cmap="Greys", vmin=0.0, vmax=1.0, shading="nearest")
+    axes.axhline(0.0, color="#000000", ls=":", lw=1.2, label="describing function")
+    axes.axvline(0.0, color="#000000", ls=":", lw=1.2)
+    style = {"color": "#D55E00", "ls": "--", "lw": 1.6}
+    fine = np.linspace(1e-3, 0.116, 100)
+    if law == BY_VELOCITY:
+        axes.plot([-least(d) / TC for d in fine], fine, **style)
+    below = -fine[fine < 0.076]
+    q = np.array([decay(d) for d in below])
+    border = K * START / TC * (q - 1.0) / (q + 1.0)
+    axes.plot(border, below, **style, label="closed form")
+    axes.text(0.5, 0.09, "rests", ha="center", fontsize=9)
+    axes.text(-0.5, -0.03, "diverges", ha="center", fontsize=9)
+    axes.legend(fontsize=9, loc="lower left")
+    axes.set(xlabel="(Tc - Tc_hat) / Tc", ylabel="D [N m s/rad]", title=title)
+    axes.set(xlim=(-0.99, 0.99), ylim=(-0.083, 0.123))
+    axes.grid(visible=False)
+
+
+def picture() -> Any:
+    with drawn(2, 2) as (figure, (plane, sizes, velocity, error)):
+        _plane(plane)
+        _sizes(sizes)
+        _map(velocity, BY_VELOCITY, "Nothing compensated at rest")
+        _map(error, BY_ERROR, "Compensated at rest towards the goal")
+    return figure
