@@ -88,12 +88,13 @@ def check_over_fmus(
     finest = min(tolerance / 10, DEFAULT_TOLERANCE)  # the latter is the FMUs' own
     finer = ((values, t) for t in {tolerance / 10, finest})
     uncertain = moved(chain(((v, tolerance) for v in _nearest(loop, values)), finer))
+    stop, step = float(own.time[-1]), float(own.time[1])
     study = Study(
         controller=fmus[1],
         plant=fmus[0],
         reference=reference,
-        stop=float(own.time[-1]),
-        step=float(own.time[1]),
+        stop=stop,
+        step=step,
         plant_values=_of(PLANT, values),
         controller_values=_of(CONTROLLER, values),
         isolate=False,
@@ -105,9 +106,9 @@ def check_over_fmus(
         uncertain = max(uncertain, moved((values, float(t)) for t in between))
     allowed = ALLOWED * max(uncertain, ROUND_OFF)
     if not loop.sampled:
-        finer_grid = loop.run(values, reference, duty.stop, tolerance, step=0.5 * study.step)
-        halved = np.abs(finer_grid.position[::2] - own.position).max()
-        allowed = max(allowed, run.verdict.error_estimate["x"] + SECOND_ORDER * halved)
+        halved = loop.run(values, reference, stop, tolerance, 0.5 * step).position[::2]
+        own_error = SECOND_ORDER * float(np.abs(halved - own.position).max())
+        allowed = max(allowed, run.verdict.error_estimate["x"] + own_error)
     verdict = run.verdict
     return FmuCheck(apart, allowed, apart <= allowed, verdict.word, verdict.reason)
 
