@@ -108,7 +108,7 @@ def check_over_fmus(
     if not loop.sampled:
         halved = loop.run(values, reference, stop, tolerance, 0.5 * step).position[::2]
         own_error = SECOND_ORDER * float(np.abs(halved - own.position).max())
-        allowed = max(allowed, run.verdict.error_estimate["x"] + own_error)
+        allowed = max(allowed, float(run.verdict.error_estimate["x"]) + own_error)
     verdict = run.verdict
     return FmuCheck(apart, allowed, apart <= allowed, verdict.word, verdict.reason)
 

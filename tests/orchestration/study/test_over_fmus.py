@@ -1,5 +1,7 @@
 """A run of a study again over FMUs: what the master says of it."""
 
+import json
+from dataclasses import asdict
 from types import SimpleNamespace
 
 import numpy as np
@@ -38,6 +40,7 @@ def test_a_continuous_loop_may_differ_by_what_the_grid_takes_from_a_curved_set_p
     assert found.coupling == "trusted"
     assert found.agrees
     assert found.allowed < 5 * found.apart  # which would find what is wrong by more
+    assert json.loads(json.dumps(asdict(found))) == asdict(found)  # as it is kept for --resume
 
 
 def test_a_loop_without_a_voltage_limit_that_diverges_is_not_converged():
