@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "swap-study.md"
 MICRON = 1e-6
 STEPPED = ("iol", "iol_observed", "nctf", "pid", "p_pi")
-PLANT = {p.name: p.default for p in ballscrew.component("plant").parameters}
+PLANT = {p.name: p.default for p in ballscrew.component("plant").all_parameters}
 FRICTION = {name: PLANT[name] for name in ("Fc", "Fs", "sigma2")}
 
 
@@ -171,10 +171,10 @@ def main(folder: Path, ideal: Path) -> None:
     tables |= {"ideal": errors(best_case), "thesis step": thesis_step()}
     page = PAGE.read_text("utf-8")
     for name, text in tables.items():
-        block = re.compile(rf"(<!-- {name} -->\n).*?(\n<!-- end -->)", re.S)
+        block = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.S)
         if not block.search(page):
             raise SystemExit(f"{PAGE.name} has no <!-- {name} --> and <!-- end --> after it")
-        page = block.sub(lambda m, text=text: f"{m[1]}\n{text}\n{m[2]}", page)
+        page = block.sub(lambda m, text=text: f"{m[1]}\n{text}\n\n{m[2]}", page)
     PAGE.write_text(page, "utf-8")
     shutil.copyfile(folder / "study.png", ROOT / "docs" / "images" / "swap_study.png")
 
