@@ -287,7 +287,7 @@ def _exponents(axes: Any) -> None:
     known = np.array([rates(turning(b, f)) for f in grid])
     for k, label in ((0, "first"), (1, "second")):
         axes.plot(grid, known[:, k], color=COLOURS[k], ls=DASHES[k], lw=1.3, label=label)
-    for f in (0.3, 0.45, 0.6, 0.7, 0.76, 0.8, 0.815, 0.85, 0.95):
+    for f in (0.3, 0.45, 0.6, 0.7, 0.76, 0.8, 0.815, 0.85, 0.9):
         found = motion(b, f).limit
         for k in (0, 1):
             axes.plot(f, found[k], "os"[k], color=COLOURS[k], ms=4)
