@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +25,9 @@ Rows = list[list[str]]
 
 _SEPARATORS = ("\t", ";", ",", " ")
 _LOOKED_AT = 400  # lines of the file's second half that tell how it is written
+_DOTS = "the file has decimal commas: write a comma for each decimal point, and take other dots out"
 _SHOWN = 40  # characters of a cell that is no number
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")  # 19.882 and 1.019.882,5
 _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # stand in lines of units
 
 
@@ -67,13 +70,18 @@ class _Style:
         return [c.strip() for c in line.split(self.separator)]
 
     def number(self, cell: str) -> float | None:
-        try:
-            return float(cell.replace(",", ".") if self.comma else cell)
-        except ValueError:
+        if not self.comma:
+            return _float(cell)
+        if "." in cell and not _THOUSANDS.fullmatch(cell):
             return None
+        return _float(cell.replace(".", "").replace(",", "."))
+
+    def has_point(self, cell: str) -> bool:
+        """Whether a cell would be a number with a decimal point, where decimals have commas."""
+        return self.comma and "." in cell and _float(cell) is not None
 
     def is_number(self, cell: str) -> bool:
-        return self.number(cell) is not None
+        return self.number(cell) is not None or self.has_point(cell)
 
     def numbers_in(self, cells: Sequence[str]) -> int:
         return sum(self.is_number(c) for c in cells)
@@ -82,6 +90,13 @@ class _Style:
         """Whether more than half of the cells are numbers or empty, and one at least a number."""
         count = self.numbers_in(cells)
         return count > 0 and count + sum(not c for c in cells) > len(cells) / 2
+
+
+def _float(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
 
 
 def read_csv(path: Path) -> TextTable:
@@ -199,6 +214,8 @@ def _bare(unit: str) -> str:
 def _plain(texts: Sequence[str], style: _Style, width: int) -> npt.NDArray[np.float64] | None:
     """All rows at once, if all of their cells are numbers; else None."""
     rows = [t.rstrip("\t;, ") for t in texts]
+    if style.comma and any("." in t for t in rows):
+        return None
     rows = [t.replace(",", ".") for t in rows] if style.comma else rows
     separator = None if style.separator == " " else style.separator
     try:
@@ -223,13 +240,17 @@ def _numbers(
     columns: list[Vector | None] = []
     for k, name in enumerate(names):
         cells = [row[k] for row in rows]
+        filled = list(filter(None, cells))
+        if filled and all(map(style.has_point, filled)):  # in thousands, or with decimal points?
+            raise BadRecord(f"{path}, column {name!r}: {filled[0]!r} has a dot; {_DOTS}")
         numbers = [style.number(c) if c else math.nan for c in cells]
-        if not any(map(style.is_number, cells)) and (any(cells) or name == str(k + 1)):
+        if not any(map(style.is_number, cells)) and (filled or name == str(k + 1)):
             columns.append(None)
             continue
         for cell, number, line in zip(cells, numbers, lines, strict=True):
             if number is None:
                 shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
-                raise BadRecord(f"{path}, row {line}, column {name!r}: {shown!r} is no number")
+                why = f"; {_DOTS}" if style.has_point(cell) else ""
+                raise BadRecord(f"{path}, row {line}, column {name!r}: {shown!r} is no number{why}")
         columns.append(np.array(numbers, dtype=float))
     return columns

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,7 +50,8 @@ class Table:
 def read_table(path: Path) -> Table:
     """All columns of numbers of a CSV, MAT or Parquet file.
 
-    A unit in brackets after a name, as in ``time [ms]``, becomes the column's unit.
+    A word in brackets after a name, as in ``time [ms]``, is the column's unit, known or not; the
+    name is what stands before it, where no other column has that name.
 
     Raises
     ------
@@ -63,22 +65,19 @@ def read_table(path: Path) -> Table:
         raise BadRecord(f"{path}: there is no such file") from None
     except OSError as error:
         raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
-    columns, units = {}, dict(table.units)
+    columns, units = {}, {}
+    times = Counter(_name_and_unit(name)[0] for name in table.columns)
     for name, values in table.columns.items():
         bare, unit = _name_and_unit(name)
-        if bare in columns or (bare != name and bare in table.columns):
-            bare, unit = name, ""
-        columns[bare] = values
-        if unit:
-            units[bare] = unit
-    return Table(path, columns, units, table.lines)
+        own = bare if times[bare] == 1 else name
+        columns[own] = values
+        units[own] = unit or table.units.get(name, "")
+    return Table(path, columns, {n: u for n, u in units.items() if u}, table.lines)
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:
     found = _WITH_UNIT.fullmatch(name.strip())
-    if found and quantity_of(found[2]):
-        return found[1], found[2]
-    return name, ""
+    return (found[1], found[2].strip()) if found else (name, "")
 
 
 def _read_text(path: Path) -> Table:
@@ -171,7 +170,8 @@ def renamed(
             raise BadRecord(
                 f"--map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(known)}"
             )
-        name = theirs if theirs in columns else _name_and_unit(theirs)[0]
+        bare, unit = _name_and_unit(theirs)
+        name = bare if unit and table.units.get(bare) == unit else theirs
         if name not in columns:
             raise BadRecord(
                 f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"

@@ -14,9 +14,27 @@ from .bad_record import BadRecord
 
 UNITS = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
+    "length": {
+        "m": 1.0,
+        "cm": 1e-2,
+        "mm": 1e-3,
+        "um": 1e-6,
+        "nm": 1e-9,
+        "in": 0.0254,
+        "ft": 0.3048,
+    },
     "angle": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi},
-    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6},
+    "velocity": {
+        "m/s": 1.0,
+        "cm/s": 1e-2,
+        "mm/s": 1e-3,
+        "um/s": 1e-6,
+        "m/min": 1.0 / 60.0,
+        "mm/min": 1e-3 / 60.0,
+        "km/h": 1.0 / 3.6,
+        "in/s": 0.0254,
+        "ft/s": 0.3048,
+    },
     "angular velocity": {
         "rad/s": 1.0,
         "deg/s": math.pi / 180,
@@ -25,7 +43,7 @@ UNITS = {
     },
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "torque": {"N*m": 1.0, "mN*m": 1e-3},
-    "voltage": {"V": 1.0, "mV": 1e-3},
+    "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
     "current": {"A": 1.0, "mA": 1e-3},
     "temperature": {"degC": 1.0},
 }

@@ -35,8 +35,11 @@ def read(path, **options):
         ("x", "mm", 1e-3),
         ("x", "um", 1e-6),
         ("x", "2.5e-6*m", 2.5e-6),
+        ("x", "in", 0.0254),
+        ("x", "ft", 12 * 0.0254),
         ("u", "mV", 1e-3),
         ("u", "-1*V", -1.0),
+        ("u", "kV", 1e3),
         ("i", "mA", 1e-3),
         ("force", "kN", 1e3),
     ],
@@ -82,7 +85,7 @@ def test_the_current_alone_is_a_command_and_a_force_is_one(tmp_path):
 @pytest.mark.parametrize(
     ("units", "words"),
     [
-        ({"x": "inch"}, "expected one of m, cm, mm, um, nm, rad, deg, rev, or a number of them"),
+        ({"x": "inch"}, "expected one of m, cm, mm, um, nm, in, ft, rad, deg, rev, or a number"),
         ({"x": "V"}, "--unit x=V: expected one of m"),
         ({"x": "0*m"}, "--unit x=0[*]m: expected one of m"),
         ({"speed": "rpm"}, "columns are time, u, x"),
@@ -93,6 +96,48 @@ def test_the_current_alone_is_a_command_and_a_force_is_one(tmp_path):
 def test_units_that_make_no_sense_are_refused(tmp_path, units, words):
     with pytest.raises(BadRecord, match=words):
         read(write(tmp_path / "a.csv", MOTION), units=units)
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"),
+    [
+        ("m/min", 1 / 60),
+        ("mm/min", 1e-3 / 60),
+        ("km/h", 1000 / 3600),
+        ("in/s", 0.0254),
+        ("ft/s", 0.3048),
+    ],
+)
+def test_units_of_a_velocity_in_brackets_are_converted(tmp_path, unit, size):
+    velocity = 0.3 * np.cos(3 * TIME)
+    table = {"time": TIME, "u": MOTION["u"], "v": velocity / size}
+    record = read(write(tmp_path / "a.csv", table, f"time,u,v [{unit}]"))
+    np.testing.assert_allclose(record.signals["v"], velocity, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("x", "turns"),
+        ("x", "digits"),
+        ("x", "V"),
+        ("u", "%"),
+        ("i", "A_rms"),
+        ("force", "lbf"),
+        ("time", "ticks"),
+    ],
+)
+@pytest.mark.parametrize("brackets", ["{} [{}]", "{}({})", "{} ( {} )"])
+def test_a_unit_in_brackets_that_nobody_knows_has_to_be_said(tmp_path, column, unit, brackets):
+    given = MOTION | {"i": 0.5 * np.cos(TIME), "force": 2 * np.cos(3 * TIME)}
+    heads = {c: brackets.format(c, unit) if c == column else c for c in given}
+    path = write(tmp_path / "a.csv", given, ",".join(heads.values()))
+    for mapping in ({}, {heads[column]: column}, {column: column}):
+        with pytest.raises(BadRecord, match=f"{column} is in '{unit}'; say --unit {column}= with"):
+            read(path, mapping=mapping)
+    base = {"x": "m", "u": "V", "i": "A", "force": "N", "time": "s"}[column]
+    record = read(path, units={column: f"2*{base}"})
+    np.testing.assert_allclose(record.signals[column], 2 * given[column], atol=1e-9)
 
 
 def test_a_unit_of_the_file_that_nobody_knows_has_to_be_said(tmp_path):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import scipy.io
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.table import read_table
+from ballscrew.records.table import read_table, renamed
 
 ROWS = np.array([[0.0, -1.5, 0.25], [0.001, 2.25, 0.5], [0.002, 3e-4, -0.75], [0.003, 7.0, 1.0]])
 # As a motor controller exports a recording: lines about itself, then names, then units.
@@ -89,6 +93,59 @@ def test_units_stand_in_brackets_after_names_or_below_them(tmp_path):
     beside = read_table(write(tmp_path, "t [ms];u (V);x [mm]\n" + body(";")))
     assert below.units == beside.units == {"t": "ms", "u": "V", "x": "mm"}
     assert list(below.columns) == list(beside.columns) == ["t", "u", "x"]
+
+
+def test_columns_that_differ_by_their_brackets_alone_keep_them_and_their_units(tmp_path):
+    table = read_table(write(tmp_path, "t [s];x [mm];x [in]\n" + body(";")))
+    assert table.units == {"t": "s", "x [mm]": "mm", "x [in]": "in"}
+    needed = [("x",)]
+    mapped = renamed(table, {"x [in]": "x"}, ["x"], needed, "")
+    np.testing.assert_array_equal(mapped.columns["x"], ROWS[:, 2])
+    assert mapped.units == {"x": "in"}
+    for mapping in ({}, {"x [um]": "x"}):
+        with pytest.raises(BadRecord, match=r"no column .*there are t, x \[mm\], x \[in\]"):
+            renamed(table, mapping, ["x"], needed, "")
+
+
+def test_a_mapped_name_with_another_unit_than_the_files_is_no_column_of_it(tmp_path):
+    table = read_table(write(tmp_path, "t [s];u [V];x [mm]\n" + body(";")))
+    assert renamed(table, {"x [mm]": "x"}, ["x"], [("x",)], "").units == {"x": "mm"}
+    with pytest.raises(BadRecord, match=r"there is no column 'x \[um\]'"):
+        renamed(table, {"x [um]": "x"}, ["x"], [("x",)], "")
+
+
+def german(value, places):
+    """A number with a decimal comma, and a dot between each three digits before it."""
+    text = f"{value:,.{places}f}"
+    return text.replace(",", "_").replace(".", ",").replace("_", ".")
+
+
+@given(
+    values=st.lists(st.floats(-1e7, 1e7), min_size=6, max_size=30),
+    places=st.integers(0, 4),
+)
+def test_dots_among_decimal_commas_are_of_thousands_or_refused(tmp_path_factory, values, places):
+    texts = [german(v, places) for v in values]
+    rows = [f"{k},5;{t}" for k, t in enumerate(texts)]
+    path = write(tmp_path_factory.mktemp("dots"), "\n".join(["t;x", *rows]))
+    if places == 0 and all(t.count(".") == 1 for t in texts):
+        with pytest.raises(BadRecord, match=f"column 'x': '{texts[0]}' has a dot; the file has"):
+            read_table(path)
+        return
+    found = read_table(path).columns["x"]
+    np.testing.assert_array_equal(found, [float(f"{v:.{places}f}") for v in values])
+
+
+@pytest.mark.parametrize("cell", ["0.5", "19.88", "1234.567", "-.250", "1.5e-3", "0.001", "1.2345"])
+def test_a_decimal_point_among_decimal_commas_is_refused_with_its_line(tmp_path, cell):
+    rows = [f"0,{k:02d};{k}" for k in range(20)]
+    path = write(tmp_path, "\n".join(["t;x", *rows[:12], f"0,12;{cell}", *rows[13:]]))
+    words = f"row 14, column 'x': '{cell}' is no number; the file has decimal commas"
+    with pytest.raises(BadRecord, match=re.escape(words)):
+        read_table(path)
+    path = write(tmp_path, "\n".join(["t;x", *(f"0,{k:02d};{cell}" for k in range(20))]))
+    with pytest.raises(BadRecord, match=re.escape(f"column 'x': '{cell}' has a dot")):
+        read_table(path)
 
 
 def test_columns_of_words_are_left_out_and_empty_cells_are_no_numbers(tmp_path):
