@@ -65,10 +65,10 @@ def move(
     peak = math.copysign(jerk, distance)
     there = [(peak, ramp), (0.0, flat), (-peak, ramp), (0.0, cruise)]
     there += [(-peak, ramp), (0.0, flat), (peak, ramp)]
-    again = [(0.0, dwell), *((-j, length) for j, length in there)] if back else []
-    phases = [(0.0, start), *there, *again, (0.0, dwell)]
-    least = 1e-12 * sum(length for _, length in phases)  # shorter ones are round-off
-    return _of_jerks([(j, length) for j, length in phases if length > least])
+    again = [(-j, length) for j, length in there]
+    legs = [([(0.0, start)], 0.0), (there, distance), ([(0.0, dwell)], distance)]
+    legs += [(again, 0.0), ([(0.0, dwell)], 0.0)] if back else []
+    return _of_jerks(legs)
 
 
 def move_times(
@@ -92,20 +92,24 @@ def move_times(
     return ramp, max(0.0, flat), 0.0
 
 
-def _of_jerks(phases: list[tuple[float, float]]) -> Reference:
-    """The motion from rest with a constant jerk [m/s^3] in each phase, its length in [s]."""
+def _of_jerks(legs: list[tuple[list[tuple[float, float]], float]]) -> Reference:
+    """The motion from rest to rest over each leg: phases of constant jerk [m/s^3] and their lengths
+    [s], and the position where they end [m], which is told since round-off would leave it creeping.
+    """
     rows, state, now = [np.zeros((1, 4))], np.zeros(3), 0.0
-    for jerk, length in phases:
-        curved = bool(jerk or state[2])
-        t = np.linspace(0.0, length, (_points(length) if curved else 1) + 1)[1:]
-        x, v, a = state
-        acceleration = a + jerk * t
-        velocity = v + a * t + jerk * t**2 / 2
-        position = x + v * t + a * t**2 / 2 + jerk * t**3 / 6
-        rows.append(np.column_stack([now + t, position, velocity, acceleration]))
-        state, now = rows[-1][-1, 1:], now + length
-        # round-off of phases that cancel is no creep at rest
-        state[np.abs(state) < 1e-12 * np.abs(rows[-1][:, 1:]).max(axis=0, initial=1e-30)] = 0.0
+    for phases, end in legs:
+        for jerk, length in phases:
+            if not length > 0:
+                continue
+            curved = bool(jerk or state[2])
+            t = np.linspace(0.0, length, (_points(length) if curved else 1) + 1)[1:]
+            x, v, a = state
+            acceleration = a + jerk * t
+            velocity = v + a * t + jerk * t**2 / 2
+            position = x + v * t + a * t**2 / 2 + jerk * t**3 / 6
+            rows.append(np.column_stack([now + t, position, velocity, acceleration]))
+            state, now = rows[-1][-1, 1:], now + length
+        state[:] = end, 0.0, 0.0
     return Reference(*np.concatenate(rows).T)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 
@@ -37,6 +37,27 @@ def test_a_move_keeps_its_limits_and_arrives_at_rest(distance, speed, accelerati
     assert motion.values[-1] == pytest.approx(distance, rel=1e-9)
     assert np.all(np.diff(motion.values) >= -1e-12 * distance)
     assert abs(motion.derivative(1)[-1]) <= 1e-9 * speed
+
+
+def decades(least: float, most: float) -> st.SearchStrategy[float]:
+    return st.floats(least, most).map(lambda exponent: 10.0**exponent)
+
+
+@settings(max_examples=150, deadline=None)
+@given(decades(-6, 0), decades(-3, 1), decades(-3, 3), decades(0, 14), st.sampled_from([1, -1]))
+@example(0.08, 0.1, 1.0, 1e12, 1)
+def test_every_move_arrives_and_comes_back(size, speed, acceleration, jerk, sign):
+    """However short its phases are beside its length."""
+    assume(sum(move_times(size, speed, acceleration, jerk)) < 20)
+    distance = sign * size
+    motion = move(distance, speed, acceleration, jerk)
+    dwells = np.flatnonzero((np.diff(motion.times) > 0.4) & (motion.derivative(1)[1:] == 0))
+    assert motion.values[dwells[0]] == pytest.approx(distance, rel=1e-12)
+    assert motion.values[dwells[1]] == pytest.approx(0.0, abs=1e-12 * size)
+    ends = motion.times[dwells + 1]
+    for order, limit in ((1, speed), (2, acceleration)):
+        assert np.abs(motion.derivative(order)).max() <= limit * (1 + 1e-9)
+        assert (motion.on(ends, order) == 0).all()
 
 
 @settings(max_examples=40, deadline=None)
