@@ -21,6 +21,7 @@ from ..solver.component_file import loaded_component, names_file
 from ..solver.kernel import Kernel
 from ..solver.stored import fingerprint, stored_kernel
 from .carried_runtime import carried_runtime
+from .made_here import keep, kept
 
 if TYPE_CHECKING:
     from ..solver.component import Component
@@ -167,12 +168,13 @@ def _stored_fmu(kernel: Kernel) -> Path:
     """Path of a kernel's FMU, kept under a hash of all that goes into it."""
     package, _ = carried_runtime()
     content = kernel.to_json() + package + fingerprint(_EXPORT)
-    path = kernel_cache.folder() / "fmus" / f"{kernel_cache.hashed_name(kernel.name, content)}.fmu"
-    if not path.is_file():
-        from .export import export_kernel
+    stem = kernel_cache.hashed_name(kernel.name, content)
+    path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
+    if kept(path):
+        return path
+    from .export import export_kernel
 
-        export_kernel(kernel, path)
-    return path
+    return keep(path, lambda: export_kernel(kernel, path))
 
 
 def variational_kernel(part: str | Component, tangents: int) -> Kernel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections.abc import Mapping
@@ -45,16 +46,12 @@ def reference_files(kernel: Kernel) -> dict[str, str]:
         If the solution leaves every bound.
     """
     digest = hashlib.sha256((kernel.to_json() + Path(__file__).read_text()).encode()).hexdigest()
-    path = kernel_cache.folder() / "references" / f"{kernel.name}-{digest[:16]}.json"
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError):
-        pass  # missing, or half a file from a full disk
+    path = kernel_cache.entry(kernel_cache.REFERENCES, f"{kernel.name}-{digest[:16]}.json")
+    if (kept := kernel_cache.read(path)) is not None:
+        return dict(json.loads(kept))
     files = _computed(kernel)
-    try:
-        write_atomically(path, json.dumps(files).encode())
-    except OSError:
-        return files  # a read-only home costs time, not results
+    with contextlib.suppress(OSError):  # a full disk costs time, not results
+        kernel_cache.write(path, json.dumps(files).encode())
     return files
 
 

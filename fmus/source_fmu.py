@@ -9,7 +9,6 @@ from typing import Any
 
 from ..solver import kernel_cache
 from ..solver.compilers import CompilerFailed, compiled_in, compiler_for, own_platform
-from ..solver.files import write_atomically
 
 _STANDARDS = {
     "C89": "gnu90",
@@ -67,9 +66,9 @@ def _library(folder: Path, name: str, arguments: list[str], compiler: list[str])
     for file in sorted(p for p in (folder / "sources").rglob("*") if p.is_file()):
         digest.update(str(file.relative_to(folder)).encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
-    made = kernel_cache.folder() / "fmus" / "compiled" / digest.hexdigest()
-    if not made.is_file():
-        write_atomically(made, compiled_in(folder, name, arguments, "compiled"))
+    made = kernel_cache.entry(kernel_cache.COMPILED, digest.hexdigest())
+    if not kernel_cache.is_whole(made):
+        kernel_cache.write(made, compiled_in(folder, name, arguments, "compiled"))
     return made
 
 

@@ -11,7 +11,6 @@ from importlib import resources
 from . import kernel_cache
 from .compilers import CompilerFailed, compiled, compiler_for, own_platform
 from .core import FUNCTIONS
-from .files import write_atomically
 from .tape import functions
 from .translation import in_c
 
@@ -39,7 +38,7 @@ def compile_equations(module: str, source: str, states: int) -> bool:
     states : int
     """
     path, platform = kernel_cache.compiled_path(module), own_platform()
-    if path.is_file():
+    if kernel_cache.is_whole(path):
         return True
     if not platform or not compiler_for(platform):
         return False
@@ -51,7 +50,7 @@ def compile_equations(module: str, source: str, states: int) -> bool:
     text = "\n".join(['#include "system.h"\n', *parts, _TAIL % filled])
     try:
         data = compiled(platform, {"system.h": head, "equations.c": text}, "equations.c", module)
-        write_atomically(path, data)
+        kernel_cache.write(path, data)
     except (CompilerFailed, OSError):
         return False  # slower, with the same numbers
     return True

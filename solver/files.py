@@ -24,6 +24,8 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
     try:
         with os.fdopen(handle, "wb") as stream:
             stream.writelines([data] if isinstance(data, bytes) else data)
+            stream.flush()
+            os.fsync(stream.fileno())  # else a power cut may leave the new name without content
         os.chmod(name, 0o666 & ~_UMASK)
         os.replace(name, path)
     except BaseException:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import core
-from .kernel_cache import compiled_path
+from .kernel_cache import compiled_path, is_whole
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -150,7 +150,7 @@ class Kernel:
     def _compiled(self) -> str:
         """File of the compiled equations; empty where there is none."""
         path = compiled_path(self.module)
-        return str(path) if path.is_file() else ""
+        return str(path) if is_whole(path) else ""
 
 
 @dataclass(frozen=True)

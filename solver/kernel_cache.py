@@ -1,4 +1,8 @@
-"""A per-user folder for what need not be made twice."""
+"""A per-user folder for what need not be made twice.
+
+Code is loaded from it, so that it is used only where nobody but its user, and root, can write. What
+is kept has a digest beside it: what is damaged counts as missing, and is made anew.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +10,30 @@ import atexit
 import hashlib
 import os
 import shutil
+import stat
 import sys
 import tempfile
 from functools import cache
 from pathlib import Path
 
+from .files import write_atomically
+
+COMPONENTS, EQUATIONS, REFERENCES = "components", "equations", "references"
+FMUS, MADE, COMPILED = "fmus", "fmus/made", "fmus/compiled"
+_FOLDERS = (COMPONENTS, EQUATIONS, REFERENCES, FMUS, MADE, COMPILED)
+_DIGEST = ".sha256"
+_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+_UNREADABLE = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # links, pipes
+
 
 def folder() -> Path:
-    """The cache folder: the user's, or this process' own where that cannot be written."""
-    return usual_folder() or _private_folder()
+    """The cache folder: the user's, or this process' own where that cannot be used."""
+    place, fault = usual_folder()
+    return _private_folder() if fault else place
 
 
-def usual_folder() -> Path | None:
-    """The per-user cache folder; None where it cannot be written.
+def usual_folder() -> tuple[Path, str]:
+    """The per-user cache folder, and why it cannot be used; empty where it can.
 
     ``BALLSCREW_CACHE`` overrides the platform's place.
     """
@@ -33,13 +48,121 @@ def usual_folder() -> Path | None:
         else:
             place = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ballscrew"
     except RuntimeError:  # a user without a home
-        return None
-    return place if can_be_written(place) else None
+        return Path(), "no cache folder can be written"
+    place = Path(os.path.realpath(place))  # a link may lead elsewhere the next moment
+    return place, _fault(place)
+
+
+@cache
+def _fault(place: Path) -> str:
+    """Why a folder cannot be used; it is made if it can."""
+    if not can_be_written(place):
+        return "no cache folder can be written"
+    for own in (place, *(Path(os.path.realpath(place / name)) for name in _FOLDERS)):
+        for above in (own, *own.parents):
+            if who := _who_else_writes(above, above != own):
+                return f"the cache folder is not used: {who}"
+    return ""
+
+
+def _who_else_writes(place: Path, sticky: bool = False) -> str:
+    """Who else can write a file or folder, in words; empty where nobody can, or nothing is there.
+
+    In a `sticky` folder, as ``/tmp``, others write, but cannot take the place of what is there.
+    """
+    if sys.platform == "win32":  # a user's profile is closed to others
+        return ""
+    try:
+        found = place.lstat()
+    except OSError:
+        return ""
+    if found.st_uid not in (0, os.geteuid()):
+        return f"{place} belongs to another user"
+    if stat.S_ISLNK(found.st_mode) or not found.st_mode & _OTHERS:
+        return ""
+    if sticky and found.st_mode & stat.S_ISVTX:
+        return ""
+    return f"other users can write {place}"
+
+
+def entry(kind: str, name: str) -> Path:
+    """Where something is kept: a kind of `COMPONENTS` and the like, and a name."""
+    return folder() / kind / name
+
+
+def read(path: Path) -> bytes | None:
+    """What an entry holds; None if it is not there, not as it was written, or not the user's."""
+    data, digest = _content(path), _content(_digest_of(path))
+    return data if digest is not None and digest == _digest(data) else None
+
+
+def is_whole(path: Path) -> bool:
+    """Whether an entry is there, and as it was written."""
+    return read(path) is not None
+
+
+def write(path: Path, data: bytes) -> None:
+    """Keep an entry, in place of whatever is there.
+
+    Raises
+    ------
+    OSError
+    """
+    make_way(path)
+    write_atomically(path, data)
+    seal(path, data)
+
+
+def seal(path: Path, data: bytes | None = None) -> None:
+    """Write the digest of an entry that was written elsewhere; raises OSError."""
+    path.chmod(stat.S_IRUSR | stat.S_IWUSR)
+    beside = _digest_of(path)
+    make_way(beside)
+    write_atomically(beside, _digest(path.read_bytes() if data is None else data))
+    beside.chmod(stat.S_IRUSR | stat.S_IWUSR)
+
+
+def make_way(path: Path) -> None:
+    """Make an entry's folder, and remove what no file can take the place of; raises OSError."""
+    for place in (path.parent.parent, path.parent):
+        if os.path.lexists(place) and not place.is_dir():
+            place.unlink()
+        _make(place)
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+
+
+def _make(place: Path) -> None:
+    """Make a folder and those above it that only this user can open, whatever the umask."""
+    for missing in reversed([p for p in (place, *place.parents) if not p.exists()]):
+        missing.mkdir(exist_ok=True)
+        missing.chmod(stat.S_IRWXU)
+
+
+def _digest_of(path: Path) -> Path:
+    return path.with_name(path.name + _DIGEST)
+
+
+def _digest(data: bytes | None) -> bytes:
+    return b"" if data is None else hashlib.sha256(data).hexdigest().encode()
+
+
+def _content(path: Path) -> bytes | None:
+    """What a file holds that nobody else can write."""
+    try:
+        with open(os.open(path, os.O_RDONLY | _UNREADABLE), "rb") as stream:
+            if who := _who_else_writes(path):
+                print(f"note: an entry of the cache is made anew: {who}", file=sys.stderr)
+            elif stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+                return stream.read()
+    except OSError:
+        pass
+    return None
 
 
 def compiled_path(module: str) -> Path:
     """Where the compiled equations of a module are, if they are anywhere."""
-    return folder() / "equations" / f"{module}_{_way_of_compiling()}.so"
+    return entry(EQUATIONS, f"{module}_{_way_of_compiling()}.so")
 
 
 @cache
@@ -58,7 +181,7 @@ def hashed_name(stem: str, text: str) -> str:
 def can_be_written(place: Path) -> bool:
     """Whether a folder is there, or can be made, and takes files."""
     try:
-        place.mkdir(parents=True, exist_ok=True)
+        _make(place)
     except OSError:
         return False
     return os.access(place, os.W_OK | os.X_OK)

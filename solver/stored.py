@@ -6,6 +6,7 @@ component, and all modules of this package that those import.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import re
 from collections.abc import Callable, Iterator
@@ -15,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import kernel_cache
-from .files import write_atomically
 from .kernel import Kernel
 
 if TYPE_CHECKING:
@@ -84,16 +84,12 @@ def stored_kernel(name: str, make: Callable[[], Component], *modules: str) -> Ke
     *modules : str
         Modules of this package that the component's equations come from.
     """
-    path = kernel_cache.folder() / "components" / f"{name}-{fingerprint(*modules)}.json"
-    try:
-        return Kernel.from_json(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, TypeError, KeyError):
-        pass  # missing, or half a file from a full disk: make it
+    path = kernel_cache.entry(kernel_cache.COMPONENTS, f"{name}-{fingerprint(*modules)}.json")
+    if (kept := kernel_cache.read(path)) is not None:
+        return Kernel.from_json(kept.decode())
     from .codegen import generate
 
     kernel = generate(make())
-    try:
-        write_atomically(path, kernel.to_json().encode())
-    except OSError:
-        return kernel  # a read-only home costs time, not results
+    with contextlib.suppress(OSError):  # a full disk costs time, not results
+        kernel_cache.write(path, kernel.to_json().encode())
     return kernel

@@ -24,11 +24,11 @@ def ready() -> None:
     os.environ.setdefault("SYMPY_CACHE_SIZE", "20000")
     if not os.environ.get("MPLCONFIGDIR") and not _matplotlib_has_folders():
         _name("MPLCONFIGDIR", kernel_cache.folder() / "matplotlib")
-    if kernel_cache.usual_folder() is None:
+    if fault := kernel_cache.usual_folder()[1]:
         _name("BALLSCREW_CACHE", kernel_cache.folder())
         print(
-            "note: no cache folder can be written, so that equations are derived anew every time; "
-            "set BALLSCREW_CACHE to a folder that you can write",
+            f"note: {fault}; equations are derived anew every time; "
+            "set BALLSCREW_CACHE to a folder that only you can write",
             file=sys.stderr,
         )
 

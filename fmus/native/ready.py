@@ -13,6 +13,7 @@ from ...solver import kernel_cache
 from ...solver.compilers import CompilerFailed, compiler_for, own_platform
 from ...solver.stored import fingerprint
 from ..catalogue import fmu, fmu_kernel, variational_fmu, variational_kernel
+from ..made_here import keep, kept
 from .export import write_native
 from .sources import catalogued_model, variational_model
 
@@ -54,14 +55,14 @@ def _native(name: str, tangents: int) -> Path:
     kernel = variational_kernel(name, tangents) if tangents else fmu_kernel(name)
     content = kernel.to_json() + _way_of_making()
     stem = kernel_cache.hashed_name(f"{kernel.name}_native", content)
-    path = kernel_cache.folder() / "fmus" / f"{stem}.fmu"
-    if path.is_file():
+    path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
+    if kept(path):
         return path
     platform = own_platform()
     if not platform or not compiler_for(platform):
         raise CompilerFailed("there is no C compiler")
     model = variational_model(name, tangents) if tangents else catalogued_model(name)
-    return write_native(model, path, 2, [platform]).path
+    return keep(path, lambda: write_native(model, path, 2, [platform]))
 
 
 @cache

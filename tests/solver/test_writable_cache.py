@@ -43,7 +43,7 @@ def place():
     (folder / "work").mkdir()
     (folder / "work").chmod(0o777)
     (folder / "temporary").mkdir()
-    (folder / "temporary").chmod(0o777)
+    (folder / "temporary").chmod(0o1777)  # as /tmp is: nobody replaces what is another's
     yield folder
     shutil.rmtree(folder)
 
