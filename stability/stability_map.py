@@ -8,7 +8,6 @@ verdict there is undecided.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,8 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..orchestration.kept_parts import KeptParts
 from ..orchestration.run_folder import write_run
-from ..solver.files import write_atomically, write_json
+from ..solver.files import write_json
 from ..solver.tables import table_path
 from .attractor import Kind
 from .borders import border_cells, refined_borders
@@ -68,8 +68,8 @@ def make_map(
     OSError
         If the results cannot be written.
     """
-    parts = folder / PARTS
-    finished = claim_folder(study, folder, resume)
+    parts = KeptParts(folder / PARTS, study.fingerprint())
+    finished = claim_folder(study, folder, parts, resume)
     if study.fmus is None:
         kernel_of(study).compile()  # thousands of runs are worth half a second
     new = finished is None
@@ -77,14 +77,14 @@ def make_map(
         finished = _complete(study, parts, workers, progress)
     borders = None
     if refine and (new or not (folder / BORDERS).is_file()):
-        table = table_path(parts if new else folder, TABLE)
+        table = table_path(parts.folder if new else folder, TABLE)
         verdicts = np.array(verdict_codes(verdicts_in(table)), dtype=np.int8)
         borders, found = refined_borders(study, verdicts, workers, progress)
         finished = replace(finished, borders=found)
 
     def write(stage: Path) -> None:
         if new:
-            table = table_path(parts, TABLE)
+            table = table_path(parts.folder, TABLE)
             table.replace(stage / table.name)
             if beside:
                 beside(stage)
@@ -95,21 +95,18 @@ def make_map(
     notes: list[str] = []
     if new or borders is not None:
         notes = write_run(folder, write, adds=not new)
-    if parts.is_dir():
-        for part in parts.iterdir():
-            part.unlink()
-        parts.rmdir()
+    parts.discard()
     return replace(finished, notes=tuple(notes))
 
 
 def _complete(
-    study: MapStudy, parts: Path, workers: Workers, progress: Progress | None
+    study: MapStudy, parts: KeptParts, workers: Workers, progress: Progress | None
 ) -> MapSummary:
     """Compute what is missing, then make one table of all, among the parts."""
     plain = chunks_of(study.cells, "c", [range(study.cells)])
     _compute(study, parts, plain, 1.0, workers, progress)
     verdicts = np.array(
-        [k for name in plain for k in verdict_codes(load(parts / name)["verdict"])],
+        [k for name in plain for k in verdict_codes(load(parts, name)["verdict"])],
         dtype=np.int8,
     )
     border = border_cells(verdicts.reshape(study.y.count, study.x.count))
@@ -120,7 +117,7 @@ def _complete(
     _compute(study, parts, again, study.finer, workers, progress)
     checked: dict[int, int] = {}
     for name in again:
-        columns = load(parts / name)
+        columns = load(parts, name)
         codes = verdict_codes(columns["verdict"])
         checked |= dict(zip(columns["cell"], codes, strict=True))
     changed = {cell for cell, code in checked.items() if code != verdicts[cell]}
@@ -142,18 +139,20 @@ def _complete(
 
 def _compute(
     study: MapStudy,
-    parts: Path,
+    parts: KeptParts,
     chunks: Mapping[str, Sequence[int]],
     share: float,
     workers: Workers,
     progress: Progress | None,
 ) -> None:
-    missing = {name: cells for name, cells in chunks.items() if not is_whole(parts / name, cells)}
+    missing = {name: cells for name, cells in chunks.items() if not is_whole(parts, name, cells)}
     total = sum(map(len, chunks.values()))
     done = total - sum(map(len, missing.values()))
+    if progress and done:
+        progress(done, total)
     tasks = ((name, (study, cells, share)) for name, cells in missing.items())
     for name, columns in workers.map(run_chunk, tasks):
-        write_atomically(parts / name, json.dumps(columns).encode())
+        parts.write(name, columns)
         done += len(columns["cell"])
         if progress:
             progress(done, total)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ..solver.files import write_json
+from ..orchestration.kept_parts import KeptParts
 from ..solver.tables import BadTable, NoPyarrow, read_table, write_table
 from .attractor import Kind
 from .study import BadMap, MapStudy
@@ -79,34 +79,26 @@ SUMMARY = (
 )
 
 
-def claim_folder(study: MapStudy, folder: Path, resume: bool) -> MapSummary | None:
+def claim_folder(
+    study: MapStudy, folder: Path, parts: KeptParts, resume: bool
+) -> MapSummary | None:
     """Take the folder for this map; what it says of itself where it is finished already."""
-    own = study.fingerprint()
-    finished = None
-    for place in (folder / "map.json", folder / PARTS / "study.json"):
-        if not place.is_file():
-            continue
-        try:
-            found = json.loads(place.read_text(encoding="utf-8"))
-            same = found["fingerprint"] == own
-        except (ValueError, TypeError, KeyError):
-            same = False
-        if not same:
-            raise BadMap(f"{folder} holds another map; choose another folder, or remove it")
-        if not resume:
-            raise BadMap(f"{folder} holds this map already; add --resume to go on with it")
-        if "verdicts" in found:
-            finished = found
-    if finished is not None:
-        try:
-            return MapSummary(study, *(finished[name] for name in SUMMARY))
-        except KeyError as error:
-            raise BadMap(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
-    if resume and not (folder / PARTS).is_dir():
-        raise BadMap(f"{folder} holds no map to go on with; leave out --resume to begin one")
-    (folder / PARTS).mkdir(parents=True, exist_ok=True)
-    write_json(folder / PARTS / "study.json", {"fingerprint": own})
-    return None
+    if not (folder / "map.json").is_file():
+        parts.claim("map", resume, BadMap)
+        return None
+    try:
+        found = json.loads((folder / "map.json").read_text(encoding="utf-8"))
+        same = found["fingerprint"] == parts.digest
+    except (ValueError, TypeError, KeyError):
+        same = False
+    if not same:
+        raise BadMap(f"{folder} holds another map; choose another folder, or remove it")
+    if not resume:
+        raise BadMap(f"{folder} holds this map already; add --resume to go on with it")
+    try:
+        return MapSummary(study, *(found[name] for name in SUMMARY))
+    except KeyError as error:
+        raise BadMap(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
 
 
 def chunks_of(cells: int, head: str, groups: Sequence[Sequence[int]]) -> dict[str, Sequence[int]]:
@@ -119,18 +111,18 @@ def chunks_of(cells: int, head: str, groups: Sequence[Sequence[int]]) -> dict[st
     return named
 
 
-def is_whole(part: Path, cells: Sequence[int]) -> bool:
-    """Whether a chunk is there and holds its cells; a disk may have lost the end of it."""
-    try:
-        return bool(load(part)["cell"] == list(cells))
-    except (OSError, ValueError):
-        return False
+def is_whole(parts: KeptParts, name: str, cells: Sequence[int]) -> bool:
+    """Whether a chunk is there and holds its cells."""
+    columns = parts.read(name)
+    return columns is not None and bool(columns["cell"] == list(cells))
 
 
-def load(part: Path) -> Columns:
-    """The columns of a chunk."""
-    found: Columns = json.loads(part.read_text(encoding="utf-8"))
-    return found
+def load(parts: KeptParts, name: str) -> Columns:
+    """The columns of a chunk that is done."""
+    columns: Columns | None = parts.read(name)
+    if columns is None:
+        raise BadMap(f"{parts.folder / name} is gone: another command finished this map meanwhile")
+    return columns
 
 
 def verdicts_in(table: Path) -> list[str]:
@@ -143,7 +135,7 @@ def verdicts_in(table: Path) -> list[str]:
 
 
 def merge_chunks(
-    parts: Path,
+    parts: KeptParts,
     names: list[str],
     checked: Mapping[int, int],
     changed: set[int],
@@ -152,7 +144,7 @@ def merge_chunks(
 
     def pieces() -> Iterator[Columns]:
         for name in names:
-            columns = load(parts / name)
+            columns = load(parts, name)
             cells = columns.pop("cell")
             columns["verdict"] = [
                 Kind.UNDECIDED.value if cell in changed else verdict
@@ -161,4 +153,4 @@ def merge_chunks(
             columns["checked"] = [cell in checked for cell in cells]
             yield columns
 
-    write_table(parts, TABLE, pieces())
+    write_table(parts.folder, TABLE, pieces())

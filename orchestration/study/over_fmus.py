@@ -22,6 +22,8 @@ ALLOWED = 10.0  # times what units in the last place, or a tenth of the toleranc
 TRUSTED = "trusted"  # of the master's verdicts, that on a coupling that converged
 ROUND_OFF = 1e-13  # m, of positions in the size of a metre
 SECOND_ORDER = 4 / 3  # of what half the step changes, is the error of a step
+COMPARED = ("rms_error", "peak_error", "failed")
+"""Figures of a run that the table has; two runs' errors differ by no more than their positions."""
 TOLERANCES = 40  # with which a run that seems to differ is done again
 
 
@@ -40,6 +42,8 @@ class FmuCheck:
         the controller is not sampled, at least the master's own estimate of its coupling error, and
         what the grid of the study's run takes from the set-point, by a run with half its step.
     agrees : bool
+        Whether the position over FMUs is that near, and the figures of the table are those of the
+        study's run and of that over FMUs.
     coupling : str
         What the master says of its coupling: ``trusted`` or ``not converged``; empty where the
         study's own run failed, and none was made over FMUs.
@@ -60,6 +64,7 @@ def check_over_fmus(
     values: Mapping[str, float],
     duty: Duty,
     tolerance: float,
+    table: Mapping[str, float],
 ) -> FmuCheck:
     """Run one loop over FMUs and compare.
 
@@ -73,11 +78,13 @@ def check_over_fmus(
     duty : Duty
     tolerance : float
         Of the study's run.
+    table : mapping of str to float
+        What the study says of this run, figures of `COMPARED`.
     """
     reference = duty.signal()
     own = loop.run(values, reference, duty.stop, tolerance)
-    if own.stopped:
-        return FmuCheck(math.nan, math.nan, True)  # a failed run is reported as such already
+    if own.stopped:  # a failed run is reported as such already
+        return FmuCheck(math.nan, math.nan, bool(table["failed"]))
 
     def moved(others: Iterable[tuple[Mapping[str, float], float]]) -> float:
         runs = (loop.run(v, reference, duty.stop, t) for v, t in others)
@@ -100,7 +107,8 @@ def check_over_fmus(
         isolate=False,
     )
     run = run_study(study).run
-    apart = float(np.abs(np.interp(own.time, run.time, run.outputs["x"]) - own.position).max())
+    position = np.interp(own.time, run.time, run.outputs["x"])
+    apart = float(np.abs(position - own.position).max())
     if apart > ALLOWED * uncertain:  # or were they all lucky?
         between = np.geomspace(finest, tolerance, TOLERANCES)
         uncertain = max(uncertain, moved((values, float(t)) for t in between))
@@ -110,7 +118,11 @@ def check_over_fmus(
         own_error = SECOND_ORDER * float(np.abs(halved - own.position).max())
         allowed = max(allowed, float(run.verdict.error_estimate["x"]) + own_error)
     verdict = run.verdict
-    return FmuCheck(apart, allowed, apart <= allowed, verdict.word, verdict.reason)
+    error = own.reference - position
+    found = {"rms_error": np.sqrt(np.mean(error**2)), "peak_error": np.abs(error).max()}
+    off = max(abs(table[name] - figure) for name, figure in found.items())
+    agrees = apart <= allowed and bool(off <= allowed)  # NaN is not
+    return FmuCheck(apart, allowed, agrees, verdict.word, verdict.reason)
 
 
 def _nearest(loop: StudyLoop, values: Mapping[str, float]) -> Iterator[dict[str, float]]:

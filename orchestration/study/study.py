@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...solver.files import write_atomically, write_json
 from ...solver.kernel import CONTROLLER, PLANT
+from ..kept_parts import KeptParts
 from ..whole_loop import loop_kernel
 from ..workers import Processes
 from .figures import NAMES, Figures, figures_of
 from .loop import StudyLoop
-from .over_fmus import SHARE, FmuCheck, check_over_fmus
+from .over_fmus import COMPARED, SHARE, FmuCheck, check_over_fmus
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
 from .result import JUDGED_BY, SMALLEST, Array, Run, StudyResult, concluded
@@ -62,10 +60,11 @@ def do_study(
         If a part or a parameter does not exist, or the folder holds another study.
     """
     loops = loops_of(plan)
-    parts = _claim(plan, loops, folder / PARTS, resume)
-    tunings, figures = tuned_and_judged(plan, loops, parts, workers, progress)
+    parts = _parts(plan, loops, folder / PARTS)
+    parts.claim("study", resume, BadPlan)
+    tunings, figures = tuned_and_judged(plan, loops, parts.folder, workers, progress)
     runs = runs_again(plan)
-    again = _checks(plan, loops, tunings, runs)
+    again = _checks(plan, loops, tunings, figures, runs)
     here = workers if isinstance(workers, Processes) else Processes(1)  # the FMUs are files
     checked = _computed(parts, again, _checked, here, "over FMUs", progress)
     checks = {run: FmuCheck(**checked[name]) for run, name in zip(runs, again, strict=True)}
@@ -83,14 +82,15 @@ def loops_of(plan: Plan) -> dict[str, StudyLoop]:
 def tuned_and_judged(
     plan: Plan,
     loops: Mapping[str, StudyLoop],
-    parts: Path,
+    folder: Path,
     workers: Workers,
     progress: Progress | None = None,
 ) -> tuple[dict[str, list[Tuned]], dict[str, Array]]:
     """Tunings of each controller, and figures by name, (controllers, seeds, duties, plants).
 
-    Each task's result is kept in the folder `parts`; what is there is not done again.
+    Each task's result is kept in the folder; what is there is not done again.
     """
+    parts = _parts(plan, loops, folder)
     jobs = {
         f"tune-{k}-{seed}.json": (plan, e, loops[e.name], seed)
         for k, e in enumerate(plan.entrants)
@@ -132,6 +132,7 @@ def _checks(
     plan: Plan,
     loops: Mapping[str, StudyLoop],
     tunings: Mapping[str, list[Tuned]],
+    figures: Mapping[str, Array],
     runs: list[Run],
 ) -> dict[str, tuple[Any, ...]]:
     """Runs as tasks over FMUs."""
@@ -142,6 +143,7 @@ def _checks(
     plant = str(fmu(plan.plant))
     names = sorted({run.controller for run in runs})
     controllers = {n: str(fmu(composed(plan, entrants[n]))) for n in names}
+    order = list(entrants), list(duties)
     tasks: dict[str, tuple[Any, ...]] = {}
     for k, run in enumerate(runs):
         loop, entrant, duty = loops[run.controller], entrants[run.controller], duties[run.duty]
@@ -149,7 +151,9 @@ def _checks(
         drawn, number = plan.draws("judge")[run.plant], FIRST_JUDGED + run.plant
         values = values_for(plan, loop.kernel, entrant, tuned, duty, drawn, number)
         fmus = plant, controllers[run.controller]
-        tasks[f"fmu-{k}.json"] = loop, fmus, values, duty, plan.tolerance
+        place = order[0].index(run.controller), run.tuning, order[1].index(run.duty), run.plant
+        table = {name: float(figures[name][place]) for name in COMPARED}
+        tasks[f"fmu-{k}.json"] = loop, fmus, values, duty, plan.tolerance, table
     return tasks
 
 
@@ -157,7 +161,7 @@ def _sobol(
     plan: Plan,
     loops: Mapping[str, StudyLoop],
     tunings: Mapping[str, list[Tuned]],
-    parts: Path,
+    parts: KeptParts,
     workers: Workers,
     progress: Progress | None,
 ) -> dict[str, dict[str, dict[str, SobolIndex]]]:
@@ -214,7 +218,7 @@ def _checked(*task: Any) -> dict[str, Any]:
 
 def discard_parts(folder: Path) -> None:
     """Remove what was kept while the study was not finished."""
-    shutil.rmtree(folder / PARTS, ignore_errors=True)
+    KeptParts(folder / PARTS, "").discard()
 
 
 def composed(plan: Plan, entrant: Entrant) -> Component:
@@ -315,31 +319,14 @@ def _judged(
     return rows
 
 
-def _claim(plan: Plan, loops: Mapping[str, StudyLoop], parts: Path, resume: bool) -> Path:
-    """The folder for what is done, of this study and no other."""
+def _parts(plan: Plan, loops: Mapping[str, StudyLoop], folder: Path) -> KeptParts:
+    """What is done of this study and no other."""
     text = plan.to_json() + ",".join(NAMES) + "".join(loop.kernel.module for loop in loops.values())
-    own = {"fingerprint": hashlib.sha256(text.encode()).hexdigest()[:16]}
-    mark = parts / "study.json"
-    if mark.is_file():
-        try:
-            same = json.loads(mark.read_text("utf-8")) == own
-        except ValueError:
-            same = False
-        if not same:
-            raise BadPlan(
-                f"{parts.parent} holds another study; choose another folder, or remove it"
-            )
-        if not resume:
-            raise BadPlan(f"{parts.parent} holds this study, begun; add --resume to go on with it")
-    elif resume:
-        raise BadPlan(f"{parts.parent} holds no study to go on with; leave out --resume")
-    parts.mkdir(parents=True, exist_ok=True)
-    write_json(mark, own)
-    return parts
+    return KeptParts(folder, hashlib.sha256(text.encode()).hexdigest()[:16])
 
 
 def _computed(
-    parts: Path,
+    parts: KeptParts,
     jobs: Mapping[str, tuple[Any, ...]],
     function: Callable[..., Any],
     workers: Workers,
@@ -347,15 +334,12 @@ def _computed(
     progress: Progress | None,
 ) -> dict[str, Any]:
     """Results of all jobs by name; those that are on disk are not done again."""
-    results = {}
-    for name in jobs:
-        try:
-            results[name] = json.loads((parts / name).read_text("utf-8"))
-        except (OSError, ValueError):  # not there, or a disk lost the end of it
-            continue
+    results = {name: found for name in jobs if (found := parts.read(name)) is not None}
+    if progress and results:
+        progress(stage, len(results), len(jobs))
     missing = [(name, job) for name, job in jobs.items() if name not in results]
     for name, found in workers.map(function, iter(missing)):
-        write_atomically(parts / name, json.dumps(found).encode())
+        parts.write(name, found)
         results[name] = found
         if progress:
             progress(stage, len(results), len(jobs))

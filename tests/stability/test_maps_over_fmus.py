@@ -154,7 +154,8 @@ def test_a_killed_map_over_fmus_is_resumed_with_what_was_done(native, tmp_path):
     words = ["map", "--controller", "pid", "--via", "fmu", "--stop", "0.3", "--workers", "1"]
     words += ["--x", "Kp=300:400:10", "--y", "plant.Fs=2.35:2.5:10", "--out", str(tmp_path)]
     command = [sys.executable, "-m", "ballscrew", *words]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(command, cwd=tmp_path, **quiet)
     parts, deadline = tmp_path / "map.parts", time.monotonic() + 120
     while not list(parts.glob("c0-*.json")):
         assert process.poll() is None
@@ -164,6 +165,7 @@ def test_a_killed_map_over_fmus_is_resumed_with_what_was_done(native, tmp_path):
     process.wait()
     kept = {f: f.stat().st_mtime_ns for f in parts.glob("c0-*.json")}
     assert kept
-    done = subprocess.run([*command, "--resume", "--json"], capture_output=True, text=True)
+    again = [*command, "--resume", "--json"]
+    done = subprocess.run(again, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["cells"] == 100

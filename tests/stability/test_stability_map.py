@@ -170,6 +170,9 @@ def test_a_killed_map_is_resumed_with_nothing_lost_and_the_same_table(whole, tmp
     monkeypatch.setattr(stability_map, "run_chunk", counted)
     with pytest.raises(BadMap, match="--resume"):
         make_map(gamma(), tmp_path, Processes(1))
+    for resume in (False, True):  # nothing but the parts says whose they are
+        with pytest.raises(BadMap, match="another map"):
+            make_map(gamma(stop=21.0), tmp_path, Processes(1), resume=resume)
     make_map(gamma(), tmp_path, Processes(1), resume=True)
     plain = [cells for cells in ran if len(cells) == 2][: 10 - len(kept)]
     assert len(plain) == 10 - len(kept)  # what was kept is not computed again

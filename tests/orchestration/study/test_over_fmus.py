@@ -8,12 +8,44 @@ import numpy as np
 import pytest
 
 from ballscrew.fmus.catalogue import fmu
+from ballscrew.orchestration.study.figures import figures_of
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.over_fmus import check_over_fmus
 from ballscrew.orchestration.study.plan import Duty
 from ballscrew.orchestration.whole_loop import loop_kernel
 
 DUTY = Duty("there", "move:distance=0.005,speed=0.1,start=0,dwell=0.1,back=0", 0.2)
+
+
+def table_of(loop, values, duty):
+    """What a study says of this run."""
+    course = loop.run(values, duty.signal(), duty.stop, 1e-6)
+    return asdict(figures_of(course, count=2e-6, limit=36.0))
+
+
+def checked(loop, controller, values, duty):
+    fmus = str(fmu("plant")), str(fmu(controller))
+    return check_over_fmus(loop, fmus, values, duty, 1e-6, table_of(loop, values, duty))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"rms_error": 1.001}, {"peak_error": 0.999}, {"rms_error": np.nan, "peak_error": np.nan}],
+)
+def test_a_table_that_says_other_figures_than_the_run_over_fmus_disagrees(wrong):
+    loop = StudyLoop(loop_kernel("plant", "pid_sampled"))
+    table = table_of(loop, {}, DUTY)
+    other = table | {name: table[name] * factor for name, factor in wrong.items()}
+    fmus = str(fmu("plant")), str(fmu("pid_sampled"))
+    assert check_over_fmus(loop, fmus, {}, DUTY, 1e-6, table).agrees
+    assert not check_over_fmus(loop, fmus, {}, DUTY, 1e-6, other).agrees
+
+
+@pytest.mark.parametrize("said", [0.0, 1.0])
+def test_a_run_that_stops_agrees_with_a_table_that_says_so(said):
+    stops = SimpleNamespace(run=lambda *_: SimpleNamespace(stopped="it diverges"))
+    table = {"rms_error": np.nan, "peak_error": np.nan, "failed": said}
+    assert check_over_fmus(stops, ("", ""), {}, DUTY, 1e-6, table).agrees is bool(said)
 
 
 @pytest.mark.parametrize(
@@ -26,7 +58,7 @@ DUTY = Duty("there", "move:distance=0.005,speed=0.1,start=0,dwell=0.1,back=0", 0
 )
 def test_a_loop_that_converges_is_trusted_and_agrees(controller, verdict, reason):
     loop = StudyLoop(loop_kernel("plant", controller))
-    found = check_over_fmus(loop, (str(fmu("plant")), str(fmu(controller))), {}, DUTY, 1e-6)
+    found = checked(loop, controller, {}, DUTY)
     assert found.coupling == verdict
     assert reason in found.reason
     assert found.agrees
@@ -36,7 +68,7 @@ def test_a_continuous_loop_may_differ_by_what_the_grid_takes_from_a_curved_set_p
     """5e-9 m in ramps of 1 ms; the master, which converges, cannot know of them."""
     duty = Duty("sine", "sine:amplitude=1e-3,frequency=2,duration=0.5", 0.5)
     loop = StudyLoop(loop_kernel("plant", "p_pi"))
-    found = check_over_fmus(loop, (str(fmu("plant")), str(fmu("p_pi"))), {}, duty, 1e-6)
+    found = checked(loop, "p_pi", {}, duty)
     assert found.coupling == "trusted"
     assert found.agrees
     assert found.allowed < 5 * found.apart  # which would find what is wrong by more
@@ -48,7 +80,7 @@ def test_a_loop_without_a_voltage_limit_that_diverges_is_not_converged():
     controller = "nctf_sampled"
     loop = StudyLoop(loop_kernel("plant", controller))
     values = {"controller_sample_time": 1e-3}
-    found = check_over_fmus(loop, (str(fmu("plant")), str(fmu(controller))), values, DUTY, 1e-6)
+    found = checked(loop, controller, values, DUTY)
     assert found.coupling == "not converged"
     assert "diverges" in found.reason
 
@@ -65,7 +97,7 @@ class OneCount:
     def run(self, values, reference, stop, tolerance):
         time = np.linspace(0.0, stop, 5)
         position = np.full(5, 1e-9 if self.flips(tolerance) else 0.0)
-        return SimpleNamespace(time=time, position=position, stopped="")
+        return SimpleNamespace(time=time, position=position, reference=0 * time, stopped="")
 
 
 @pytest.mark.parametrize(
@@ -88,4 +120,5 @@ def test_a_count_that_few_tolerances_see_is_no_difference(monkeypatch, apart, fl
         )
 
     monkeypatch.setattr("ballscrew.orchestration.study.over_fmus.run_study", over_fmus)
-    assert check_over_fmus(loop, ("plant", "controller"), {}, DUTY, 1e-6).agrees is agrees
+    table = {"rms_error": 0.0, "peak_error": 0.0, "failed": 0.0}
+    assert check_over_fmus(loop, ("plant", "controller"), {}, DUTY, 1e-6, table).agrees is agrees

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import signal
 import time
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from browser import PROGRAM, opened
 from dask_cluster import cluster
+from long_commands import Command, interrupted
 
 from ballscrew.cli import main
 from ballscrew.orchestration.reference_motions import read_motion
@@ -117,7 +119,7 @@ def test_every_run_has_a_verdict_on_hunting(result):
 def test_a_study_that_goes_on_after_a_kill_gives_the_same_numbers(plan, folder, result, tmp_path):
     shutil.copytree(folder / PARTS, tmp_path / PARTS)
     (tmp_path / PARTS / "tune-0-0.json").unlink()
-    (tmp_path / PARTS / "run-1-1-0-0.json").write_text("[[1.0,")  # half written
+    (tmp_path / PARTS / "run-1-1-0-0.json").write_text('{"of": "0", "found": [[1.0,')  # half of it
     again = do_study(plan, tmp_path, Processes(1), resume=True)
     assert json.dumps(again.to_dict()) == json.dumps(result.to_dict())  # NaN and all
 
@@ -134,6 +136,68 @@ def test_a_folder_of_another_study_is_left_alone(plan, folder, result):
         do_study(plan, folder, Processes(1))
     with pytest.raises(BadPlan, match="holds another study"):
         do_study(replace(plan, seed=2), folder, Processes(1), resume=True)
+
+
+def test_parts_of_another_study_are_never_taken(plan, folder, result, tmp_path):
+    """As where one was stopped with Ctrl-Z, or killed before it wrote which study it is."""
+    shutil.copytree(folder / PARTS, tmp_path / "own" / PARTS)
+    for part in (tmp_path / "own" / PARTS).iterdir():
+        kept = json.loads(part.read_text())
+        part.write_text(json.dumps(kept["found"]))  # as an earlier version kept it
+    for resume in (False, True):
+        with pytest.raises(BadPlan, match="holds another study"):
+            do_study(plan, tmp_path / "own", Processes(1), resume=resume)
+    # a part of each in one folder: this study goes on with its own, and does the other's again
+    shutil.copytree(folder / PARTS, tmp_path / "both" / PARTS)
+    part = tmp_path / "both" / PARTS / "run-0-0-0-0.json"
+    other = {
+        "of": "another",
+        "found": [[7.0] * len(row) for row in json.loads(part.read_text())["found"]],
+    }
+    part.write_text(json.dumps(other))
+    again = do_study(plan, tmp_path / "both", Processes(1), resume=True)
+    assert json.dumps(again.to_dict()) == json.dumps(result.to_dict())
+
+
+def test_a_table_that_is_not_that_of_its_runs_is_found_over_fmus(plan, folder, result, tmp_path):
+    """Whatever put it there: the runs over FMUs are beside the table, and not beside new runs."""
+    shutil.copytree(folder / PARTS, tmp_path / PARTS)
+    for part in (tmp_path / PARTS).iterdir():
+        kept = json.loads(part.read_text())
+        if part.name.startswith("run-"):
+            kept["found"] = [[1.01 * figure for figure in row] for row in kept["found"]]
+            part.write_text(json.dumps(kept))
+        elif part.name.startswith("fmu-"):
+            part.unlink()
+    found = do_study(plan, tmp_path, Processes(1), resume=True)
+    assert found.disagreed == len(found.checks) == 1
+    assert not SwapStudy.of(found).trusted
+
+
+def test_an_interrupt_says_what_is_kept_and_before_the_first_part_nothing_blocks(
+    folder, result, tmp_path
+):
+    path, out = tmp_path / "study.toml", tmp_path / "out"
+    path.write_text(STUDY.replace("budget = 3", "budget = 3000"))
+    words = ["study", str(path), "--workers", "1"]
+    for _ in range(2):  # the first leaves nothing that refuses the second
+        command = Command.of(words, out)
+        command.wait_until_busy(1.5)
+        ending = interrupted(command, signal.SIGINT)
+        assert ending.fault() == ""
+        assert f"nothing of this run is kept in {out}" in ending.said
+        assert not (out / PARTS).exists()
+    path.write_text(STUDY)
+    shutil.copytree(folder / PARTS, out / PARTS)
+    for part in (out / PARTS).glob("run-*"):
+        part.unlink()
+    command = Command.of([*words, "--resume"], out)
+    while not list((out / PARTS).glob("run-*")):
+        assert command.process.poll() is None
+        time.sleep(0.001)
+    ending = interrupted(command, signal.SIGINT)
+    assert ending.fault() == ""
+    assert "tasks that are done are kept, go on with --resume" in ending.said
 
 
 def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, folder, result):

@@ -1,0 +1,80 @@
+"""What is done of long work, a file for each task, kept in a folder until all of it is done.
+
+Each file carries the digest of what it is a part of: another work in the same folder never takes
+it, whatever was killed, or went on at once with another, before.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from ..solver.files import write_atomically
+
+
+class KeptParts:
+    """The parts of one work.
+
+    Parameters
+    ----------
+    folder : Path
+        Made with the first part: what is ended before that leaves nothing.
+    digest : str
+        Of all that decides what the parts hold.
+    """
+
+    def __init__(self, folder: Path, digest: str) -> None:
+        self.folder = folder
+        self.digest = digest
+
+    def claim(self, work: str, resume: bool, refused: type[ValueError]) -> None:
+        """Refuse a folder that holds other parts than is said.
+
+        Parameters
+        ----------
+        work : str
+            What to call it.
+        resume : bool
+            Whether the user says that it was begun.
+        refused : type of exception
+            Raised with one line.
+        """
+        place = self.folder.parent
+        found = {_digest(content) for path in self._files() if (content := _content(path))}
+        if self.digest in found and not resume:
+            raise refused(f"{place} holds this {work}, begun; add --resume to go on with it")
+        if found and self.digest not in found:
+            raise refused(f"{place} holds another {work}; choose another folder, or remove it")
+        if resume and not found:
+            raise refused(f"{place} holds no {work} to go on with; leave out --resume to begin one")
+
+    def read(self, name: str) -> Any:
+        """What a task found; None where it is not done, or a disk lost the end of it."""
+        content = _content(self.folder / name)
+        return content["found"] if _digest(content) == self.digest else None
+
+    def write(self, name: str, found: Any) -> None:
+        """Keep what a task found; raises OSError."""
+        content = {"of": self.digest, "found": found}
+        write_atomically(self.folder / name, json.dumps(content).encode())
+
+    def discard(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _files(self) -> list[Path]:
+        return sorted(self.folder.glob("*.json"))
+
+
+def _content(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def _digest(content: Any) -> str:
+    """Empty where a file has none: another version's, or anybody's."""
+    known = isinstance(content, dict) and set(content) == {"of", "found"}
+    return str(content["of"]) if known else ""
