@@ -236,12 +236,12 @@ def export(
 def run(
     controller: Part,
     plant: Part = "plant",
-    reference: float | Reference = 0.08,
+    reference: float | str | Reference = 0.08,
     stop: float = 20.0,
     step: float | None = None,
     plant_values: Values | None = None,
     controller_values: Values | None = None,
-    coupling: Coupling | None = None,
+    coupling: str | Coupling | None = None,
     mapping: Mapping[str, str] | None = None,
 ) -> RunResult:
     """Run a closed loop of two FMUs, with a verdict on the coupling.
@@ -250,17 +250,18 @@ def run(
     ----------
     controller, plant : str, path-like or Component
         A name, a file's function (``mine.py:pi``), the path of an FMU, or a component.
-    reference : float or Reference
-        Set-point [m], or set-point over time.
+    reference : float, str or Reference
+        Set-point [m], or set-point over time: a motion in words, as
+        ``"move:distance=0.02,speed=0.1"``, the path of a table, or a `Reference`.
     stop : float
         Length of the run [s].
     step : float, optional
         Communication step [s]; left out, it is halved until the run is trusted.
     plant_values, controller_values : mapping of str to float, optional
         Parameters that are not nominal, in SI units.
-    coupling : Coupling, optional
-        How the two are coupled; by default the interface-Jacobian coupling where the parts have its
-        ports, else the best that they can do.
+    coupling : str or Coupling, optional
+        How the two are coupled, as ``"gauss-seidel"``; by default the interface-Jacobian coupling
+        where the parts have its ports, else the best that they can do.
     mapping : mapping of str to str, optional
         Names of ports, ``theirs -> ours``.
 
@@ -290,15 +291,17 @@ def run(
     >>> round(float(abs(result.run.commands["u"]).max()), 1)
     32.1
     """
+    from .loop_options import read_coupling
     from .orchestration.closed_loop import Study, run_study
     from .results.run_result import RunResult
 
+    if isinstance(coupling, str):
+        coupling = read_coupling("coupling", coupling)
     study = Study(
-        _named(controller),
-        _named(plant),
+        _controller(controller),
+        _plant(plant),
         _over_time(reference),
-        stop,
-        step,
+        *_lengths(stop, step),
         coupling,
         plant_values=plant_values,
         controller_values=controller_values,
@@ -307,15 +310,18 @@ def run(
     return RunResult.of(run_study(study))
 
 
+# Many arguments: what the command has options for, by name.
 def swap(
     controllers: Sequence[Part],
     plant: Part = "plant",
-    reference: float | Reference = 0.08,
+    reference: float | str | Reference = 0.08,
     stop: float = 20.0,
     step: float | None = None,
     plant_values: Values | None = None,
     sampled: float | None = None,
     noise: bool = False,
+    controller_values: Mapping[str, Values] | None = None,
+    mapping: Mapping[str, Mapping[str, str]] | None = None,
 ) -> Comparison:
     """Run several controllers on the same plant, and compare them.
 
@@ -328,6 +334,11 @@ def swap(
         Sampling period of all controllers [s]; left out, each is as it is.
     noise : bool
         Whether all measure through the instruments of `catalogue` that fit them.
+    controller_values : mapping of str to mapping of str to float, optional
+        Parameters that are not nominal, in SI units, for each controller by its name; ``hand`` is
+        the name of ``hand.fmu``.
+    mapping : mapping of str to mapping of str to str, optional
+        Names of ports, ``theirs -> ours``, for each controller by its name.
 
     Returns
     -------
@@ -347,6 +358,9 @@ def swap(
     >>> result = ballscrew.swap(["pid"], stop=0.2, sampled=2e-3)
     >>> result.results[0].study.label, result.results[0].run.sampling_period
     ('pid+sampled', 0.002)
+    >>> result = ballscrew.swap(["iol", "pid"], stop=0.2, controller_values={"pid": {"Kp": 300.0}})
+    >>> result.results[1].study.controller_values
+    {'Kp': 300.0}
     """
     from .orchestration.closed_loop import Study
     from .orchestration.swap import swap as swapped
@@ -354,20 +368,23 @@ def swap(
 
     if sampled is not None and not sampled > 0:
         raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
-    on, goal = _named(plant), _over_time(reference)
+    on, goal = _plant(plant), _over_time(reference)
+    given = [_controller(c) for c in controllers]
+    values_of = _of_each(given, "controller_values", controller_values)
+    ports_of = _of_each(given, "mapping", mapping)
     studies = []
-    for c in controllers:
-        named, values, notes = _in_practice(c, sampled, noise)
-        study = Study(named, on, goal, stop, step)
+    for name, own, ports in zip(given, values_of, ports_of, strict=True):
+        named, values, notes = _in_practice(name, sampled, noise)
+        study = Study(named, on, goal, *_lengths(stop, step), plant_values=plant_values)
         studies.append(
-            replace(study, plant_values=plant_values, controller_values=values, notes=notes)
+            replace(study, controller_values={**own, **values}, mapping=ports, notes=notes)
         )
     return Comparison.of(swapped(studies))
 
 
 def lyapunov(
-    controller: str | Component,
-    plant: str | Component = "plant",
+    controller: Part,
+    plant: Part = "plant",
     stop: float = 300.0,
     setpoint: float = 0.08,
     plant_values: Values | None = None,
@@ -379,9 +396,9 @@ def lyapunov(
 
     Parameters
     ----------
-    controller, plant : str or Component
+    controller, plant : str, path-like or Component
         A name, a file's function (``mine.py:pi``), or a component; with `step` also the path of an
-        FMU, and no component. The controller ``none`` leaves a plant without inputs alone.
+        FMU. The controller ``none`` leaves a plant without inputs alone.
     stop : float
         Length of the motion [s].
     setpoint : float
@@ -421,7 +438,9 @@ def lyapunov(
     """
     from .results.exponents import Exponents
 
-    law, on = _as_it_is_now(controller), _as_it_is_now(plant)
+    over_fmus = step is not None
+    law, on = _controller(controller, over_fmus), _plant(plant, over_fmus)
+    stop, step = _lengths(stop, step)
     if step is None:
         from .stability.loop_lyapunov import loop_lyapunov
 
@@ -432,10 +451,6 @@ def lyapunov(
     from .stability.fmu_parts import FmuLoop
     from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 
-    if not (isinstance(law, str) and isinstance(on, str)):
-        raise ValueError("step: the FMUs are of parts by name or by file, not of components")
-    if not 0.0 < step <= stop:
-        raise ValueError(f"step is {step:g} s, expected more than 0 and at most stop, {stop:g} s")
     values = dict(plant_values or {}), dict(controller_values or {})
     loop = FmuLoop(law, on, setpoint, *values, mapping=dict(mapping or {}))
     return Exponents.of(loop_lyapunov_over_fmus(loop, stop, step))
@@ -444,11 +459,11 @@ def lyapunov(
 # Long: most of it is its docstring.
 # Many arguments: what the command has options for, by name.
 def stability_map(
-    controller: str,
+    controller: Part,
     x: str,
     y: str,
     folder: Path | str,
-    plant: str = "plant",
+    plant: Part = "plant",
     stop: float = 20.0,
     setpoint: float = 0.08,
     exponents: bool = False,
@@ -464,9 +479,9 @@ def stability_map(
 
     Parameters
     ----------
-    controller, plant : str
-        Names of the catalogue, or files' functions (``mine.py:pi``); with `step` also paths of
-        FMUs. The controller ``none`` leaves a plant without inputs alone.
+    controller, plant : str, path-like or Component
+        Names of the catalogue, files' functions (``mine.py:pi``), or components; with `step` also
+        paths of FMUs. The controller ``none`` leaves a plant without inputs alone.
     x, y : str
         Axes, ``NAME=LOW:HIGH:COUNT``, such as ``sigma0_hat=66966:66968:21``.
     folder : path-like
@@ -515,7 +530,8 @@ def stability_map(
     from .stability.stability_map import make_map
     from .stability.study import MapStudy, read_axis
 
-    _as_it_is_now(plant), _as_it_is_now(controller)
+    controller, plant = _controller(controller, step is not None), _plant(plant, step is not None)
+    stop, step = _lengths(stop, step)
     across, along = (read_axis(text, plant, controller) for text in (x, y))
     given = dict(plant_values or {}), dict(controller_values or {})
     check_part_values("plant", plant, given[0])
@@ -527,8 +543,6 @@ def stability_map(
     if step is not None:
         from .stability.fmu_parts import over_fmus
 
-        if not 0.0 < step <= stop:
-            raise ValueError(f"step is {step:g} s, expected more than 0 and at most stop")
         fmus = over_fmus(plant, controller, step, mapping or {}, exponents)
     study = MapStudy(
         controller,
@@ -684,7 +698,7 @@ def read_force_records(
     """
     from .records.force_record import read_records
 
-    return read_records(paths, mapping, units, mass, lead)
+    return read_records(_paths(paths), mapping, units, mass, lead)
 
 
 def read_drive_records(
@@ -713,7 +727,7 @@ def read_drive_records(
     """
     from .records.drive_record import read_drive_records as read
 
-    return read(paths, mapping, units, lead)
+    return read(_paths(paths), mapping, units, lead)
 
 
 def read_parameters(path: Path | str) -> ParameterFile:
@@ -739,7 +753,7 @@ def read_parameters(path: Path | str) -> ParameterFile:
 
 
 def identify(
-    records: Sequence[Record],
+    records: Path | str | Sequence[Record | Path | str],
     law: str,
     fixed: Values | None = None,
     offset: bool = False,
@@ -749,8 +763,9 @@ def identify(
 
     Parameters
     ----------
-    records : sequence of Record
-        Of `read_force_records`.
+    records : path-like, or sequence of Record or path-like
+        Of `read_force_records`; files with the columns ``time``, ``x`` and ``force`` in SI units,
+        or that say their units, also by their paths.
     law : str
         A law of `catalogue`.
     fixed : mapping of str to float, optional
@@ -768,7 +783,7 @@ def identify(
     Raises
     ------
     ValueError
-        If there is no such law, or a parameter cannot be held so.
+        If there is no such law, a parameter cannot be held so, or a file cannot be used.
 
     Notes
     -----
@@ -780,11 +795,14 @@ def identify(
     from .results.identified_law import IdentifiedLaw
 
     check_held(law, dict(fixed or {}), offset)
-    return IdentifiedLaw.of(identified(records, law, params, dict(fixed or {}), offset))
+    found: list[Record] = []
+    for record in _paths(records):
+        found += read_force_records([record]) if isinstance(record, str | Path) else [record]
+    return IdentifiedLaw.of(identified(found, law, params, dict(fixed or {}), offset))
 
 
 def diagnose(
-    data: Sequence[Path | str],
+    data: Path | str | Sequence[Path | str],
     params: Path | str | None = None,
     law: str | None = None,
     mapping: Mapping[str, str] | None = None,
@@ -795,7 +813,7 @@ def diagnose(
 
     Parameters
     ----------
-    data : sequence of path-like
+    data : path-like or sequence of path-like
         CSV, MAT or Parquet files with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A].
     params : path-like, optional
         Parameter file of the model as it is believed to be; the nominal axis by default.
@@ -818,51 +836,90 @@ def diagnose(
     from .diagnosis.diagnose import diagnose as diagnosed
     from .results.diagnosis_result import DiagnosisResult
 
-    return DiagnosisResult.of(diagnosed(data, params, law, mapping, units=units, lead=lead))
+    return DiagnosisResult.of(diagnosed(_paths(data), params, law, mapping, units=units, lead=lead))
 
 
 def _in_practice(
-    controller: Part, sampled: float | None, noise: bool
+    controller: str, sampled: float | None, noise: bool
 ) -> tuple[str, dict[str, float], tuple[str, ...]]:
     """A controller as studies take it, with its sampling period and notes."""
     if sampled is None and not noise:
-        return _named(controller), {}, ()
-    from .fmus.catalogue import put_into_practice
-    from .orchestration.in_practice import in_practice, practice_of
+        return controller, {}, ()
+    from .orchestration.in_practice import in_practice
 
-    given = sampled is not None
-    if isinstance(controller, str | Path):
-        named, practice = in_practice(_named(controller), given, noise)
-    else:
-        practice = practice_of(controller, given, noise)
-        made = put_into_practice(controller, practice.sampled, practice.instruments)
-        named = _named(made)
+    named, practice = in_practice(controller, sampled is not None, noise)
     return named, {} if sampled is None else {practice.period: sampled}, practice.notes
 
 
-def _over_time(reference: float | Reference) -> Reference:
-    """A set-point over time; a number is a constant one."""
-    if not isinstance(reference, int | float):
-        return reference
+def _over_time(reference: float | str | Reference) -> Reference:
+    """A set-point over time; a number is a constant one, text a motion or a file."""
+    from .loop_options import read_set_point
+    from .options import read_number
     from .orchestration.reference_signal import Reference
 
-    return Reference.constant(reference)
+    if isinstance(reference, Reference):
+        return reference
+    if isinstance(reference, str | Path):
+        return read_set_point(str(reference))
+    return Reference.constant(read_number("reference", reference))
 
 
-def _named(part: Part) -> Any:
-    """A name or a path, as studies take it."""
-    if isinstance(part, str | Path):
-        return _as_it_is_now(str(part))
-    from .fmus.catalogue import fmu
+def _lengths(stop: float, step: float | None) -> tuple[float, float | None]:
+    """The length of a motion and its communication step [s], checked as the command does."""
+    from .options import read_length, read_step
 
-    return str(fmu(part))
+    stop = read_length("stop", stop)
+    return stop, None if step is None else read_step("step", step, stop)
 
 
-def _as_it_is_now(part: Any) -> Any:
+def _controller(part: Part, fmus: bool = True) -> str:
+    """A controller by a name, as all that runs takes it."""
+    from .controllers import ALONE, CONTROLLERS
+
+    return _named("controller", part, (*CONTROLLERS, *ALONE), fmus)
+
+
+def _plant(part: Part, fmus: bool = True) -> str:
+    """A plant by a name, as all that runs takes it."""
+    from .plant import PLANTS
+
+    return _named("plant", part, (*PLANTS,), fmus)
+
+
+def _named(argument: str, part: Part, known: Sequence[str], fmus: bool) -> str:
+    """A part by a name, checked; a Python file's is read again, a component is kept in memory."""
+    from .options import check_part
+    from .solver.component_file import name_in_memory
+
+    if not isinstance(part, str | Path):
+        return name_in_memory(part)
+    check_part(argument, str(part), known, fmus)
+    return str(part)
+
+
+def _of_each(
+    controllers: Sequence[str], argument: str, given: Mapping[str, Mapping[str, Any]] | None
+) -> list[dict[str, Any]]:
+    """What is given for each controller by its name."""
+    from .orchestration.parts import own_name
+
+    names = [own_name(c) for c in controllers]
+    for name in given or {}:
+        if name not in names:
+            raise ValueError(f"{argument} has {name!r}, expected one of {', '.join(names)}")
+    return [dict((given or {}).get(name, {})) for name in names]
+
+
+def _paths(given: Any) -> Any:
+    """A sequence of files; one of them may be given alone."""
+    return [given] if isinstance(given, str | Path) else given
+
+
+def _as_it_is_now(part: str) -> str:
     """The same part; if it comes from a Python file, the file is read again."""
     from .instruments import bare
     from .solver.component_file import names_file, read_component
 
-    if isinstance(part, str) and names_file(name := bare(part)):
+    if names_file(name := bare(part)):
         read_component(name)
     return part

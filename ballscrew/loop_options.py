@@ -16,6 +16,7 @@ from .options import (
     read_length,
     read_named,
     read_number,
+    read_step,
 )
 from .params_option import add_params, params_values, read_params
 from .plant import PLANTS
@@ -23,6 +24,7 @@ from .sides import check_labels, labels_of, mappings, meant, sided
 
 if TYPE_CHECKING:
     from .orchestration.closed_loop import Study
+    from .orchestration.coupling import Coupling
     from .orchestration.reference_signal import Reference
     from .orchestration.system import SystemStudy
 
@@ -131,7 +133,7 @@ def read_system_study(options: argparse.Namespace) -> SystemStudy:
             )
     stop = read_stop(options)
     loop = read_coupling_options(options, stop)
-    if options.coupling == "monolithic":
+    if loop["coupling"] and loop["coupling"].value == "monolithic":
         raise BadRequest("--coupling monolithic needs equations, and an .ssp does not give them")
     values = {}
     for name, value in read_named("--set", options.set, "ELEMENT.VARIABLE=VALUE").items():
@@ -149,32 +151,24 @@ def read_stop(options: argparse.Namespace) -> float | None:
 
 def read_coupling_options(options: argparse.Namespace, stop: float | None) -> dict[str, Any]:
     """What runs by name and by file have in common, checked."""
-    step = None if options.step is None else read_number("--step", options.step)
-    if step is not None and (step <= 0 or (stop is not None and step > stop)):
-        raise BadRequest(f"--step is {options.step} s, expected more than 0 and at most --stop")
-    if stop is not None:
-        check_steps(stop, step or 1e-3)  # the first that is tried
-    options.coupling = SECOND_NAMES.get(options.coupling, options.coupling)
-    if options.coupling is not None and options.coupling not in COUPLINGS:
-        raise BadRequest(
-            f"--coupling is {options.coupling!r}, expected one of {', '.join(COUPLINGS)}"
-        )
+    step = None if options.step is None else read_step("--step", options.step, stop)
+    if step is None and stop is not None:
+        check_steps(stop, 1e-3)  # the first that is tried
+    coupling = None if options.coupling is None else read_coupling("--coupling", options.coupling)
     if options.corrections not in (None, "0", "1"):
         raise BadRequest(f"--corrections is {options.corrections!r}, expected 0 or 1")
     limit = options.time_limit
     for option, given in (("isolate", options.isolate), ("time-limit", limit is not None)):
-        if given and options.coupling == "monolithic":
+        if given and coupling and coupling.value == "monolithic":
             raise BadRequest(f"--{option} is for FMUs, and --coupling monolithic runs none")
     if limit is not None and options.isolate is False:
         raise BadRequest("--time-limit is for FMUs in a process of their own; see --no-isolate")
     time_limit = read_number("--time-limit", limit or "60")
     if time_limit <= 0:
         raise BadRequest(f"--time-limit is {limit} s, expected more than 0")
-    from .orchestration.coupling import Coupling
-
     return {
         "step": step,
-        "coupling": Coupling(options.coupling) if options.coupling else None,
+        "coupling": coupling,
         "corrections": None if options.corrections is None else int(options.corrections),
         "adaptive": options.adaptive,
         "isolate": options.isolate,
@@ -182,15 +176,32 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
     }
 
 
-def read_reference(options: argparse.Namespace) -> Reference | None:
+def read_coupling(option: str, name: str) -> Coupling:
+    """The coupling of this name, or of its second name."""
+    from .orchestration.coupling import Coupling
+
+    name = SECOND_NAMES.get(name, name)
+    if name not in COUPLINGS:
+        raise BadRequest(f"{option} is {name!r}, expected one of {', '.join(COUPLINGS)}")
+    return Coupling(name)
+
+
+def read_set_point(text: str) -> Reference:
+    """A set-point over time, as a motion in words or as a file of this path."""
     from .orchestration.reference_motions import read_motion
     from .orchestration.reference_signal import BadReference, Reference
 
     try:
-        if options.reference:
-            return read_motion(options.reference) or Reference.read(options.reference)
+        return read_motion(text) or Reference.read(text)
     except BadReference as error:
         raise BadRequest(str(error)) from error
+
+
+def read_reference(options: argparse.Namespace) -> Reference | None:
+    from .orchestration.reference_signal import Reference
+
+    if options.reference:
+        return read_set_point(options.reference)
     if options.setpoint is None:
         return None
     return Reference.constant(read_number("--setpoint", options.setpoint))

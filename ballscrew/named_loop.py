@@ -11,11 +11,11 @@ from .loop_options import read_settings
 from .options import (
     BadRequest,
     check_part,
-    check_steps,
     guarded,
     out_folder,
     read_length,
     read_number,
+    read_step,
 )
 from .params_option import add_params, params_values, read_params
 from .sides import mappings
@@ -151,7 +151,7 @@ def read_loop(
         if part is not None:
             check_part(f"--{option}", part, known, fmus=over_fmus)
     stop = read_length("--stop", options.stop)
-    step = _read_step(options, stop) if over_fmus else None
+    step = read_step("--step", options.step or STEP, stop) if over_fmus else None
     number = read_number("--tolerance", options.tolerance or tolerance)
     if not finest <= number <= coarsest:
         raise BadRequest(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
@@ -177,12 +177,3 @@ def read_loop(
         step,
         mappings(options, [options.controller])[options.controller],
     )
-
-
-def _read_step(options: argparse.Namespace, stop: float) -> float:
-    text = options.step or STEP
-    step = read_number("--step", text)
-    if not 0 < step <= stop:
-        raise BadRequest(f"--step is {text} s, expected more than 0 and at most --stop")
-    check_steps(stop, step)
-    return step

@@ -33,7 +33,7 @@ class Parser(argparse.ArgumentParser):
         raise BadRequest(f"{message}; see {self.prog} --help")
 
 
-def read_length(option: str, text: str) -> float:
+def read_length(option: str, text: str | float) -> float:
     """How long a motion is to be [s]; what is nearly nothing has no steps."""
     stop = read_number(option, text)
     if stop <= 0:
@@ -41,6 +41,17 @@ def read_length(option: str, text: str) -> float:
     if stop < SHORTEST:
         raise BadRequest(f"{option} is {text} s, expected at least {SHORTEST:g} s")
     return stop
+
+
+def read_step(option: str, text: str | float, stop: float | None) -> float:
+    """A communication step [s] of a motion of this length; None is a length not known yet."""
+    step = read_number(option, text)
+    if step <= 0 or (stop is not None and step > stop):
+        longest = option.replace("step", "stop")
+        raise BadRequest(f"{option} is {text} s, expected more than 0 and at most {longest}")
+    if stop is not None:
+        check_steps(stop, step)
+    return step
 
 
 def check_steps(stop: float, step: float) -> None:
@@ -111,10 +122,10 @@ def read_whole_number(option: str, text: str, least: int, most: int | None = Non
     return value
 
 
-def read_number(option: str, text: str) -> float:
+def read_number(option: str, text: str | float) -> float:
     try:
         value = float(text)
-    except ValueError:
+    except (ValueError, TypeError):
         raise BadRequest(f"{option} is {text!r}, expected a number") from None
     if not math.isfinite(value):
         raise BadRequest(f"{option} is {text}, expected a finite number")

@@ -8,6 +8,7 @@ of FMUs.
 
 from __future__ import annotations
 
+import difflib
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -138,7 +139,9 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
 def _place_of(name: str) -> str:
     """``module:function`` of a name of the catalogue."""
     if name not in NAMES | ALONE:
-        raise UnknownComponent(f"no component {name!r}; there are {', '.join(NAMES)}")
+        near = difflib.get_close_matches(name, NAMES, n=1, cutoff=0.5)
+        hint = f", did you mean {near[0]}?" if near else ""
+        raise UnknownComponent(f"no component {name!r}{hint}; there are {', '.join(NAMES)}")
     return (NAMES | ALONE)[name]
 
 

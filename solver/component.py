@@ -240,7 +240,7 @@ def _spelled(thing: object) -> str:
     return str(sp.srepr(thing))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Component:
     """Equations, and what their symbols mean.
 
@@ -274,6 +274,13 @@ class Component:
 
     def __post_init__(self) -> None:
         self._check()
+
+    def __repr__(self) -> str:
+        inputs, outputs = ([p.name for p in ports] for ports in (self.inputs, self.all_outputs))
+        return (
+            f"<Component {self.name}: {self.description}; inputs {', '.join(inputs) or 'none'}; "
+            f"outputs {', '.join(outputs) or 'none'}; states {len(self.all_states)}>"
+        )
 
     @cached_property
     def digest(self) -> str:

@@ -75,6 +75,16 @@ def remember_component(part: str, made: Component) -> None:
     _LOADED[part] = made
 
 
+def name_in_memory(made: Component) -> str:
+    """A part's name for a component that no file has; what has the same equations has the same.
+
+    It reads like a file's function, so that all that takes names takes it, in other processes too.
+    """
+    part = f"in memory/{made.digest}.py:{made.name}"
+    remember_component(part, made)
+    return part
+
+
 def _split(part: str) -> tuple[str, str]:
     """Path and function; no function where the name has none."""
     path, colon, function = part.rpartition(":")

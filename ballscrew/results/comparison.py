@@ -11,7 +11,7 @@ from ..orchestration.swap import COLUMNS, SwapResult
 from .result import Result, table_of, with_unit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison(Result, SwapResult):
     """Several controllers on one plant; see `ballscrew.swap`."""
 

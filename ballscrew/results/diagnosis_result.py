@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ..solver.component import Component
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DiagnosisResult(Result, Diagnosis):
     """What a simulation of records gets wrong, and why; see `ballscrew.diagnose`."""
 

@@ -13,7 +13,7 @@ from .result import Result, table_of, with_unit
 BITS = 1.0 / math.log(2.0)  # per nat
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Exponents(Result, LyapunovRun):
     """Lyapunov exponents of a closed loop; see `ballscrew.lyapunov`."""
 

@@ -10,7 +10,7 @@ from ..identification.identification import Identification
 from .result import Result, table_of
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class IdentifiedLaw(Result, Identification):
     """A friction law's parameters from records; see `ballscrew.identify`."""
 

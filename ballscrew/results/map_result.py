@@ -14,7 +14,7 @@ from ..stability.store import TABLE, MapSummary
 from .result import Result, table_of
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StabilityMap(Result):
     """A map over two parameters, in its folder; see `ballscrew.stability_map`.
 

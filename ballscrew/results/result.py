@@ -57,6 +57,9 @@ class Result:
         """The figure that tells most, a `matplotlib.figure.Figure`."""
         return next(iter(self.pictures().values()))
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.headline()}>"
+
     def _repr_html_(self) -> str:
         rows = "".join(
             f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>"

@@ -10,7 +10,7 @@ from ..rig.record import TrialRecord
 from .result import Result, table_of
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RigRecord(Result, TrialRecord):
     """What the virtual rig's instruments recorded; see `ballscrew.run_trial`."""
 

@@ -11,7 +11,7 @@ from ..orchestration.metrics import units_of_figures
 from .result import Result, table_of, with_unit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RunResult(Result, ClosedLoopResult):
     """A closed-loop run; see `ballscrew.run`."""
 

@@ -14,7 +14,7 @@ from ..solver.tables import write_table
 from .result import Result, table_of
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SwapStudy(Result, StudyResult):
     """A controller swap study; see `ballscrew study`."""
 

@@ -147,6 +147,78 @@ def test_a_component_made_a_minute_ago_runs_and_has_exponents(tmp_path):
     assert ballscrew.export(own, tmp_path / "own.fmu").is_file()
 
 
+def test_a_component_made_a_minute_ago_is_called_by_its_own_name(tmp_path):
+    own = proportional(300.0)
+    assert ballscrew.run(own, stop=0.1).study.label == "proportional"
+    found = ballscrew.swap([own, "pid"], stop=0.1, sampled=2e-3)
+    labels = [r.study.label for r in found.results]
+    assert labels == ["proportional+sampled", "pid+sampled"]
+    axes = {"x": "Kp=200:300:2", "y": "plant.Fs=2.2:2.4:2"}
+    made = ballscrew.stability_map(own, **axes, folder=tmp_path, stop=0.2, workers=2)
+    assert "proportional" in made.headline()
+
+
+def test_two_components_of_one_name_are_two_controllers():
+    stiff, soft = proportional(300.0), proportional(30.0)
+    found = ballscrew.swap([stiff, soft], stop=0.1)
+    first = [r.run.commands["u"][0] for r in found.results]
+    assert first[0] == pytest.approx(10.0 * first[1])
+
+
+def test_a_coupling_and_a_set_point_are_given_as_the_command_takes_them(tmp_path):
+    named = ballscrew.run("pid", coupling="jacobi", stop=0.1, step=1e-3)
+    assert named.run.coupling is ballscrew.Coupling.JACOBI
+    tangent = ballscrew.run("pid", coupling="tangent", stop=0.1, step=1e-3)
+    assert tangent.run.coupling is ballscrew.Coupling.INTERFACE_JACOBIAN
+    move = "move:distance=0.02,speed=1,acceleration=50,jerk=1e4"
+    moved = ballscrew.run("pid", reference=move, stop=0.2)
+    assert moved.run.reference[[0, -1]] == pytest.approx([0.0, 0.02])
+    table = tmp_path / "goal.csv"
+    table.write_text("time,x_d\n0,0\n0.1,0.01\n")
+    assert ballscrew.run("pid", reference=str(table), stop=0.2).run.reference[-1] == 0.01
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"controller": "pidd"}, "controller 'pidd' is neither .* did you mean pid"),
+        ({"plant": "plnt"}, "plant 'plnt' is neither .* did you mean plant"),
+        ({"coupling": "jakobi"}, "coupling is 'jakobi', expected one of jacobi"),
+        ({"reference": "move:distanse=1"}, "distanse"),
+        ({"stop": -1.0}, "stop is -1.0 s, expected more than 0"),
+        ({"stop": float("nan")}, "stop is nan, expected a finite number"),
+        ({"step": 0.0}, "step is 0.0 s, expected more than 0 and at most stop"),
+        ({"step": 30.0}, "step is 30.0 s, expected more than 0 and at most stop"),
+        ({"reference": float("inf")}, "reference is inf, expected a finite number"),
+    ],
+)
+def test_a_run_refuses_what_the_command_refuses(given, said):
+    with pytest.raises(ValueError, match=said):
+        ballscrew.run(**{"controller": "pid", **given})
+
+
+def test_each_controller_of_a_swap_takes_its_own_values():
+    values = {"pid": {"Kp": 300.0}}
+    found = ballscrew.swap(["iol", "pid"], stop=0.1, controller_values=values)
+    alone = ballscrew.run("pid", stop=0.1, controller_values=values["pid"])
+    assert found.results[1].run.outputs["x"].tolist() == alone.run.outputs["x"].tolist()
+    for wrong in ({"controller_values": {"pidd": {}}}, {"mapping": {"hand": {}}}):
+        with pytest.raises(ValueError, match="expected one of iol, pid"):
+            ballscrew.swap(["iol", "pid"], stop=0.1, **wrong)
+
+
+def test_a_file_is_taken_in_place_of_a_list_of_files():
+    for ask in (ballscrew.diagnose, lambda file: ballscrew.identify(file, "lugre")):
+        with pytest.raises(ValueError, match="nowhere.csv"):
+            ask("nowhere.csv")
+
+
+def test_a_result_and_a_component_are_one_short_line_in_a_console(results):
+    for shown in (*results.values(), ballscrew.component("iol")):
+        assert len(repr(shown)) < 500
+        assert "\n" not in repr(shown)
+
+
 def test_bad_requests_are_told_by_one_exception_with_one_line():
     with pytest.raises(KeyError, match="no component 'iel'"):
         ballscrew.component("iel")
@@ -188,5 +260,5 @@ def test_over_fmus_exponents_and_maps_are_those_of_the_command_and_their_wrong_u
             ballscrew.lyapunov("pid", stop=0.2, **wrong)
         with pytest.raises(ValueError, match=r"step"):
             ballscrew.stability_map("pid", **axes, folder=tmp_path, stop=0.2, **wrong)
-    with pytest.raises(ValueError, match="not of components"):
-        ballscrew.lyapunov(ballscrew.component("pid"), stop=0.2, step=1e-3)
+    by_component = ballscrew.lyapunov(ballscrew.component("pid"), stop=0.2, step=1e-3)
+    assert by_component.exponents == pytest.approx(over.exponents, rel=1e-12)
