@@ -38,8 +38,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "map",
         help="stability maps over two parameters of plant or controller",
         description="Write map.parquet (a row a cell: the two parameters, verdict, final_error, "
-        "lambda1_bits_per_s, oscillation_amplitude; map.csv without pyarrow), map.json and a "
-        "picture. Chunks are written as they are done; a killed run goes on with --resume.",
+        "lambda1_bits_per_s, oscillation_amplitude, reason of an undecided one; map.csv without "
+        "pyarrow), map.json and a picture. Chunks are written as they are done; a killed run goes "
+        "on with --resume.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -147,11 +148,16 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
     again = "at half the step" if figures["study"]["fmus"] else "at a tenth of the tolerance"
     for verdict, number in sorted(figures["verdicts"].items(), key=lambda row: -row[1]):
         print(f"{number:>9} of {cells}  {verdict}")
+        if verdict == "undecided":
+            for reason, count in figures["undecided"].items():
+                print(f"{'':>11}{count} of them: {reason}")
     print(
         f"again {again}: {figures['checked_tighter']} cells, "
         f"{figures['disagreed']} with another verdict; of {figures['checked_at_random']} away from "
         f"borders, {figures['disagreed_at_random']}"
     )
+    if figures["undecided"]:
+        print(figures["budget"])
     files = f"{table_path(folder, 'map').name}, map.json, parameters.toml, map.png"
     if figures["borders"]:
         files = f"borders.csv ({figures['borders']} places), " + files

@@ -42,6 +42,11 @@ ASIDE = 0.37  # of a period beyond a return, or half a cycle after one: no event
 SHARPER = 0.01  # of the tolerance, for the exponents of a cycle
 
 
+# what would decide
+LONGER_RUN, EXPONENTS = "a longer run", "the exponents"
+OTHER_SOLVER = "a solver that gets beyond that point"
+
+
 class Kind(StrEnum):
     """What a motion becomes."""
 
@@ -122,6 +127,7 @@ def classify_attractor(
             return _run_away(seen) if seen.diverged else _broken(seen)
         time = aligned
     until = time + MOST_SAMPLES * model.sample_time if model.sample_time else np.inf
+    span = min(span, (until - time) / 4.25)
     for _ in range(rounds):
         resting = _resting(model, time, until, span)
         if resting is not None:
@@ -149,6 +155,9 @@ def classify_attractor(
         span = min(LONGER * span, (until - time) / 4.25)
         if time >= until - 10.0 * model.sample_time:
             break
+    resting = _resting(model, time, until, span)
+    if resting is not None:
+        return resting
     amplitude = _ranges(model, passes)
     text = f"no rest and {len(passes.time)} returns that do not close until t = {time:.4g} s"
     creeping = all(a < 0.5 * _nominal(model, n) for n, a in amplitude.items())
@@ -158,8 +167,8 @@ def classify_attractor(
             f"; all the while it stays near equilibria and moves by {2 * share:.2g} nominal "
             "magnitudes at most"
         )
-        return Attractor(Kind.CREEPING, text, "a longer run", amplitude=amplitude)
-    return Attractor(Kind.UNDECIDED, text, "a longer run", amplitude=amplitude)
+        return Attractor(Kind.CREEPING, text, LONGER_RUN, amplitude=amplitude)
+    return Attractor(Kind.UNDECIDED, text, LONGER_RUN, amplitude=amplitude)
 
 
 def _one_way(passes: Returns) -> bool:
@@ -179,7 +188,7 @@ def _without_exponents(model: Model, passes: Returns) -> Attractor:
     text = f"{len(passes.time)} returns until t = {passes.end:.4g} s that do not close"
     amplitude = _ranges(model, passes)
     if not model.kernel.quantized:
-        return Attractor(Kind.UNDECIDED, text, "the exponents", amplitude=amplitude)
+        return Attractor(Kind.UNDECIDED, text, EXPONENTS, amplitude=amplitude)
     # No exponents say more of a staircase: what is known is its motion's size.
     longer = LONGER * (passes.end - float(passes.time[0]))
     onward = follow_returns(model, passes.end, passes.end + longer, 0, np.inf, 0)
@@ -193,7 +202,7 @@ def _without_exponents(model: Model, passes: Returns) -> Attractor:
         f"{share:.3g} times as far as before"
     )
     kind = Kind.BOUNDED if share <= STEADY else Kind.UNDECIDED
-    return Attractor(kind, text, "" if kind is Kind.BOUNDED else "a longer run", amplitude=after)
+    return Attractor(kind, text, "" if kind is Kind.BOUNDED else LONGER_RUN, amplitude=after)
 
 
 def _resting(model: Model, time: float, until: float, span: float) -> Attractor | None:
@@ -304,7 +313,7 @@ def _run_away(passes: Returns) -> Attractor:
 
 
 def _broken(passes: Returns) -> Attractor:
-    return Attractor(Kind.UNDECIDED, passes.failure, "a solver that gets beyond that point")
+    return Attractor(Kind.UNDECIDED, passes.failure, OTHER_SOLVER)
 
 
 def _ranges(model: Model, passes: Returns) -> dict[str, float]:
@@ -464,7 +473,7 @@ def _unclosed(model: Model, passes: Returns) -> Attractor:
         return Attractor(
             Kind.DIVERGES if run.diverged else Kind.UNDECIDED,
             run.failure,
-            "" if run.diverged else "a solver that gets beyond that point",
+            "" if run.diverged else OTHER_SOLVER,
             since=float(run.time[-1]) if run.diverged else None,
         )
     with np.errstate(invalid="ignore"):
@@ -492,4 +501,4 @@ def _unclosed(model: Model, passes: Returns) -> Attractor:
             f"; it is a cycle whose period, {between:.6g} s on average, no sampling period divides"
         )
         return Attractor(Kind.CYCLE, text, period=between, **common)
-    return Attractor(Kind.UNDECIDED, text, "a longer run", **common)
+    return Attractor(Kind.UNDECIDED, text, LONGER_RUN, **common)

@@ -5,18 +5,34 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..solver.core import System
+from ..solver.core import ACCEPTED, REACHED, System
 from ..solver.kernel import CONTROLLER, PLANT, Model
 from ..solver.spectrum import follow_returns, follow_tangents
-from .attractor import Attractor, Kind, classify_attractor
+from .attractor import (
+    EXPONENTS,
+    LONGER,
+    LONGER_RUN,
+    OTHER_SOLVER,
+    Attractor,
+    Kind,
+    classify_attractor,
+)
 from .store import Columns
 from .study import MapStudy, kernel_of
 
 LAST = 0.1  # share of the run over which the oscillation is measured
+FOLLOWED, CREPT = 90.0, 22.0  # run lengths for which what is undecided, or creeps, is looked at
+MOST_STEPS = 500_000  # of the solver: a cell that took as many is looked at no longer
+REASONS = {  # of undecided cells, by what would decide
+    LONGER_RUN: "neither rest nor returns that close until the budget is used up",
+    EXPONENTS: "returns that do not close",
+    OTHER_SOLVER: "the solver does not get further",
+}
+NO_DESIGN = "no controller can be designed on this plant"
 _BITS = 1.0 / math.log(2.0)
 
 
@@ -46,12 +62,15 @@ class Cell:
         Largest finite-time exponent [bits/s]; NaN where not asked for.
     oscillation : float
         Half the range of the position over the last tenth of the run [m].
+    reason : str
+        Why an undecided one is: one of a few reasons, a colon, and the evidence.
     """
 
     verdict: Kind
     final_error: float
     lambda1: float
     oscillation: float
+    reason: str = ""
 
 
 def run_cell(
@@ -60,8 +79,8 @@ def run_cell(
     """Run one loop of a map, with the equations of a cell before it if they are given."""
     try:
         model = model_at(study, x, y, tolerance, system)
-    except ValueError:  # no controller can be designed on this plant
-        return Cell(Kind.UNDECIDED, math.nan, math.nan, math.nan)
+    except ValueError as none:
+        return undecided(NO_DESIGN, str(none))
     setpoint = next(
         (model.u[k] for k, i in enumerate(model.kernel.inputs) if i.role == "reference"), 0.0
     )
@@ -87,12 +106,47 @@ def run_cell(
             growth += float(tail.growth[-1, 0])
             model.x[:], model.u[:] = end
     if lost:
-        kind = Kind.DIVERGES if away else Kind.UNDECIDED
-        return Cell(kind, math.nan, growth / at * _BITS, math.nan)
+        ended = undecided(REASONS[OTHER_SOLVER], lost)
+        if away:
+            ended = Cell(Kind.DIVERGES, math.nan, math.nan, math.nan)
+        return replace(ended, lambda1=growth / at * _BITS)
     error = float(model.x[position] - setpoint)
     swing = 0.5 * float(passes.high[position] - passes.low[position])
-    motion: Attractor = classify_attractor(model, study.stop, study.stop, exponents=False, rounds=1)
-    return Cell(motion.kind, error, growth / study.stop * _BITS, swing)
+    motion = _becomes(model, study.stop)
+    return Cell(motion.kind, error, growth / study.stop * _BITS, swing, reason_of(motion))
+
+
+def undecided(reason: str, evidence: str) -> Cell:
+    """A cell of which nothing is known but why."""
+    return Cell(Kind.UNDECIDED, math.nan, math.nan, math.nan, f"{reason}: {evidence}")
+
+
+def reason_of(motion: Attractor) -> str:
+    """Why a motion is undecided; nothing if it is not."""
+    if motion.kind is not Kind.UNDECIDED:
+        return ""
+    would = motion.would_decide
+    return f"{REASONS.get(would, f'what would decide is {would}')}: {motion.evidence}"
+
+
+def _becomes(model: Model, stop: float) -> Attractor:
+    """What a motion becomes, looked at longer and longer while that is undecided.
+
+    What creeps is looked at once more, since it may come to rest; another verdict than undecided
+    takes the place of creeping. Returns that do not close are told by their exponents.
+    """
+    motion = classify_attractor(model, stop, stop, exponents=False, rounds=1)
+    span = stop
+    while motion.would_decide in (LONGER_RUN, EXPONENTS) and model.info[ACCEPTED] < MOST_STEPS:
+        creeps, now = motion.kind is Kind.CREEPING, float(model.info[REACHED])
+        span = min(LONGER * span, FOLLOWED * stop)
+        if now >= (CREPT if creeps else FOLLOWED) * stop:
+            break
+        does_not_close = motion.would_decide == EXPONENTS
+        onward = classify_attractor(model, now, span, exponents=does_not_close, rounds=1)
+        if not (creeps and onward.kind is Kind.UNDECIDED):
+            motion = onward
+    return motion
 
 
 @contextlib.contextmanager
@@ -127,12 +181,14 @@ def run_chunk(study: MapStudy, cells: Sequence[int], share: float) -> Columns:
         "final_error": [],
         "lambda1_bits_per_s": [],
         "oscillation_amplitude": [],
+        "reason": [],
     }
     with cells_of(study, share) as cell_at:
         for cell in cells:
             x, y = study.point(cell)
             found = cell_at(x, y)
-            row = (x, y, found.verdict.value, found.final_error, found.lambda1, found.oscillation)
+            numbers = found.final_error, found.lambda1, found.oscillation
+            row = (x, y, found.verdict.value, *numbers, found.reason)
             for name, value in zip(list(columns)[1:], row, strict=True):
                 unknown = isinstance(value, float) and math.isnan(value)
                 columns[name].append(None if unknown else value)

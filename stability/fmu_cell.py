@@ -14,8 +14,8 @@ from ..orchestration.loop_run import CouplingError, LoopRun
 from ..orchestration.reference_signal import Reference
 from ..orchestration.wiring import WiringError
 from ..solver.tape import UnsupportedComponent
-from .attractor import Attractor, Kind
-from .cell import LAST, Cell
+from .attractor import Attractor
+from .cell import LAST, NO_DESIGN, Cell, reason_of, undecided
 from .fmu_parts import FmuLoop, FmuParts, OverFmus, opened_parts
 from .fmu_with_tangents import TangentsImpossible
 from .lyapunov import agreed
@@ -25,7 +25,7 @@ from .tangents_over_fmus import ACCURACY
 
 POSITION = "x"
 _BITS = 1.0 / math.log(2.0)
-_UNKNOWN = Cell(Kind.UNDECIDED, math.nan, math.nan, math.nan)
+REFUSED = "a part refuses these values"
 
 
 def run_fmu_cell(
@@ -55,8 +55,8 @@ def run_fmu_cell(
     """
     try:
         plant_values, controller_values, setpoint = study.values_at(x, y)
-    except ValueError:  # no controller can be designed on this plant
-        return _UNKNOWN
+    except ValueError as error:
+        return undecided(NO_DESIGN, str(error))
     names = study.controller, study.plant
     loop = FmuLoop(*names, setpoint, plant_values, controller_values, fmus.mapping)
     step, lambda1 = share * fmus.step, math.nan
@@ -70,13 +70,15 @@ def run_fmu_cell(
                 lambda1 = float(growth[-1]) / study.stop * _BITS
         else:
             run, motion = _coupled(loop, parts, study.stop, step)
-    except StepFailed:  # a part refuses these values
-        return _UNKNOWN
+    except StepFailed as error:
+        return undecided(REFUSED, str(error))
+    reason = reason_of(motion)
     if run.stopped or POSITION not in run.outputs:
-        return Cell(motion.kind, math.nan, lambda1, math.nan)
+        return Cell(motion.kind, math.nan, lambda1, math.nan, reason)
     position = run.outputs[POSITION]
     tail = position[run.time >= (1.0 - LAST) * run.time[-1]]
-    return Cell(motion.kind, float(position[-1]) - setpoint, lambda1, 0.5 * float(np.ptp(tail)))
+    swing = 0.5 * float(np.ptp(tail))
+    return Cell(motion.kind, float(position[-1]) - setpoint, lambda1, swing, reason)
 
 
 def _coupled(loop: FmuLoop, parts: FmuParts, stop: float, step: float) -> tuple[LoopRun, Attractor]:

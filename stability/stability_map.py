@@ -9,6 +9,7 @@ verdict there is undecided.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -105,26 +106,36 @@ def _complete(
     """Compute what is missing, then make one table of all, among the parts."""
     plain = chunks_of(study.cells, "c", [range(study.cells)])
     _compute(study, parts, plain, 1.0, workers, progress)
-    verdicts = np.array(
-        [k for name in plain for k in verdict_codes(load(parts, name)["verdict"])],
-        dtype=np.int8,
-    )
+    codes: list[int] = []
+    reasons: dict[int, str] = {}
+    for name in plain:
+        columns = load(parts, name)
+        codes += verdict_codes(columns["verdict"])
+        reasons |= {c: r for c, r in zip(columns["cell"], columns["reason"], strict=True) if r}
+    verdicts = np.array(codes, dtype=np.int8)
     border = border_cells(verdicts.reshape(study.y.count, study.x.count))
     random = np.random.default_rng(study.seed)
     away = np.setdiff1d(np.arange(study.cells), border)
     some = np.sort(random.choice(away, math.ceil(CHECKED * len(away)), replace=False))
     again = chunks_of(study.cells, "t", [border.tolist(), some.tolist()])
     _compute(study, parts, again, study.finer, workers, progress)
-    checked: dict[int, int] = {}
+    kinds = list(Kind)
+    checked: dict[int, Kind] = {}
     for name in again:
         columns = load(parts, name)
-        codes = verdict_codes(columns["verdict"])
-        checked |= dict(zip(columns["cell"], codes, strict=True))
-    changed = {cell for cell, code in checked.items() if code != verdicts[cell]}
+        checked |= dict(zip(columns["cell"], map(Kind, columns["verdict"]), strict=True))
+    finer = "a tenth of the tolerance" if study.fmus is None else "half the step"
+    changed: dict[int, str] = {}
+    for cell, finer_kind in checked.items():
+        kind = kinds[verdicts[cell]]
+        if {kind, finer_kind} == {Kind.CREEPING, Kind.LINE}:  # what creeps may come to rest later
+            verdicts[cell] = VERDICT_CODE[Kind.CREEPING]
+        elif kind is not finer_kind:
+            verdicts[cell] = VERDICT_CODE[Kind.UNDECIDED]
+            changed[cell] = f"{finer} changes the verdict: {kind}, then {finer_kind}"
+    reasons |= changed
     by_chance = set(some.tolist())
-    merge_chunks(parts, list(plain), checked, changed)
-    verdicts[sorted(changed)] = VERDICT_CODE[Kind.UNDECIDED]
-    kinds = list(Kind)
+    merge_chunks(parts, list(plain), [kinds[k].value for k in verdicts], checked, changed)
     found, counts = np.unique(verdicts, return_counts=True)
     return MapSummary(
         study,
@@ -132,8 +143,9 @@ def _complete(
         len(checked),
         len(changed),
         len(by_chance),
-        len(changed & by_chance),
+        len(changed.keys() & by_chance),
         0,
+        dict(Counter(reason.partition(":")[0] for reason in reasons.values())),
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,12 @@ from .attractor import Kind
 from .study import BadMap, MapStudy
 
 Columns = dict[str, list[Any]]
-CHUNK = 96  # cells
+BUDGET = (
+    "budget of a cell: its motion is followed on for 90 run lengths (22 where it creeps), or until "
+    "its solver has taken half a million steps"
+)
+BUDGET_OVER_FMUS = "budget of a cell: the run until --stop, nothing beyond"
+CHUNK, LEAST_CHUNKS = 96, 8  # cells in one, and chunks of a small map: all workers have some
 PARTS = "map.parts"  # folder of what is done while the map is not
 TABLE, BORDERS = "map", "borders.csv"
 
@@ -32,6 +37,8 @@ class MapSummary:
         it changed.
     borders : int
         Borders found by refinement; 0 without.
+    undecided : dict of str to int
+        Cells that are undecided, by the reason.
     notes : tuple of str
         What the user should know beside, of the files; not in ``map.json``.
     """
@@ -43,6 +50,7 @@ class MapSummary:
     random_checked: int
     random_disagreed: int
     borders: int
+    undecided: dict[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def figures(self) -> dict[str, Any]:
@@ -52,6 +60,8 @@ class MapSummary:
             "study": asdict(self.study),
             "cells": self.study.cells,
             "verdicts": self.verdicts,
+            "undecided": self.undecided,
+            "budget": BUDGET if self.study.fmus is None else BUDGET_OVER_FMUS,
             "checked_tighter": self.checked,
             "disagreed": self.disagreed,
             "checked_at_random": self.random_checked,
@@ -96,7 +106,8 @@ def claim_folder(
     if not resume:
         raise BadMap(f"{folder} holds this map already; add --resume to go on with it")
     try:
-        return MapSummary(study, *(found[name] for name in SUMMARY))
+        figures = (found[name] for name in SUMMARY)
+        return MapSummary(study, *figures, undecided=found.get("undecided", {}))
     except KeyError as error:
         raise BadMap(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
 
@@ -104,10 +115,11 @@ def claim_folder(
 def chunks_of(cells: int, head: str, groups: Sequence[Sequence[int]]) -> dict[str, Sequence[int]]:
     """Names of chunks and the cells in them, in order."""
     width = len(str(cells))
+    size = min(CHUNK, max(2, cells // LEAST_CHUNKS))
     named = {}
     for k, group in enumerate(groups):
-        for start in range(0, len(group), CHUNK):
-            named[f"{head}{k}-{start:0{width}d}.json"] = group[start : start + CHUNK]
+        for start in range(0, len(group), size):
+            named[f"{head}{k}-{start:0{width}d}.json"] = group[start : start + size]
     return named
 
 
@@ -137,18 +149,30 @@ def verdicts_in(table: Path) -> list[str]:
 def merge_chunks(
     parts: KeptParts,
     names: list[str],
-    checked: Mapping[int, int],
-    changed: set[int],
+    verdicts: Sequence[str],
+    checked: Container[int],
+    changed: Mapping[int, str],
 ) -> None:
-    """One table of all chunks, in the order of the cells, a chunk in memory at a time."""
+    """One table of all chunks, in the order of the cells, a chunk in memory at a time.
+
+    Parameters
+    ----------
+    verdicts : sequence of str
+        Of all cells, after some were computed again.
+    checked : container of int
+        Cells that were computed again.
+    changed : mapping of int to str
+        Those with another verdict then: why they are undecided.
+    """
 
     def pieces() -> Iterator[Columns]:
         for name in names:
             columns = load(parts, name)
             cells = columns.pop("cell")
-            columns["verdict"] = [
-                Kind.UNDECIDED.value if cell in changed else verdict
-                for cell, verdict in zip(cells, columns["verdict"], strict=True)
+            columns["verdict"] = [verdicts[cell] for cell in cells]
+            columns["reason"] = [
+                changed.get(cell, reason)
+                for cell, reason in zip(cells, columns["reason"], strict=True)
             ]
             columns["checked"] = [cell in checked for cell in cells]
             yield columns

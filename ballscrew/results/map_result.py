@@ -49,6 +49,8 @@ class StabilityMap(Result):
     def facts(self) -> Iterable[tuple[str, str]]:
         for verdict, count in sorted(self.summary.verdicts.items(), key=lambda row: -row[1]):
             yield verdict, f"{count} of {self.summary.study.cells}"
+        for reason, count in self.summary.undecided.items():
+            yield f"undecided: {reason}", f"{count}"
 
     def save(self, folder: Path | str, pictures: bool = True) -> None:
         """Copy the map's files to another folder, and draw it there."""

@@ -12,11 +12,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from dask_cluster import cluster
+from scipy.integrate import solve_ivp
 
 from ballscrew.orchestration.workers import Processes
-from ballscrew.stability import stability_map, store
+from ballscrew.stability import cell, stability_map, store
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.cell import run_cell, stuck_growth
+from ballscrew.stability.cell import model_at, run_cell, stuck_growth
 from ballscrew.stability.map_pictures import save_map_picture
 from ballscrew.stability.stability_map import make_map
 from ballscrew.stability.study import BadMap, MapStudy, read_axis
@@ -63,6 +64,7 @@ def test_the_table_has_a_row_for_every_cell_in_order_and_counts_agree(whole):
         "final_error",
         "lambda1_bits_per_s",
         "oscillation_amplitude",
+        "reason",
         "checked",
     ]
     rows = table.to_pylist()
@@ -77,6 +79,92 @@ def test_the_table_has_a_row_for_every_cell_in_order_and_counts_agree(whole):
     assert figures["checked_tighter"] == sum(r["checked"] for r in rows) > 0
     assert (folder / "map.png").read_bytes()[:4] == b"\x89PNG"
     assert not (folder / "map.parts").exists()
+
+
+def test_a_loop_that_rests_late_is_followed_on_until_it_does_where_another_solver_ends(tmp_path):
+    """From other starts an NCTF loop sticks after 26 to 111 s; the runs take 5 s."""
+    x = read_axis("plant.x_start=-0.2:0.2:3", "plant", "nctf")
+    y = read_axis("plant.v_start=-0.1:0.1:2", "plant", "nctf")
+    study = MapStudy("nctf", x, y, stop=5.0, tolerance=1e-6)
+    summary = make_map(study, tmp_path, Processes(1))
+    assert summary.verdicts == {Kind.LINE: 6}
+    assert summary.undecided == {}
+    model = model_at(study, *study.point(5), 1e-6)
+    nominal = model.kernel.nominal
+    end = solve_ivp(
+        lambda t, scaled: model.derivatives(t, scaled * nominal) / nominal,
+        (0.0, 100.0),
+        model.x / nominal,
+        "Radau",
+        t_eval=[60.0, 80.0, 100.0],
+        jac=lambda t, scaled: model.jacobian(t, scaled * nominal) * nominal / nominal[:, None],
+        rtol=1e-6,
+        atol=1e-9,
+    )
+    assert end.success
+    assert np.ptp(end.y, axis=1).max() < 1e-6  # nominal magnitudes: nothing moves any more
+    assert end.y[0, -1] * nominal[0] == pytest.approx(study.setpoint, abs=1e-6)
+
+
+def test_a_sampled_loop_is_followed_on_until_it_rests():
+    x = read_axis("plant.x_start=-0.2:0.2:2", "plant", "pid_sampled")
+    y = read_axis("plant.v_start=-0.1:0.1:2", "plant", "pid_sampled")
+    study = MapStudy("pid_sampled", x, y, stop=5.0, tolerance=1e-6)
+    assert run_cell(study, -0.2, 0.1, 1e-6).verdict is Kind.LINE
+
+
+def test_an_undecided_cell_says_why_when_its_budget_is_used_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(cell, "FOLLOWED", 1.0)
+    monkeypatch.setattr(cell, "CREPT", 1.0)
+    x = read_axis("plant.x_start=-0.2:0.2:3", "plant", "nctf")
+    y = read_axis("plant.v_start=-0.1:0.1:2", "plant", "nctf")
+    study = MapStudy("nctf", x, y, stop=2.0, tolerance=1e-6)
+    summary = make_map(study, tmp_path, Processes(1))
+    reasons = [r for r in pq.read_table(tmp_path / "map.parquet")["reason"].to_pylist() if r]
+    why, evidence = reasons[0].split(": ", 1)
+    assert "budget is used up" in why
+    assert "until t = 10.5 s" in evidence
+    assert summary.undecided == {why: len(reasons)}
+    assert summary.verdicts[Kind.UNDECIDED] == len(reasons)
+    assert summary.figures()["undecided"] == summary.undecided
+
+
+def test_a_cell_without_a_controller_says_so():
+    x = read_axis("design.m=8:1e4:2", "plant", "nctf")
+    y = read_axis("plant.sigma2=1:2:2", "plant", "nctf")
+    found = run_cell(MapStudy("nctf", x, y, stop=1.0), 1e4, 1.0, 1e-6)
+    assert found.verdict is Kind.UNDECIDED
+    assert found.reason.startswith("no controller can be designed on this plant: ")
+
+
+@pytest.mark.parametrize(
+    ("first", "again", "verdict", "reason"),
+    [
+        (Kind.LINE, Kind.LINE, Kind.LINE, ""),
+        (Kind.LINE, Kind.CREEPING, Kind.CREEPING, ""),
+        (Kind.CREEPING, Kind.LINE, Kind.CREEPING, ""),
+        (
+            Kind.CYCLE,
+            Kind.LINE,
+            Kind.UNDECIDED,
+            "a tenth of the tolerance changes the verdict: limit cycle, then stuck on a line of "
+            "equilibria",
+        ),
+    ],
+)
+def test_what_two_tolerances_say_becomes_one_verdict(
+    tmp_path, monkeypatch, first, again, verdict, reason
+):
+    def chunk(study, cells, share):
+        kind = first if share == 1.0 else again
+        row = {"cell": list(cells), "x": [0.0] * len(cells), "verdict": [kind] * len(cells)}
+        return row | {"reason": [""] * len(cells)}
+
+    monkeypatch.setattr(stability_map, "run_chunk", chunk)
+    summary = make_map(gamma(), tmp_path, Processes(1))
+    rows = [r for r in pq.read_table(tmp_path / "map.parquet").to_pylist() if r["checked"]]
+    assert {(r["verdict"], r["reason"]) for r in rows} == {(verdict, reason)}
+    assert sum(summary.undecided.values()) == summary.disagreed == bool(reason) * len(rows)
 
 
 def test_borders_lie_between_cells_of_different_verdict_with_their_width(whole):
