@@ -13,7 +13,8 @@ from xml.etree import ElementTree as ET
 
 from .archive import BadArchive, unpack_archive
 from .source_fmu import NotCompiled, compile_sources
-from .system_xml import BASE_UNITS
+from .system_xml import BASE_UNITS, Unit
+from .units import BadUnit, base_exponents
 
 REAL = ("Real", "Float64", "Float32")
 WHOLE = (
@@ -98,6 +99,15 @@ class Description:
     def names(self, causality: str) -> list[str]:
         """Names of the variables of a causality."""
         return [v.name for v in self.variables if v.causality == causality]
+
+    def unit(self, name: str) -> Unit | None:
+        """The unit of a variable; None where the FMU tells none."""
+        unit = next(v.unit for v in self.variables if v.name == name)
+        if not unit:
+            return None
+        if unit in self.units:
+            return Unit.defined(unit, self.units[unit])
+        return _undefined(unit)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -247,6 +257,9 @@ def _described(path: Path, read: Any) -> Description:
                 v.type in REAL and v.variability == "discrete",
             )
         )
+    units = defined_units(read)
+    for name, base in units.items():
+        Unit.defined(name, base)  # refuses what is no unit
     return Description(
         int(read.fmiVersion[0]),
         read.coSimulation is None,
@@ -255,7 +268,7 @@ def _described(path: Path, read: Any) -> Description:
         str(read.guid),
         str(kind.modelIdentifier),
         tuple(variables),
-        defined_units(read),
+        units,
         message,
         bool(kind.canGetAndSetFMUstate),
         bool(kind.canBeInstantiatedOnlyOncePerProcess),
@@ -280,6 +293,16 @@ def unit_name(variable: Any) -> str:
     """The unit of a variable as fmpy read it, or of its declared type; empty if none."""
     declared = variable.declaredType
     return str(variable.unit or (declared.unit if declared is not None else None) or "")
+
+
+def _undefined(name: str) -> Unit:
+    """A unit that the FMU does not define in base units, by its name, also as Modelica has it."""
+    powers = re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", name).replace(".", "*")
+    try:
+        exponents = base_exponents(powers)
+    except BadUnit:
+        return Unit(name, None)
+    return Unit(name, tuple(exponents.get(base, 0) for base in BASE_UNITS))
 
 
 def defined_units(read: Any) -> dict[str, dict[str, str]]:

@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 from .archive import BadArchive, unpack_archive
 from .system_network import Component, Network, SystemConnection, SystemOutput, SystemPort
 from .system_parameters import Bindings
-from .system_xml import SSD, BadSystem, number, parsed, units_of
+from .system_xml import SSD, BadSystem, Unit, number, parsed, units_of
 
 __all__ = [
     "BadSystem",
@@ -60,12 +60,15 @@ class SystemInput:
         Empty if the system does not say.
     start : float, optional
         What parameter sets say of it, in its own unit.
+    defined : Unit, optional
+        That unit, as far as the system defines it.
     """
 
     name: str
     unit: str
     start: float | None
     drives: tuple[SystemConnection, ...]
+    defined: Unit | None = None
 
 
 @dataclass(frozen=True)
@@ -163,6 +166,7 @@ def _read(path: Path, folder: Path) -> SystemStructure:
             connector.unit.name if connector.unit else "",
             bindings.starts.get(name),
             tuple(c for c in connections if c.source == SystemPort("", name)),
+            connector.unit,
         )
         for name, connector in top.connectors.items()
         if connector.kind == "input"

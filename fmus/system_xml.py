@@ -49,6 +49,11 @@ class Unit:
             number(base.get("offset", "0"), f"the offset of {what}"),
         )
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether its values are bare numbers."""
+        return self.exponents == (0,) * len(BASE_UNITS) and (self.factor, self.offset) == (1, 0)
+
     def same_as(self, other: Unit) -> bool:
         """Whether values are the same numbers in both; where nobody defines one, by name."""
         if self.exponents is None or other.exponents is None:
@@ -90,12 +95,19 @@ class Scaled:
         factor, offset, before = self.factor, self.offset, self.unit
         after = unit or (before if scaling.converts else None)
         if scaling.converts and before is not None and unit is not None:
-            ratio, shift = _conversion(before, unit, where)
+            ratio, shift = conversion(before, unit, where)
             factor, offset = ratio * factor, ratio * offset + shift
         return Scaled(scaling.factor * factor, scaling.factor * offset + scaling.offset, after)
 
 
-def _conversion(before: Unit, after: Unit, where: str) -> tuple[float, float]:
+def conversion(before: Unit, after: Unit, where: str) -> tuple[float, float]:
+    """Factor and offset from one unit to another.
+
+    Raises
+    ------
+    BadSystem
+        If they measure different things, or nobody defines one of them.
+    """
     for unit in (before, after):
         if unit.exponents is None and before.name != after.name:
             raise BadSystem(

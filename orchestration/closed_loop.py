@@ -21,6 +21,7 @@ from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
 from .parameter_file import ParameterFile
 from .parts import loop_label, part_of, used_parameters
+from .port_units import converted
 from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
 from .step_choice import FIRST, choose_step
@@ -167,7 +168,8 @@ def run_parts(
     for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
         check_values(side.name, values or {}, side.parameters)
     wiring = wire(plant, controller, study.mapping)
-    notes = _connection_notes(study, controller, wiring)
+    controller, units = converted(plant, controller, wiring, study.mapping)
+    notes = _connection_notes(study, controller, wiring) + units.notes
     if not has_equations(study.controller):
         notes += _meet_samples(study, study.step, plant, controller, wiring)
     run = run_loop(
@@ -186,14 +188,19 @@ def run_parts(
         progress=progress,
         look_again=look_again,
     )
-    run = replace(run, units=_units(plant, run, study.mapping or {}))
+    factor, offset = units.set_point
+    told = _units(plant, run, study.mapping or {}, units.commands)
+    reference = factor * run.reference + offset
+    run = replace(run, units=told, reference=reference, scale=units.set_point)
     limits = study.plant_values or {}
     notes += amplifier_notes(run, plant.parameters, limits, "--limit-voltage ")
     return run, notes
 
 
-def _units(plant: _Fmu, run: LoopRun, mapping: Mapping[str, str]) -> dict[str, str]:
-    units = {v.name: v.unit for v in plant.description.variables}
+def _units(
+    plant: _Fmu, run: LoopRun, mapping: Mapping[str, str], commands: Mapping[str, str]
+) -> dict[str, str]:
+    units = {v.name: v.unit for v in plant.description.variables} | dict(commands)
     ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
     return {ours[n]: units[n] for n in ours if ours[n] in {**run.outputs, **run.commands}}
 

@@ -20,7 +20,7 @@ JACOBI, GAUSS_SEIDEL, INTERFACE_JACOBIAN = range(3)
 DIRECT, STEPPED, SAMPLED = range(3)
 USES = 3  # what states are saved for
 RAMP_SHARE = 2 / 3  # of a defect, that a ramp makes up for
-RUNAWAY = 1e4  # times an output's nominal value
+RUNAWAY = 1e4  # times an output's nominal value, beyond which a loop diverges
 GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED, NO_MEMORY = range(7)
 
 CONTROLLER = np.dtype(
@@ -104,6 +104,7 @@ COURSE = np.dtype(
         ("times", VECTOR),
         ("references", VECTOR),
         ("commands", VECTOR),  # row by row
+        ("bounds", VECTOR),  # of each output, beyond which the loop diverges
         ("nominal", VECTOR),  # of each output, and its range so far
         ("low", VECTOR),
         ("high", VECTOR),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .compiled import COURSE
+from .compiled import COURSE, RUNAWAY
 from .coupling import Coupling, Loop
 from .fmu_instance import StepFailed
 from .memory import check_memory
@@ -22,6 +22,7 @@ Vector = npt.NDArray[np.float64]
 
 CHUNK = 4096  # most steps between two looks at the clock on the wall
 NEGLIGIBLE = 1e-7  # of the range: effects that add up to less are round-off
+UNKNOWN = 1e12  # as RUNAWAY, of an output whose nominal value is not known
 UNBOUNDED = StepFailed("").advice
 
 
@@ -63,6 +64,8 @@ class LoopRun:
         Of outputs and commands, as far as the parts say them.
     sampling_period : float
         Of what is sampled of the controller and its instruments [s]; 0 if nothing is.
+    scale : tuple of two floats
+        Factor and offset from the set-point's SI unit to the unit of `reference` and the position.
     """
 
     time: Vector
@@ -81,6 +84,7 @@ class LoopRun:
     diverged: bool = False
     units: dict[str, str] = field(default_factory=dict)
     sampling_period: float = 0.0
+    scale: tuple[float, float] = (1.0, 0.0)
 
     @property
     def alone(self) -> bool:
@@ -128,6 +132,16 @@ class RecordedLoop:
         return error
 
 
+def bounds(nominal: Vector, start: Vector) -> Vector:
+    """How large outputs may become before a loop is said to diverge.
+
+    A nominal value of 1 says nothing: it stands for one that is missing. Counts, pascals and
+    absolute encoders lie far beyond it at rest.
+    """
+    size = np.maximum(np.maximum(nominal, 1.0), np.abs(np.nan_to_num(start)))
+    return np.where(nominal == 1.0, UNKNOWN, RUNAWAY) * size
+
+
 def check_room(outputs: int, commands: int, co_runs: int, steps: float) -> None:
     """Refuse a run whose rows do not fit into memory.
 
@@ -169,13 +183,14 @@ class RunLog:
     ) -> None:
         self._whole = struct(COURSE)
         self._rows = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m * keeps_commands))
-        self.nominal = nominal
+        self.bounds = bounds(nominal, outputs)
         self.residual, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
         self._whole.set(
             times=self._rows[0],
             references=self._rows[1],
             commands=self._rows[2],
             nominal=nominal,
+            bounds=self.bounds,
             low=outputs.copy(),
             high=outputs.copy(),
             residual=self.residual,

@@ -307,10 +307,10 @@ def march_on(
         most = max(1, most // 2) if slow else min(2 * most, CHUNK)
         if progress:
             progress(clock.now)
-    return _stop(why, clock.now, main, course.nominal)
+    return _stop(why, clock.now, main, course.bounds)
 
 
-def _stop(why: int, t: float, main: RecordedLoop, nominal: Vector) -> Stop:
+def _stop(why: int, t: float, main: RecordedLoop, bounds: Vector) -> Stop:
     if why in (STEP_FAILED, COMMAND_FAILED):
         error = main.error()
         where = f"in the step from t = {t:.6g} s" if why == STEP_FAILED else f"at t = {t:.6g} s"
@@ -318,7 +318,7 @@ def _stop(why: int, t: float, main: RecordedLoop, nominal: Vector) -> Stop:
     if why == NOT_FINITE:
         return Stop(f"an output is not finite at t = {t:.6g} s", diverged=True)
     if why == DIVERGES:
-        worst = int(np.argmax(np.abs(main.loop.outputs) / nominal))
+        worst = int(np.argmax(np.abs(main.loop.outputs) / bounds))
         name = list(main.loop.plant.outputs)[worst]
         return Stop(f"the loop diverges: {name} leaves every bound at t = {t:.6g} s", diverged=True)
     return Stop()

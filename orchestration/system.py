@@ -6,12 +6,10 @@ import contextlib
 import difflib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from operator import itemgetter
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
-from ..fmus.set_point import DERIVATIVES, SET_POINT
 from ..fmus.system_reading import (
     BadSystem,
     SystemConnection,
@@ -22,20 +20,19 @@ from ..fmus.system_reading import (
 from .closed_loop import LIMIT, BadParameter, amplifier_notes, check_values
 from .closed_loop_result import ClosedLoopResult
 from .coupling import Coupling
-from .fmu_instance import FmuInstance, Instance
+from .fmu_instance import Instance
 from .group import Feed, Group
-from .isolated import TIME_LIMIT, IsolatedInstance, open_fmu
+from .isolated import TIME_LIMIT, open_fmu
 from .loop_run import LoopRun
 from .master import Progress, run_loop
 from .parts import readable
+from .port_units import AS_IS, POSITION, scale_of_results
 from .reference_signal import Reference
 from .step_choice import FIRST, choose_step
+from .system_goal import Fmus, Goal, goal_of
 from .wiring import Wiring
 
 STOP = 20.0
-
-Fmus = Mapping[str, FmuInstance | IsolatedInstance]
-Goal = tuple[tuple[SystemConnection, int], ...]
 
 
 @dataclass(frozen=True)
@@ -147,6 +144,7 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
             run = run_at(study.step or first)
         else:
             run, choice = choose_step(run_at, first)
+        run = loop.in_units(run)
         limit = f"--set {loop.plant_name}.{LIMIT}="
         amplifier = amplifier_notes(
             run, fmus[loop.plant_name].parameters, values[loop.plant_name], limit
@@ -201,7 +199,9 @@ class _Loop:
     names : dict of str to str
         What results call the plant's ports.
     goal : tuple of (SystemConnection, int)
-        What the set-point drives, and how often it is differentiated by time for it.
+        What the set-point drives from SI units, and how often it is differentiated by time for it.
+    commands : tuple of SystemConnection
+        Into the plant, without those of a law that the master applies.
     """
 
     plant_name: str
@@ -210,11 +210,42 @@ class _Loop:
     wiring: Wiring
     names: dict[str, str]
     goal: Goal
+    commands: tuple[SystemConnection, ...]
+    fmus: Fmus
+
+    def in_units(self, run: LoopRun) -> LoopRun:
+        """The run with commands as the plant gets them, the set-point as its position, and units.
+
+        The master has commands as their sources give them where the plant is within a group.
+        """
+        plant = self.fmus[self.plant_name].description
+        units = {v.name: v.unit for v in plant.variables}
+        commands, residual = dict(run.commands), dict(run.residual_max)
+        for c in self.commands:
+            name = c.target.connector
+            if isinstance(self.plant, Group):
+                commands[name] = c.factor * commands[name] + c.offset
+                residual[name] *= abs(c.factor)
+            if not units[name] and (c.factor, c.offset) == AS_IS:
+                given = self.fmus[c.source.element].description.variables
+                units[name] = next(v.unit for v in given if v.name == c.source.connector)
+        measured = plant.unit(POSITION) if POSITION in run.outputs else None
+        goal = self.goal[0][0].target if self.goal else None
+        taken = self.fmus[goal.element].description.unit(goal.connector) if goal else None
+        factor, offset = scale_of_results(measured, [taken])
+        return replace(
+            run,
+            commands=commands,
+            residual_max=residual,
+            reference=factor * run.reference + offset,
+            scale=(factor, offset),
+            units={n: units[n] for n in (*run.outputs, *run.commands)},
+        )
 
     def set_point(
         self, system: SystemStructure, values: Mapping[str, Mapping[str, float]], fmus: Fmus
     ) -> float:
-        """The set-point's start value, in its own unit; not a number where there is none."""
+        """The set-point's start value in SI units; not a number where there is none."""
         if not self.goal:
             return math.nan
         goal, _ = self.goal[0]
@@ -231,7 +262,7 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
         raise BadSystem(f"{system.path}: has one element; a closed loop has two or more")
     plant = _plant(fmus)
     rest = [n for n in fmus if n != plant]
-    goal = _goal(system, fmus, rest)
+    goal = goal_of(system, fmus, rest)
     if study.reference and not goal:
         raise BadSystem(
             f"{system.path}: has no input that a set-point could drive; set start values instead"
@@ -284,7 +315,7 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
     )
     names = {f"{plant}.{port}": port for port in fmus[plant].outputs}
     names |= {str(c.source): c.target.connector for c in main} if not alone else {}
-    return _Loop(plant, side, controller, wiring, names, goal)
+    return _Loop(plant, side, controller, wiring, names, goal, tuple(main), fmus)
 
 
 def _plant(fmus: Fmus) -> str:
@@ -295,34 +326,6 @@ def _plant(fmus: Fmus) -> str:
         return law, name == "plant", silent
 
     return max(fmus, key=rank)  # the first of equals
-
-
-def _goal(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> Goal:
-    """What the set-point drives: the system's input, else an input that nothing drives.
-
-    Beside one called ``x_d`` its derivatives, ``v_d`` and ``a_d``, as in a loop of two parts.
-    """
-    candidates: dict[str, tuple[SystemConnection, ...]] = {
-        i.name: i.drives
-        for i in system.inputs
-        if i.drives and all(c.target.element in rest for c in i.drives)
-    }
-    if not candidates:
-        driven = {c.target for c in system.connections}
-        free = [SystemPort(e, p) for e in rest for p in fmus[e].inputs]
-        candidates = {
-            str(port): (SystemConnection(SystemPort("", port.connector), port),)
-            for port in free
-            if port not in driven
-        }
-    if len(candidates) == 1:
-        return tuple((c, 0) for c in next(iter(candidates.values())))
-    called = [(n.rpartition(".")[2], drives) for n, drives in candidates.items()]
-    if [n for n, _ in called].count(SET_POINT) != 1:
-        return ()
-    orders = {SET_POINT: 0, **DERIVATIVES}
-    named = [(orders[n], drives) for n, drives in called if n in orders]
-    return tuple((c, order) for order, drives in sorted(named, key=itemgetter(0)) for c in drives)
 
 
 def _plain(connections: Sequence[SystemConnection], once: bool) -> bool:

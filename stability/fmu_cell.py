@@ -19,9 +19,9 @@ from .cell import LAST, NO_DESIGN, Cell, reason_of, undecided
 from .fmu_parts import FmuLoop, FmuParts, OverFmus, opened_parts
 from .fmu_with_tangents import TangentsImpossible
 from .lyapunov import agreed
-from .signal_motion import Signals, signal_motion
+from .signal_motion import signal_motion
 from .study import BadMap, MapStudy
-from .tangents_over_fmus import ACCURACY
+from .tangents_over_fmus import ACCURACY, TangentRun
 
 POSITION = "x"
 _BITS = 1.0 / math.log(2.0)
@@ -60,7 +60,7 @@ def run_fmu_cell(
     names = study.controller, study.plant
     loop = FmuLoop(*names, setpoint, plant_values, controller_values, fmus.mapping)
     step, lambda1 = share * fmus.step, math.nan
-    run: Signals
+    run: TangentRun | LoopRun
     try:
         if fmus.tangents:
             followed = loop.followed(parts, study.stop, step, share**2 * ACCURACY, fmus.tangents)
@@ -75,7 +75,8 @@ def run_fmu_cell(
     reason = reason_of(motion)
     if run.stopped or POSITION not in run.outputs:
         return Cell(motion.kind, math.nan, lambda1, math.nan, reason)
-    position = run.outputs[POSITION]
+    factor, offset = run.scale
+    position = (run.outputs[POSITION] - offset) / factor
     tail = position[run.time >= (1.0 - LAST) * run.time[-1]]
     swing = 0.5 * float(np.ptp(tail))
     return Cell(motion.kind, float(position[-1]) - setpoint, lambda1, swing, reason)

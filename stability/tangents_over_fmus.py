@@ -28,7 +28,10 @@ from ..fmus.tangent_ports import tangent_port
 from ..orchestration.clock import Clock
 from ..orchestration.compiled import DIVERGES, GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
 from ..orchestration.fmi_calls import Bound, failure_of
-from ..orchestration.fmu_instance import Instance, StepFailed
+from ..orchestration.fmu_instance import FmuInstance, Instance, StepFailed
+from ..orchestration.isolated import IsolatedInstance
+from ..orchestration.loop_run import bounds
+from ..orchestration.port_units import converted
 from ..orchestration.structs import struct
 from ..orchestration.wiring import PLANT, Wiring, names_on, wire
 from .fmu_with_tangents import Side, TangentsImpossible, ordinary
@@ -40,7 +43,6 @@ ACCURACY = 1e-2  # nats that the corrections may change the growth by in all
 # Of the FMUs' own solvers. From 1e-10 to here it moves the growth of no slow tangent by 1e-5 nats,
 # that of a fast one by 4e-9 of it (loop with NCTF, 20 s), at a fifth of the steps.
 TOLERANCE = 1e-6
-RUNAWAY = 1e4  # times an output's nominal value, as in a run without tangents
 CHUNK = 256  # steps between two chances to interrupt
 
 
@@ -70,6 +72,8 @@ class TangentRun:
         Whether it ended because an output left every bound.
     unmet : int
         Steps that were as short as they get, and whose correction still changed more than asked.
+    scale : tuple of two floats
+        As `LoopRun.scale`.
     """
 
     time: Vector
@@ -82,6 +86,7 @@ class TangentRun:
     stopped: str
     diverged: bool
     unmet: int
+    scale: tuple[float, float]
 
     @property
     def exponents(self) -> Vector:
@@ -92,8 +97,8 @@ class TangentRun:
 
 # Many arguments: those of `run_loop` for the same loop, and the accuracy, by name.
 def follow_over_fmus(
-    plant: Instance,
-    controller: Instance,
+    plant: FmuInstance | IsolatedInstance,
+    controller: FmuInstance | IsolatedInstance,
     reference: float,
     stop: float,
     step: float,
@@ -138,6 +143,7 @@ def follow_over_fmus(
     """
     _check_saving(plant, controller)
     wiring = wire(ordinary(plant), ordinary(controller), mapping)
+    controller, units = converted(plant, controller, wiring, mapping)
     refs = np.array([0.0 if order else reference for order in wiring.orders])
     p = Side(plant)
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}
@@ -156,8 +162,7 @@ def follow_over_fmus(
     joint = _Joint(p, c, wiring, count, refs)
     names = list(ordinary(plant).outputs)
     ours = names_on(PLANT, [*names, *plant.inputs], mapping or {})
-    bound = RUNAWAY * np.array([plant.nominal(n) for n in names])
-    trail = joint.march(names, bound, Clock(stop, step, adaptive=True), accuracy)
+    trail = joint.march(names, Clock(stop, step, adaptive=True), accuracy)
     return TangentRun(
         trail.times,
         {ours[n]: trail.outputs[:, j] for j, n in enumerate(names)},
@@ -169,6 +174,7 @@ def follow_over_fmus(
         trail.stopped,
         trail.diverged,
         trail.unmet,
+        units.set_point,
     )
 
 
@@ -276,15 +282,16 @@ class _Joint:
         self._whole.set(frame=np.eye(count, states), plain=np.zeros((count, states)))
         self._whole.set(plain_logs=np.zeros(count), logs=np.zeros(count))
 
-    def march(self, names: Sequence[str], bound: Vector, clock: Clock, accuracy: float) -> _Trail:
+    def march(self, names: Sequence[str], clock: Clock, accuracy: float) -> _Trail:
         """Run to the clock's end, and record these outputs of the plant.
 
-        The run ends where one of them leaves its bound. A joint tangent is a row of the frame.
+        The run ends where one of them leaves its `bounds`. A joint tangent is a row of the frame.
         """
         plant, count = self._plant.instance, self._count
         shown = Bound(plant, [], names, USES, self._whole.part("shown"))
         rooms = [np.zeros((CHUNK + 1, k)) for k in (1, len(names), count, 1)]
         rooms[1][0] = plant.reader(names)()
+        bound = bounds(np.array([plant.nominal(n) for n in names]), rooms[1][0])
         trail = struct(TRAIL)
         fields = ("times", "outputs", "growth", "trace")
         trail.set(bound=bound, accuracy=accuracy, relative=RELATIVE)

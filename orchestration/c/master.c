@@ -5,7 +5,6 @@
 
 #include <stdlib.h>
 
-#define RUNAWAY 1e4      /* times an output's nominal value */
 #define LEAST_SHARE 1e-3 /* of the error that is allowed in all, to any one step */
 
 enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED, OUT_OF_MEMORY };
@@ -25,6 +24,7 @@ typedef struct {
 typedef struct {
     Vector times, references;
     Vector commands;             /* row by row */
+    Vector bounds;               /* of each output, beyond which the loop diverges */
     Vector nominal, low, high;   /* of each output, and its range so far */
     Vector residual, effect_rate;  /* largest of each command, and its effect on each output, per second */
     double accuracy;             /* share of an output's range that may be wrong in the end */
@@ -209,7 +209,7 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
         for (int64_t k = 0; k < n; k++) {
             if (!isfinite(outputs[k]))
                 why = NOT_FINITE;
-            else if (why == GOES_ON && fabs(outputs[k]) > RUNAWAY * course->nominal.at[k])
+            else if (why == GOES_ON && fabs(outputs[k]) > course->bounds.at[k])
                 why = DIVERGES;
         }
     }

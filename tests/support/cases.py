@@ -5,13 +5,19 @@ Each folder has a README with the command, what is expected and what came.
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
+import numpy as np
 import pytest
+from scipy.linalg import expm
 
 ROOT = Path(__file__).resolve().parents[2]
 CASES = Path(os.environ.get("BALLSCREW_CASES", ROOT.parent / "shared" / "cases"))
@@ -29,6 +35,28 @@ def case(name: str, folder: Path) -> Path:
     return copy
 
 
+def maker() -> ModuleType:
+    """The module by which the cases' FMUs were made, for more of them."""
+    if not (CASES / "mk.py").is_file():
+        pytest.skip(
+            "mk.py of the cases is not here; set BALLSCREW_CASES to the folder of all cases"
+        )
+    spec = importlib.util.spec_from_file_location("mk", CASES / "mk.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    build = module.build
+
+    def quiet(*words: Any, **named: Any) -> None:
+        with warnings.catch_warnings():  # it leaves closing its files to the interpreter
+            warnings.simplefilter("ignore", ResourceWarning)
+            build(*words, **named)
+
+    module.build = quiet  # type: ignore[attr-defined]
+    return module
+
+
 def ballscrew(folder: Path, words: str, seconds: float = 120.0) -> subprocess.CompletedProcess[str]:
     """The command as a user would give it inside a folder: its exit code and what it printed."""
     return subprocess.run(
@@ -39,3 +67,18 @@ def ballscrew(folder: Path, words: str, seconds: float = 120.0) -> subprocess.Co
         timeout=seconds,
         check=False,
     )
+
+
+def cart_position(t: float, setpoint: float = 0.1) -> float:
+    """Position [m] of the cases' cart under their PD controller: the exact solution.
+
+    x'' = u - 2 x', u = 25 (setpoint - x) - 8 x', from rest at 0.
+    """
+    moved = expm(np.array([[0.0, 1.0], [-25.0, -10.0]]) * t) @ np.array([-setpoint, 0.0])
+    return float(setpoint + moved[0])
+
+
+def last_row(folder: Path) -> dict[str, float]:
+    """The last row of a run's trajectory."""
+    lines = (folder / "trajectory.csv").read_text().splitlines()
+    return dict(zip(lines[0].split(","), map(float, lines[-1].split(",")), strict=True))

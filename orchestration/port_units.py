@@ -1,0 +1,252 @@
+"""Units between a plant and a controller: one conversion for each port of the controller.
+
+What both sides declare by base units is converted; what both declare and cannot be converted is
+refused; where one side declares nothing, values pass as they are. The law's gains and rates, and
+tangents, follow from the conversions of the signals and commands that they belong to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..fmus.law_ports import gain_port, rate_port
+from ..fmus.reading import Description
+from ..fmus.system_xml import BadSystem, Unit, conversion
+from ..fmus.tangent_ports import tangent_port, tangent_states
+from .fmu_instance import FmuInstance, Reader, Writer
+from .isolated import IsolatedInstance
+from .wiring import PLANT, Wiring, WiringError, names_on
+
+Vector = npt.NDArray[np.float64]
+Scale = tuple[float, float]
+"""Factor and offset: what arrives = factor * what is given + offset."""
+AS_IS: Scale = (1.0, 0.0)
+POSITION = "x"  # the output that a set-point is compared with
+
+
+@dataclass(frozen=True)
+class PortUnits:
+    """What happens to the values between a plant and a controller.
+
+    Attributes
+    ----------
+    scales : dict of str to Scale
+        By port of the controller: of inputs from the plant's unit, or SI for a set-point, to its
+        own; of outputs from its own to the plant's. Those that change nothing are left out.
+    set_point : Scale
+        From the set-point's SI unit to the unit of the plant's position, for results.
+    one_sided : tuple of str
+        Ports of the controller whose unit one side alone tells, with that unit.
+    commands : dict of str to str
+        Unit of each input of the plant that is driven: its own, else the controller's.
+    """
+
+    scales: dict[str, Scale]
+    set_point: Scale
+    one_sided: tuple[str, ...]
+    commands: dict[str, str]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        if not self.one_sided:
+            return ()
+        return (
+            f"only one side tells the unit of {', '.join(self.one_sided)}: these values pass as "
+            "they are",
+        )
+
+
+def port_units(
+    plant: FmuInstance | IsolatedInstance,
+    controller: FmuInstance | IsolatedInstance,
+    wiring: Wiring,
+    mapping: Mapping[str, str] | None = None,
+) -> PortUnits:
+    """The conversions between two FMUs.
+
+    Raises
+    ------
+    WiringError
+        If the units of two ports that are joined cannot be converted.
+    """
+    p, c = plant.description, controller.description
+    scales: dict[str, Scale] = {}
+    one_sided = []
+    for ours, theirs in wiring.signals:
+        where = f"{plant.name}.{ours} to {controller.name}.{theirs}"
+        scales[theirs] = _between(p.unit(ours), c.unit(theirs), where)
+        one_sided += _one_sided(theirs, p.unit(ours), c.unit(theirs))
+    for theirs, ours in wiring.commands:
+        where = f"{controller.name}.{theirs} to {plant.name}.{ours}"
+        scales[theirs] = _between(c.unit(theirs), p.unit(ours), where)
+        one_sided += _one_sided(theirs, c.unit(theirs), p.unit(ours))
+    set_point = _of_results(p, c, wiring, mapping or {})
+    one_sided += _add_set_points(scales, plant, controller, wiring)
+    _add_law(scales, wiring)
+    count = tangent_states(list(controller.parameters))[1]
+    scales |= {
+        tangent_port(name, k + 1): (factor, 0.0)
+        for name, (factor, _) in list(scales.items())
+        for k in range(count)
+    }
+    units = {v.name: v.unit for v in p.variables}, {v.name: v.unit for v in c.variables}
+    return PortUnits(
+        {name: scale for name, scale in scales.items() if scale != AS_IS},
+        set_point,
+        tuple(one_sided),
+        {ours: units[0][ours] or units[1][theirs] for theirs, ours in wiring.commands},
+    )
+
+
+def _between(given: Unit | None, taken: Unit | None, where: str) -> Scale:
+    if given is None or taken is None:
+        return AS_IS
+    try:
+        return conversion(given, taken, where)
+    except BadSystem as error:
+        raise WiringError(str(error)) from error
+
+
+def _one_sided(port: str, *units: Unit | None) -> list[str]:
+    told = [unit for unit in units if unit is not None]
+    if len(told) != 1 or told[0].is_plain:
+        return []
+    return [f"{port} [{told[0].name}]"]
+
+
+def from_si(unit: Unit, order: int = 0) -> Scale:
+    """From SI units to a unit, also of a derivative by time of some order."""
+    return 1.0 / unit.factor, 0.0 if order else -unit.offset / unit.factor
+
+
+def _add_set_points(
+    scales: dict[str, Scale],
+    plant: FmuInstance | IsolatedInstance,
+    controller: FmuInstance | IsolatedInstance,
+    wiring: Wiring,
+) -> list[str]:
+    """Those that tell no unit, or none that is defined, where others are not SI."""
+    measured = [plant.description.unit(ours) for ours, _ in wiring.signals]
+    own = [controller.description.unit(theirs) for _, theirs in wiring.signals]
+    others = any(u is not None and u.factor != 1.0 for u in (*measured, *own))
+    untold = []
+    for name, order in zip(wiring.references, wiring.orders, strict=True):
+        unit = controller.description.unit(name)
+        if unit is None or unit.exponents is None:
+            untold += [f"{name} (the set-point)"] if others or unit is not None else []
+            continue
+        scales[name] = from_si(unit, order)
+        known = [m.exponents for m in measured if m is not None and m.exponents is not None]
+        if order == 0 and len(known) == len(measured) and known and unit.exponents not in known:
+            names = ", ".join(m.name for m in measured if m is not None)
+            raise WiringError(
+                f"{controller.name}.{name} takes the set-point in {unit.name!r}, and nothing that "
+                f"{controller.name} measures is of that kind: it measures values in {names}"
+            )
+    return untold
+
+
+def _add_law(scales: dict[str, Scale], wiring: Wiring) -> None:
+    """Gains and rates of the commands, as they follow from commands and signals."""
+    for u, _ in wiring.commands:
+        of_command = scales[u][0]
+        scales[rate_port(u)] = of_command, 0.0
+        for _, y in wiring.signals:
+            scales[gain_port(u, y)] = of_command * scales[y][0], 0.0
+
+
+def _of_results(
+    plant: Description, controller: Description, wiring: Wiring, mapping: Mapping[str, str]
+) -> Scale:
+    called = names_on(PLANT, plant.names("output"), mapping)
+    position = next((plant.unit(n) for n, ours in called.items() if ours == POSITION), None)
+    compared = [y for ours, y in wiring.signals if called[ours] == POSITION]
+    goals = [n for n, order in zip(wiring.references, wiring.orders, strict=True) if order == 0]
+    return scale_of_results(position, [controller.unit(n) for n in (*goals, *compared)])
+
+
+def scale_of_results(position: Unit | None, told: Sequence[Unit | None]) -> Scale:
+    """From the set-point's SI unit to the one of the plant's position, as `LoopRun.scale`.
+
+    Parameters
+    ----------
+    position : Unit or None
+    told : sequence of Unit or None
+        What the controller tells of the set-point and of the position that it compares; where it
+        tells nothing that fits, the set-point is as it is.
+    """
+    if position is None or position.exponents is None:
+        return AS_IS
+    fits = any(unit and unit.exponents == position.exponents for unit in told)
+    return from_si(position) if fits else AS_IS
+
+
+class Converted:
+    """A controller whose ports take and give values in other units than its own.
+
+    Parameters
+    ----------
+    instance : FmuInstance or IsolatedInstance
+    scales : mapping of str to Scale
+        As `PortUnits.scales`.
+    """
+
+    def __init__(
+        self, instance: FmuInstance | IsolatedInstance, scales: Mapping[str, Scale]
+    ) -> None:
+        self._instance, self._scales = instance, scales
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._instance, name)
+
+    @property
+    def sample_time(self) -> float:
+        return self._instance.sample_time
+
+    @sample_time.setter
+    def sample_time(self, seconds: float) -> None:
+        self._instance.sample_time = seconds
+
+    def nominal(self, name: str) -> float:
+        factor = abs(self._scales.get(name, AS_IS)[0])
+        own = self._instance.nominal(name)
+        return own / factor if name in self._instance.inputs else own * factor
+
+    def _arrays(self, names: Sequence[str]) -> tuple[Vector, Vector]:
+        scales = np.array([self._scales.get(name, AS_IS) for name in names]).reshape(-1, 2)
+        return scales[:, 0], scales[:, 1]
+
+    def writer(self, names: Sequence[str]) -> Writer:
+        write, (factors, offsets) = self._instance.writer(names), self._arrays(names)
+        return lambda values: write(factors * values + offsets)
+
+    def reader(self, names: Sequence[str]) -> Reader:
+        read, (factors, offsets) = self._instance.reader(names), self._arrays(names)
+        return lambda: factors * read() + offsets
+
+    def reopened(self) -> Converted:
+        return Converted(self._instance.reopened(), self._scales)
+
+
+def converted(
+    plant: FmuInstance | IsolatedInstance,
+    controller: FmuInstance | IsolatedInstance,
+    wiring: Wiring,
+    mapping: Mapping[str, str] | None = None,
+) -> tuple[FmuInstance | IsolatedInstance, PortUnits]:
+    """The controller with its ports in the plant's units, or itself; what is converted.
+
+    Raises
+    ------
+    WiringError
+        If the units of two ports that are joined cannot be converted.
+    """
+    units = port_units(plant, controller, wiring, mapping)
+    if not units.scales:
+        return controller, units
+    return Converted(controller, units.scales), units  # type: ignore[return-value]

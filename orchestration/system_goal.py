@@ -1,0 +1,60 @@
+"""What the set-point of an .ssp drives, from SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from operator import itemgetter
+
+from ..fmus.set_point import DERIVATIVES, SET_POINT
+from ..fmus.system_reading import SystemConnection, SystemPort, SystemStructure
+from ..fmus.system_xml import Unit
+from .fmu_instance import FmuInstance
+from .isolated import IsolatedInstance
+from .port_units import from_si
+
+Fmus = Mapping[str, FmuInstance | IsolatedInstance]
+Goal = tuple[tuple[SystemConnection, int], ...]
+"""Connections, and how often the set-point is differentiated by time for each."""
+
+
+def goal_of(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> Goal:
+    """What the set-point drives: the system's input, else an input that nothing drives.
+
+    Beside one called ``x_d`` its derivatives, ``v_d`` and ``a_d``, as in a loop of two parts.
+    """
+    candidates: dict[str, tuple[SystemConnection, ...]] = {
+        i.name: tuple(_from_si(c, i.defined, fmus) for c in i.drives)
+        for i in system.inputs
+        if i.drives and all(c.target.element in rest for c in i.drives)
+    }
+    if not candidates:
+        driven = {c.target for c in system.connections}
+        free = [SystemPort(e, p) for e in rest for p in fmus[e].inputs]
+        candidates = {
+            str(port): (
+                _from_si(SystemConnection(SystemPort("", port.connector), port), None, fmus),
+            )
+            for port in free
+            if port not in driven
+        }
+    if len(candidates) == 1:
+        return tuple((c, 0) for c in next(iter(candidates.values())))
+    called = [(n.rpartition(".")[2], drives) for n, drives in candidates.items()]
+    if [n for n, _ in called].count(SET_POINT) != 1:
+        return ()
+    orders = {SET_POINT: 0, **DERIVATIVES}
+    named = [(orders[n], drives) for n, drives in called if n in orders]
+    return tuple((c, order) for order, drives in sorted(named, key=itemgetter(0)) for c in drives)
+
+
+def _from_si(c: SystemConnection, unit: Unit | None, fmus: Fmus) -> SystemConnection:
+    """A connection from the set-point in SI units: of a system's input in `unit`, if it tells one.
+
+    Where it tells none, it has the one of the port that it drives.
+    """
+    unit = unit or fmus[c.target.element].description.unit(c.target.connector)
+    if unit is None or unit.exponents is None:
+        return c
+    factor, offset = from_si(unit)
+    return replace(c, factor=c.factor * factor, offset=c.factor * offset + c.offset)
