@@ -209,7 +209,7 @@ def test_each_controller_of_a_swap_takes_its_own_values():
 
 def test_a_file_is_taken_in_place_of_a_list_of_files():
     for ask in (ballscrew.diagnose, lambda file: ballscrew.identify(file, "lugre")):
-        with pytest.raises(ValueError, match="nowhere.csv"):
+        with pytest.raises(ValueError, match=r"nowhere\.csv"):
             ask("nowhere.csv")
 
 
