@@ -1,11 +1,40 @@
 """The command's first moments: from here on, an interrupt is met with one line."""
 
+import io
+import os
 import signal
 import sys
 
 
+class _Errors(io.FileIO):
+    """Standard error, which nobody has to hear: no result is lost since it was closed."""
+
+    def write(self, data):  # type: ignore[no-untyped-def]
+        try:
+            return super().write(data)
+        except OSError:
+            return len(data)
+
+
+def _open_streams() -> None:
+    """Take the place of streams that are closed, or a file of results would be written to."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+    errors = io.BufferedWriter(_Errors(2, "w", closefd=False))
+    encoding = getattr(sys.stderr, "encoding", None)
+    sys.stderr = io.TextIOWrapper(
+        errors, encoding, "backslashreplace", line_buffering=True, write_through=True
+    )
+
+
 def main() -> int:
     """Run the command, supervised where the system can, and return its exit code."""
+    _open_streams()
     if not sys.platform.startswith("linux"):
         from .cli import main as command
 

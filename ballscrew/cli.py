@@ -1,7 +1,8 @@
 """The ``ballscrew`` command: a thin layer over the library's functions.
 
 Exit codes: 0 done and trusted; 1 done, but the result says not to believe it or the run stopped
-early; 2 the request makes no sense, with one line on standard error that says why.
+early; 2 the request makes no sense, with one line on standard error that says why; 70 an error in
+this program, with one line that says what to report.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from . import (
     study_command,
     swap_command,
 )
-from .console import complain, forget_output
-from .options import NOT_TRUSTED, BadRequest, Parser
+from .console import complain, complain_of_ourselves, forget_output
+from .options import BadRequest, Parser
 
 _EXAMPLES = """examples:
   ballscrew run --controller iol --out out/iol
@@ -62,9 +63,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except BadRequest as error:
         return complain(str(error))
-    except BrokenPipeError:
-        forget_output()
-        return NOT_TRUSTED
     except MemoryError:
         return complain("memory ran out; ask for less at a time, such as a longer --step")
     except OSError as error:
@@ -74,6 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
+    except Exception as error:
+        return complain_of_ourselves(error)
 
 
 def command_parser() -> argparse.ArgumentParser:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
@@ -9,7 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .options import BAD_REQUEST
+from . import __version__
+from .options import BAD_REQUEST, INTERNAL
 from .supervision import tell, tell_kept
 
 if TYPE_CHECKING:
@@ -33,6 +35,28 @@ def complain(message: str) -> int:
         line = f"{line[:half]} ... {line[-half:]}"
     print(f"ballscrew: {line}", file=sys.stderr)
     return BAD_REQUEST
+
+
+def complain_of_ourselves(error: Exception) -> int:
+    """One line about an error in this program; all that is known of it goes into a file."""
+    import traceback
+
+    from .solver import kernel_cache
+    from .solver.files import write_atomically
+
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    where = "/".join(Path(last.filename).parts[-2:])
+    what = f"{type(error).__name__} in {where}, line {last.lineno}: {error}"
+    place, fault = kernel_cache.usual_folder()
+    head = f"ballscrew {__version__}, Python {sys.version}, {sys.platform}\n{sys.argv}\n"
+    text = "".join([head, *traceback.format_exception(error)])
+    told = "this line"
+    if not fault:
+        with contextlib.suppress(OSError):  # the line is what there is
+            write_atomically(place / "error.txt", text.encode("utf-8", "backslashreplace"))
+            told = str(place / "error.txt")
+    complain(f"an error in ballscrew itself, please report {told}: {what}")
+    return INTERNAL
 
 
 def print_notes(notes: Iterable[str]) -> None:

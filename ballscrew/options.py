@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 # A word that begins as a number does is a value, also where argparse takes it for an option: -3e-2.
 NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
-TRUSTED, NOT_TRUSTED, BAD_REQUEST = 0, 1, 2
+TRUSTED, NOT_TRUSTED, BAD_REQUEST, INTERNAL = 0, 1, 2, 70
 
 
 OWN = "a function of a Python file that returns a Component, as mine.py:pi, or the path of an FMU"

@@ -132,8 +132,12 @@ def _command(until: int, signals: set[signal.Signals]) -> int:
     for number in signals:
         signal.signal(number, _leave_it)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {*signals, signal.SIGCHLD})
-    from .cli import main
+    try:
+        from .cli import main
+    except Exception as error:
+        from .console import complain_of_ourselves
 
+        return complain_of_ourselves(error)
     return main()
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, STYLE, drawing, new_figure, write_figure
 from .closed_loop_effect import SETPOINT, ClosedLoopEffect
 from .diagnosis import Curves, Diagnosis
 from .page_pictures import Line, Picture, level, thinned
@@ -229,6 +229,7 @@ def _height(values: Vector, share: float) -> float | None:
     return 1.5 * float(np.quantile(finite, share)) or None if len(finite) else None
 
 
+@drawing()
 def save_pictures(diagnosis: Diagnosis, folder: Path) -> None:
     """Write diagnosis.png: the residual before and after, in force and position.
 

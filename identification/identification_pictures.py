@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, STYLE, drawing, new_figure, write_figure
 
 if TYPE_CHECKING:
     from .identification import Identification
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 _MOST_POINTS = 6000
 
 
+@drawing()
 def save_pictures(result: Identification, folder: Path) -> None:
     """Write ``friction_map`` and ``residuals`` into `folder`."""
     for stem, figure in identification_figures(result).items():

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,6 +66,25 @@ def _label(name: str, unit: str = "") -> str:
     return f"{text} [{shown}]" if shown else text
 
 
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Let a picture that cannot be drawn, as of 1e308 V, cost no result; one line says why.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:  # Matplotlib meets such numbers with many kinds of errors
+        why = " ".join(str(error).split()) or type(error).__name__
+        print(f"note: a picture could not be drawn: {why}", file=sys.stderr)
+
+
+@drawing()
 def write_figure(figure: Any, folder: Path, stem: str) -> None:
     """Write a figure as PNG and, where ``BALLSCREW_SVG`` is set, as SVG."""
     import matplotlib as mpl
@@ -128,6 +149,7 @@ def new_figure(
     return figure, axes
 
 
+@drawing()
 def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
     """Write position, voltage, states and phase into `folder`."""
     for stem, figure in run_figures(result).items():
@@ -246,6 +268,7 @@ def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     figure.colorbar(lines, ax=axes, label="time [s]", extend="max")
 
 
+@drawing()
 def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -> None:
     """Write one picture of several controllers on the same plant."""
     write_figure(comparison_figure(results), folder, "comparison")

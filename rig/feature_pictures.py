@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, DASHES, STYLE, drawing, new_figure, write_figure
 from .feature_criteria import LAG_SPEED, MEASURED_BREAK_AWAY, STIFFNESS
 from .observations import ForceCurve, Observations
 
@@ -23,6 +23,7 @@ _MEASURED_CURVE = {1: (1.11, 2.3, 0.001943, 193.4), -1: (1.458, 2.4, 0.0003365, 
 Laws = Mapping[str, Observations]
 
 
+@drawing()
 def save_pictures(laws: Laws, folder: Path) -> None:
     """Write all figures as PNG and SVG into `folder`.
 

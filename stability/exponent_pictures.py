@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, DASHES, STYLE, drawing, new_figure, write_figure
 
 if TYPE_CHECKING:
     from .lyapunov import LyapunovRun
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _BITS = 1.0 / math.log(2.0)
 
 
+@drawing()
 def save_convergence_picture(run: LyapunovRun, folder: Path) -> None:
     """Write the running estimates against time, with their limits."""
     write_figure(convergence_figure(run), folder, "lyapunov")

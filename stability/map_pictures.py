@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..controllers import ALONE
 from ..orchestration.parts import loop_label
-from ..orchestration.pictures import STYLE, new_figure, write_figure
+from ..orchestration.pictures import STYLE, drawing, new_figure, write_figure
 from ..solver.kernel import PLANT
 from ..solver.tables import read_table, table_path
 from .attractor import Kind
@@ -36,6 +36,7 @@ COLOUR = {
 _BOUNDARY_POINTS = 48
 
 
+@drawing()
 def save_map_picture(study: MapStudy, folder: Path) -> None:
     """Draw the map's table in `folder` beside it."""
     write_figure(map_figure(study, folder), folder, "map")

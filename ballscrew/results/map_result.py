@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..orchestration.parts import loop_label
-from ..orchestration.pictures import write_figure
+from ..orchestration.pictures import drawing, write_figure
 from ..solver.tables import read_table, table_path
 from ..stability.store import TABLE, MapSummary
 from .result import Result, table_of
@@ -62,7 +62,8 @@ class StabilityMap(Result):
             if (self.folder / name).is_file() and folder.resolve() != self.folder.resolve():
                 shutil.copyfile(self.folder / name, folder / name)
         if pictures:
-            write_figure(self.plot(), folder, "map")
+            with drawing():
+                write_figure(self.plot(), folder, "map")
 
     def columns(self) -> dict[str, list[Any]]:
         """The map's table by column, a value for each cell: along `x` first, then along `y`."""

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, Self
 
-from ..orchestration.pictures import write_figure
+from ..orchestration.pictures import drawing, write_figure
 
 
 class Result:
@@ -50,8 +50,9 @@ class Result:
         folder.mkdir(parents=True, exist_ok=True)
         super().save(folder)  # type: ignore[misc]
         if pictures:
-            for stem, figure in self.pictures().items():
-                write_figure(figure, folder, stem)
+            with drawing():
+                for stem, figure in self.pictures().items():
+                    write_figure(figure, folder, stem)
 
     def plot(self) -> Any:
         """The figure that tells most, a `matplotlib.figure.Figure`."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..orchestration.pictures import write_figure
+from ..orchestration.pictures import drawing, write_figure
 from ..orchestration.study.result import StudyResult
 from ..solver.files import finite_or_null, write_atomically, write_json
 from ..solver.tables import write_table
@@ -58,7 +58,8 @@ class SwapStudy(Result, StudyResult):
         write_table(folder, "runs", [self.rows()])
         if pictures:
             write_atomically(folder / "report.html", report(self, self.headline()).encode())
-            write_figure(self.plot(), folder, "study")
+            with drawing():
+                write_figure(self.plot(), folder, "study")
 
     def pictures(self) -> dict[str, Any]:
         from ..orchestration.study.pictures import effort_figure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -59,6 +60,11 @@ def do_study(
     BadPlan
         If a part or a parameter does not exist, or the folder holds another study.
     """
+    if sys.flags.optimize > 1:
+        raise BadPlan(
+            "the package cma, which tunes, needs docstrings; leave out -OO, or set "
+            "PYTHONOPTIMIZE to less than 2"
+        )
     loops = loops_of(plan)
     parts = _parts(plan, loops, folder / PARTS)
     parts.claim("study", resume, BadPlan)

@@ -158,8 +158,8 @@ def test_a_map_whose_chunk_lost_its_end_computes_it_again(folder, capsys, monkey
 
     with monkeypatch.context() as patch:
         patch.setattr(stability_map, "merge_chunks", lambda *_: 1 / 0)
-        with pytest.raises(ZeroDivisionError):  # killed just before the end
-            main(MAP)
+        assert main(MAP) == 70  # just before the end
+    assert "error in ballscrew itself" in capsys.readouterr().err
     (first, *_) = sorted((folder / "OUT" / "map.parts").glob("c0-*.json"))
     first.write_bytes(first.read_bytes()[:-50])
     assert main([*MAP, "--resume"]) == 0

@@ -15,6 +15,7 @@ from ballscrew.orchestration.loop_run import LoopRun
 from ballscrew.orchestration.pictures import save_comparison_picture, save_run_pictures
 from ballscrew.orchestration.thinning import rows_over_plane, rows_over_time
 from ballscrew.orchestration.verdict import Verdict
+from ballscrew.results.run_result import RunResult
 
 LONG = 200_000
 
@@ -75,6 +76,19 @@ def test_thinned_curves_keep_their_extremes_and_leave_out_nothing_that_could_be_
     before = rows[np.searchsorted(rows, np.arange(count), side="right") - 1]
     span = np.ptp(points, axis=0)
     assert np.all(np.abs(points - points[before]) <= span / 100 * (1 + 1e-9))
+
+
+@pytest.mark.parametrize("scale", [1e308, 1.7e308])
+def test_a_picture_that_cannot_be_drawn_costs_no_result(scale, tmp_path, capsys):
+    """A voltage near the largest number, to and fro: its range is none."""
+    found = result()
+    found.run.commands["u"][:] = scale * np.sign(np.cos(np.arange(2001)))
+    RunResult.of(found).save(tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} >= {"trajectory.csv", "metrics.json", "states.png"}
+    assert not (tmp_path / "voltage.png").exists()
+    said = capsys.readouterr().err
+    assert said.startswith("note: a picture could not be drawn: ")
+    assert len(said.splitlines()) == 1
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
