@@ -8,7 +8,7 @@ spectrum with a zero may be a line of equilibria, a cycle, or a run that was too
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from ..solver.core import EVENTS
 from ..solver.kernel import IntegrationError, Model
-from ..solver.spectrum import Returns, follow_returns, follow_tangents
-from .equilibria import Equilibrium, equilibrium_near, sample_after, stands
+from ..solver.spectrum import Returns, Spectrum, follow_returns, follow_tangents
+from .equilibria import Equilibrium, equilibrium_near, holds_time, sample_after, stands
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -28,7 +28,7 @@ PATIENCE = 20_000  # steps of the solver for coming closer to it
 ROUNDS = 8
 MOST_SAMPLES = 100_000  # of a sampled loop, which cannot stride over what is at rest
 LONGER = 4.0  # each round is so many times as long as the one before
-LONGEST_CYCLE = 8  # returns of one period
+LONGEST_CYCLE, LONGEST_OF_MANY = 8, 100  # returns of one period
 FEW, CROSSINGS = 12, 64
 CLOSED = 1e-3  # share of the size of a motion that may be left until it closes
 NOISE = 3e3  # times the tolerance, states one period apart are the same
@@ -36,6 +36,13 @@ BORDER = 1e-2  # share of an event's indicator that is left where the event is n
 GROWING = 0.05  # nats in a period: no cycle, whatever seems to close
 LISTED = 14  # states and eigenvalues
 MANY = 400  # returns from which a torus is told from a long cycle
+WIDE = 2.0  # nats over a run: what is known no better is not called zero
+TINY = 1e-6  # nats over a run: round-off
+STEADY_RETURNS = 1.03  # ratio of distances between returns, of what neither shrinks nor grows
+BLOCKS = 240  # parts of a run over which exponents are averaged
+PATIENT = 3  # looks at many returns that still shrink or grow
+CREEP = 0.7  # share of a creep's way that a sixteenth of the time may take
+ONE_WAY = 0.99  # share of its range that a state is from where it was, if it goes one way
 STEADY = 1.5  # times as far as before a bounded motion may swing when it is watched for longer
 CERTAIN = 4.0  # standard errors
 ASIDE = 0.37  # of a period beyond a return, or half a cycle after one: no event is expected there
@@ -60,6 +67,7 @@ class Kind(StrEnum):
     CREEPING = "creeping along equilibria"
     BOUNDED = "bounded motion of a quantized loop"
     UNDECIDED = "undecided"
+    WINDING = "stuck while an integral winds up"
 
 
 @dataclass(frozen=True)
@@ -128,19 +136,22 @@ def classify_attractor(
         time = aligned
     until = time + MOST_SAMPLES * model.sample_time if model.sample_time else np.inf
     span = min(span, (until - time) / 4.25)
+    so_far: Attractor | None = None
+    looks = 0
     for _ in range(rounds):
         resting = _resting(model, time, until, span)
         if resting is not None:
             return resting
         coordinate, level, seen = _plane(model, time, 0.25 * span)
         if seen.failure:
-            return _run_away(seen) if seen.diverged else _broken(seen)
+            return _ended(seen, so_far)
         end = min(seen.end + 4.0 * span, until)
         start = seen.end
         for most in (FEW, CROSSINGS):  # a cycle that closes early is not followed on
+            events = model.info[EVENTS]
             passes = follow_returns(model, start, end, coordinate, level, most)
             if passes.failure:
-                return _run_away(passes) if passes.diverged else _broken(passes)
+                return _ended(passes, so_far)
             cycle = _cycle(model, passes, exponents)
             if cycle is not None:
                 return cycle
@@ -151,24 +162,98 @@ def classify_attractor(
         if len(passes.time) == CROSSINGS and not _one_way(passes):
             if not exponents:
                 return _without_exponents(model, passes)
-            return _unclosed(model, passes)
+            looks += 1
+            so_far, time, moving = _unclosed(model, passes, coordinate, level)
+            if not moving or looks == PATIENT:
+                return so_far
+        else:
+            slides = int(model.info[EVENTS] - events)
+            so_far = _restless(model, time, seen, passes, slides, so_far)
         span = min(LONGER * span, (until - time) / 4.25)
         if time >= until - 10.0 * model.sample_time:
             break
-    resting = _resting(model, time, until, span)
-    if resting is not None:
-        return resting
+    return _resting(model, time, until, span) or so_far or _broken(seen)
+
+
+def _ended(passes: Returns, so_far: Attractor | None) -> Attractor:
+    """The verdict where the solver gets no further: flight, or what was known until then."""
+    if passes.diverged:
+        return _run_away(passes)
+    if so_far is None:
+        return _broken(passes)
+    return replace(so_far, evidence=f"{so_far.evidence}; beyond that, {passes.failure}")
+
+
+def _restless(
+    model: Model,
+    time: float,
+    seen: Returns,
+    passes: Returns,
+    events: int,
+    before: Attractor | None,
+) -> Attractor:
+    """What neither rests nor returns: creep, sticking while an integral winds up, or who knows.
+
+    Creep goes on: its way takes time, as that of a cycle does not. Once found, it is still creep
+    where it hardly moves any more. What sticks does not creep.
+
+    Parameters
+    ----------
+    seen, passes : Returns
+        Of a sixteenth of the time that was looked at, and of the rest.
+    events : int
+        During `passes`.
+    before : Attractor or None
+        The verdict of the look before, over a quarter of the time.
+    """
     amplitude = _ranges(model, passes)
+    nominal = model.kernel.nominal
+    way = (passes.high - passes.low) / nominal
     text = f"no rest and {len(passes.time)} returns that do not close until t = {time:.4g} s"
-    creeping = all(a < 0.5 * _nominal(model, n) for n, a in amplitude.items())
-    if creeping and equilibrium_near(model, time) is not None:
-        share = max(a / _nominal(model, n) for n, a in amplitude.items())
-        text += (
-            f"; all the while it stays near equilibria and moves by {2 * share:.2g} nominal "
-            "magnitudes at most"
-        )
-        return Attractor(Kind.CREEPING, text, LONGER_RUN, amplitude=amplitude)
-    return Attractor(Kind.UNDECIDED, text, LONGER_RUN, amplitude=amplitude)
+    undecided = Attractor(Kind.UNDECIDED, text, LONGER_RUN, amplitude=amplitude)
+    if len(passes.time) >= FEW:
+        return undecided
+    if model.kernel.modes:
+        winding = _winding(model, time, (passes.end - seen.end) / 16.0) if events < FEW else ""
+        text = f"{winding}; in all it met {events} events, and {text}"
+        return replace(undecided, kind=Kind.WINDING, evidence=text) if winding else undecided
+    share = float(way.max())
+    early = float(((seen.high - seen.low) / nominal)[np.argmax(way)])
+    slower = False
+    if before is not None and before.kind is Kind.CREEPING:
+        slower = share <= 2.0 * max(a / _nominal(model, n) for n, a in before.amplitude.items())
+    creeping = share < 1.0 and (early < CREEP * share or slower)
+    if not creeping or equilibrium_near(model, time) is None:
+        return undecided
+    text += (
+        f"; all the while it stays near equilibria and moves by {share:.2g} nominal magnitudes at "
+        f"most, by {early:.2g} in the first sixteenth of the time"
+    )
+    return replace(undecided, kind=Kind.CREEPING, evidence=text)
+
+
+def _winding(model: Model, time: float, span: float) -> str:
+    """What stands still for so long while another state goes one way; empty if nothing does.
+
+    The model stays as it is.
+    """
+    state, held, info = model.x.copy(), model.u.copy(), model.info.copy()
+    onward = follow_returns(model, time, sample_after(model, time + span), 0, np.inf, 0)
+    moved, mode, quiet = model.x - state, model.mode, model.info[EVENTS] == info[EVENTS]
+    model.x[:], model.u[:], model.info[:] = state, held, info
+    range_ = onward.high - onward.low
+    widest = int(np.argmax(range_ / model.kernel.nominal))
+    one_way = abs(moved[widest]) > ONE_WAY * range_[widest] > 0.0
+    names = np.array([s.name for s in model.kernel.states])
+    still = names[range_ == 0.0]
+    goes = names[(range_ > 0.0) & (np.abs(moved) > ONE_WAY * range_)]
+    if onward.failure or not quiet or not len(still) or not one_way:
+        return ""
+    rate = moved[widest] / (onward.end - time)
+    return (
+        f"at t = {time:.4g} s it is in mode {mode!r}: {', '.join(still)} stand still, while "
+        f"{', '.join(goes)} go one way, {names[widest]} by {rate:.3g} a second"
+    )
 
 
 def _one_way(passes: Returns) -> bool:
@@ -321,7 +406,9 @@ def _ranges(model: Model, passes: Returns) -> dict[str, float]:
     return dict(zip(names, (0.5 * (passes.high - passes.low)).tolist(), strict=True))
 
 
-def closings(states: Matrix, size: Vector, noise: float) -> Iterator[tuple[int, float]]:
+def closings(
+    states: Matrix, size: Vector, noise: float, longest: int = LONGEST_CYCLE
+) -> Iterator[tuple[int, float]]:
     """After how many returns the states close upon each other, and by how much over their size.
 
     Parameters
@@ -331,9 +418,11 @@ def closings(states: Matrix, size: Vector, noise: float) -> Iterator[tuple[int, 
         Ranges of the motion.
     noise : float
         Share of them by which states that are the same may differ.
+    longest : int
+        Most returns of one period.
     """
     count = len(states)
-    for lag in range(1, LONGEST_CYCLE + 1):
+    for lag in range(1, longest + 1):
         if count < 3 * lag + 1:
             return
         same_phase = states[count - 1 - 3 * lag :: lag] / size
@@ -347,25 +436,30 @@ def closings(states: Matrix, size: Vector, noise: float) -> Iterator[tuple[int, 
         yield lag, float(new)
 
 
-def _cycle(model: Model, passes: Returns, exponents: bool) -> Attractor | None:
-    """A cycle, where states one period apart close upon each other faster than the motion dies."""
+def _cycle(
+    model: Model, passes: Returns, exponents: bool, longest: int = LONGEST_CYCLE
+) -> Attractor | None:
+    """A cycle, where states one period apart close upon each other faster than the motion dies.
+
+    Where there is none the model stays as it is.
+    """
     size = passes.high - passes.low
     size[size <= model.atol] = np.inf  # at rest, or fading for as long as one looks
     if np.isinf(size).all():
         return None
-    for lag, error in closings(passes.states, size, NOISE * model.tolerance):
+    kept = model.x.copy(), model.u.copy(), model.info.copy()
+    for lag, error in closings(passes.states, size, NOISE * model.tolerance, longest):
         period = float(passes.time[-1] - passes.time[-1 - lag])
-        begin = float(passes.time[-1])
-        model.x[:] = passes.states[-1]
-        once = follow_returns(model, begin, begin + 1.5 * period, 0, np.inf, 1)
+        once = follow_returns(model, passes.end, passes.end + 1.5 * period, 0, np.inf, 1)
+        wide = once.high - once.low
+        share = np.abs(wide - size)[np.isfinite(size)] / size[np.isfinite(size)]
+        if not once.failure and np.max(share) <= 0.5:  # else it has shrunk or grown since
+            closed = _closed(model, once, lag, period, error, exponents)
+            if closed is not None:
+                return closed
+        model.x[:], model.u[:], model.info[:] = kept
         if once.failure:
             return None
-        wide = once.high - once.low
-        if np.max(np.abs(wide - size)[np.isfinite(size)] / size[np.isfinite(size)]) > 0.5:
-            continue  # the motion has shrunk or grown since: no cycle yet
-        closed = _closed(model, once, lag, period, error, exponents)
-        if closed is not None:
-            return closed
     return None
 
 
@@ -389,15 +483,22 @@ def _closed(
     aside = follow_returns(model, once.end, once.end + ASIDE * period, 0, np.inf, 0)
     if aside.failure:
         return None
-    limit, limit_error = _over_periods(model, aside.end, period)
+    # a period of many returns is as long as many periods of few
+    periods = 12 if lag <= LONGEST_CYCLE else 4
+    limit, limit_error = _over_periods(model, aside.end, period, periods)
     order = np.argsort(-limit)
     limit, limit_error = limit[order], limit_error[order]
     if not limit[0] * period <= GROWING:  # nor where they could not be followed
         return None
+    alone = _alone(model)
+    others = np.delete(limit, np.argmin(np.abs(limit))) if alone else limit
+    left = np.exp(others.max(initial=-np.inf) * period)  # of a distance, after a period
+    if error > NOISE * model.tolerance and not error * left < CLOSED * (1.0 - left):
+        return None  # states came near each other by chance: they will not be the same
     zeros = int(np.sum(np.abs(limit) <= np.maximum(limit_error, 1e-3 / period)))
     text += f"; over whole periods the exponents are {', '.join(f'{v:.4g}' for v in limit)} nats/s"
     kind, would = Kind.CYCLE, ""
-    if zeros > 1 and limit[0] <= 1e-3 / period:
+    if zeros > alone and limit[0] <= 1e-3 / period:
         kind = Kind.UNDECIDED
         text += f"; {zeros} of them are zero: the orbit closes but is one of many side by side"
         would = "whether a disturbed motion returns to the same orbit"
@@ -460,45 +561,162 @@ def _along(model: Model, time: float) -> Matrix:
     return np.ascontiguousarray(np.linalg.qr(directions)[0].T)
 
 
-def _unclosed(model: Model, passes: Returns) -> Attractor:
-    """A motion that keeps returning but does not close: by its exponents."""
-    amplitude = _ranges(model, passes)
+def _unclosed(
+    model: Model, passes: Returns, coordinate: int, level: float
+) -> tuple[Attractor, float, bool]:
+    """A motion that keeps returning but does not close soon: a long cycle, a torus, or chaos.
+
+    Periods of up to a hundred returns are looked for. A torus asks for more than exponents: that
+    distances between returns any number apart neither shrink nor grow. Those of a motion that
+    comes to a cycle do, where its slow exponent still looks like zero.
+
+    Returns
+    -------
+    Attractor, the time until which it was looked [s], and whether distances shrink or grow
+    """
     between = float(np.mean(np.diff(passes.time)))
-    blocks = 24
-    grid = passes.end + between * MANY * np.arange(blocks + 1) / blocks
-    settle = follow_tangents(model, passes.end + between * np.array([0.0, 20.0]))
-    grid = grid + 20.0 * between
+    more = follow_returns(
+        model, passes.end, passes.end + 2.0 * MANY * between, coordinate, level, MANY
+    )
+    if more.failure:
+        return _ended(more, None), more.end, False
+    cycle = _cycle(model, more, True, LONGEST_OF_MANY)
+    if cycle is not None:
+        return cycle, more.end, False
+    amplitude = _ranges(model, more)
+    if len(more.time) < MANY:
+        text = f"its returns end at t = {more.time[-1] if more.time.size else passes.end:.4g} s"
+        return Attractor(Kind.UNDECIDED, text, LONGER_RUN, amplitude=amplitude), more.end, True
+    grid = more.end + between * (20.0 + MANY * np.arange(BLOCKS + 1) / BLOCKS)
+    settle = follow_tangents(model, np.array([more.end, grid[0]]))
     run = follow_tangents(model, grid, frame=settle.frame)
+    end = float(run.time[-1])
     if run.failure:
-        return Attractor(
-            Kind.DIVERGES if run.diverged else Kind.UNDECIDED,
-            run.failure,
-            "" if run.diverged else OTHER_SOLVER,
-            since=float(run.time[-1]) if run.diverged else None,
-        )
-    with np.errstate(invalid="ignore"):
-        rates = np.diff(run.growth, axis=0) / np.diff(run.time)[:, None]
-        limit, error = rates.mean(axis=0), rates.std(axis=0, ddof=1) / np.sqrt(blocks)
-    gone = np.isneginf(run.growth[-1])  # a direction, at some event
-    limit, error = np.where(gone, -np.inf, limit), np.where(gone, 0.0, error)
-    order = np.argsort(-limit)
-    limit, error = limit[order], error[order]
+        kind = Kind.DIVERGES if run.diverged else Kind.UNDECIDED
+        would = "" if run.diverged else OTHER_SOLVER
+        since = end if run.diverged else None
+        return Attractor(kind, run.failure, would, since=since), end, False
+    again = follow_returns(model, end, end + 2.0 * MANY * between, coordinate, level, MANY)
+    if again.failure:
+        return _ended(again, None), again.end, False
+    change, drifts = _change(more, again)
+    limit, error, scatter = _limits(run)
     small = 1.0 / (run.time[-1] - run.time[0])  # one nat over the run
     values = ", ".join(f"{a:.4g} +- {b:.2g}" for a, b in zip(limit, error, strict=True))
     text = (
-        f"{len(passes.time)} returns that do not close; over another {MANY} of them the exponents "
-        f"are {values} nats/s"
+        f"{MANY} returns, of which none up to {LONGEST_OF_MANY} apart close; distances between "
+        f"them change by a factor of up to {change:.4g} until {2 * MANY} returns later; over "
+        f"another {MANY} of them the exponents are {values} nats/s"
     )
-    zero = np.abs(limit) <= np.maximum(CERTAIN * error, 2.0 * small)
     common = {"amplitude": amplitude, "limit": limit, "limit_error": np.maximum(error, small)}
-    if limit[0] > CERTAIN * error[0] and limit[0] > 5.0 * small:
-        return Attractor(Kind.CHAOS, text, **common)
-    if len(limit) > 1 and zero[:2].all() and not zero.all():
-        return Attractor(Kind.TORUS, text, **common)
-    if model.sample_time and zero[0] and not zero.all():
+    if limit[0] > CERTAIN * scatter and limit[0] > 5.0 * small:
+        common["limit_error"][0] = max(scatter, small)
+        return Attractor(Kind.CHAOS, text, **common), again.end, False
+    moving = drifts or change > STEADY_RETURNS
+    neutral, unsure = _neutral(run)
+    if moving:
+        text += "; each return that is whole periods later goes the same way" if drifts else ""
+        would = "a longer run, in which the returns have come to where they go"
+    elif unsure:
+        would = "exponents that are known better: how many of them are zero is open"
+    elif model.sample_time and neutral == 1 and len(limit) > 1:
         # From sample to sample there is no direction of time: the one zero is the cycle's phase.
+        between = float(np.mean(np.diff(more.time)))
         text += (
             f"; it is a cycle whose period, {between:.6g} s on average, no sampling period divides"
         )
-        return Attractor(Kind.CYCLE, text, period=between, **common)
-    return Attractor(Kind.UNDECIDED, text, LONGER_RUN, **common)
+        return Attractor(Kind.CYCLE, text, period=between, **common), again.end, False
+    elif _alone(model) < neutral < len(limit):
+        text += f"; the first {neutral} add up to zero"
+        return Attractor(Kind.TORUS, text, **common), again.end, False
+    else:
+        would = LONGER_RUN
+    return Attractor(Kind.UNDECIDED, text, would, **common), again.end, moving
+
+
+def _alone(model: Model) -> int:
+    """How many exponents are zero of themselves: the direction of time's, of what has no clock."""
+    return int(model.sample_time == 0.0 and not holds_time(model.kernel.source))
+
+
+def _weighted(rates: Matrix) -> tuple[Vector, Vector]:
+    """Means over time, and what those of two halves differ by; minus infinity for what is gone.
+
+    The means are weighted by a bump, which takes the ends' chance off: those of a motion with a few
+    frequencies converge faster than any power of time (S. Das, Y. Saiki, E. Sander, J. A. Yorke,
+    Nonlinearity 30, 4111 (2017)).
+    """
+
+    def mean(part: Matrix) -> Vector:
+        place = (np.arange(len(part)) + 0.5) / len(part)
+        weight = np.exp(-1.0 / (place * (1.0 - place)))
+        return np.asarray(weight @ part / weight.sum())
+
+    known = np.isfinite(rates).all(axis=0)
+    rates = np.where(known, rates, 0.0)
+    half = len(rates) // 2
+    apart = np.abs(mean(rates[:half]) - mean(rates[half:]))
+    return np.where(known, mean(rates), -np.inf), np.where(known, apart, 0.0)
+
+
+def _limits(run: Spectrum) -> tuple[Vector, Vector, float]:
+    """Limits of exponents, largest first, what halves differ by, and the first's standard error.
+
+    Chaos has chance all along: the standard error is from the scatter of 24 blocks.
+    """
+    rates = _rates(run)
+    limit, error = _weighted(rates)
+    order = np.argsort(-limit)
+    blocks = rates[:, order[0]].reshape(24, -1).mean(axis=1)
+    return limit[order], error[order], float(blocks.std(ddof=1) / np.sqrt(24))
+
+
+def _rates(run: Spectrum) -> Matrix:
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.diff(run.growth, axis=0) / np.diff(run.time)[:, None])
+
+
+def _neutral(run: Spectrum) -> tuple[int, bool]:
+    """How many exponents are zero, and whether that is open.
+
+    Sums of the first few are looked at: volumes turn with the motion less than lengths do, so that
+    their growth is known better. Zero is what its own error hides, where that is small.
+    """
+    span = float(run.time[-1] - run.time[0])
+    rates = _rates(run)
+    rates = rates[:, np.argsort(-_weighted(rates)[0])]
+    total, error = (span * part for part in _weighted(np.cumsum(rates, axis=1)))
+    for count, (nats, off) in enumerate(zip(total, error, strict=True)):
+        if abs(nats) > CERTAIN * off + TINY:
+            return count, False
+        if CERTAIN * off > WIDE:
+            return count, True
+    return len(total), False
+
+
+def _change(first: Returns, second: Returns) -> tuple[float, bool]:
+    """By which factor distances between returns differ, and whether returns drift one way.
+
+    The factor is the largest of the medians, of all numbers of returns that a pair may be apart. On
+    a torus later returns fill the same curve; on the way to a cycle the pairs that are whole
+    periods apart come closer. Of a sampled loop some returns come a sample later: medians do not
+    mind.
+    """
+    size = first.high - first.low
+    size[size == 0.0] = np.inf
+    before, after = first.states / size, second.states / size
+    widest = int(np.argmax(np.ptp(before, axis=0)))
+    largest = 1.0
+    for lag in range(1, LONGEST_OF_MANY + 1):
+        near, far = (
+            float(np.median(np.linalg.norm(s[lag:] - s[:-lag], axis=1))) for s in (before, after)
+        )
+        if near > 0.0 and far > 0.0:
+            largest = max(largest, near / far, far / near)
+        elif near != far:
+            largest = np.inf
+        if 10 * lag <= len(before):  # all of them: on a curve that closes some turn back
+            signs = np.sign(before[lag:, widest] - before[:-lag, widest])
+            if all(np.all(signs[k::lag] * signs[k] > 0.0) for k in range(lag)):
+                return largest, True
+    return largest, False

@@ -127,7 +127,7 @@ def stands(model: Model, time: float, span: float, state: Vector, within: float)
     within : float
         How far the equilibrium may move [nominal magnitudes].
     """
-    if not _holds_time(model.kernel.source):
+    if not holds_time(model.kernel.source):
         return True
     nominal = model.kernel.nominal
     before, due = np.zeros(model.kernel.events), np.zeros(model.kernel.events)
@@ -146,7 +146,7 @@ def stands(model: Model, time: float, span: float, state: Vector, within: float)
 
 
 @cache
-def _holds_time(source: str) -> bool:
+def holds_time(source: str) -> bool:
     """Whether one of a kernel's equations holds the time."""
     lines = (line for line in source.splitlines() if not line.startswith("def "))
     return any(re.search(r"\bt\b", line) for line in lines)

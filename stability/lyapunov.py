@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..solver.core import REACHED
 from ..solver.files import write_atomically, write_json
 from ..solver.kernel import Model
 from ..solver.spectrum import Spectrum, follow_returns, follow_tangents
@@ -220,17 +221,17 @@ def lyapunov(
     motions: list[Attractor] = []
     onward: Model | None = None  # where the motion has become what it becomes
     for share in (1.0, TIGHTER):
-        model = (average or make)(tolerance * share)
+        maker = average or make
+        model = maker(tolerance * share)
         n = len(model.x)
         if progress:
             progress(f"exponents over {stop:g} s at tolerance {tolerance * share:g}")
-        frame = np.eye(n)[list(order) if order is not None else range(n)]
-        run = follow_tangents(
-            model,
-            np.linspace(0.0, stop, SAMPLES + 1),
-            frame=frame[: count or n],
-            count=count or n,
-        )
+        frame = np.eye(n)[list(order) if order is not None else range(n)][: count or n]
+        run = follow_tangents(model, np.linspace(0.0, stop, SAMPLES + 1), len(frame), frame)
+        if run.failure and len(run.time) == 1:  # it ends before the first time of the grid
+            grid = np.linspace(0.0, model.info[REACHED], SAMPLES + 1)
+            model = maker(tolerance * share)
+            run = follow_tangents(model, grid, len(frame), frame)
         runs.append(run)
         if run.failure:
             motions.append(_ended(run, model))
@@ -262,7 +263,7 @@ def lyapunov(
 def _ended(run: Spectrum, model: Model) -> Attractor:
     """The verdict on a motion that could not be followed to its end."""
     if run.diverged:
-        return Attractor(Kind.DIVERGES, run.failure, since=float(model.info[3]))
+        return Attractor(Kind.DIVERGES, run.failure, since=float(model.info[REACHED]))
     return Attractor(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
 
 

@@ -31,6 +31,7 @@ COLOUR = {
     Kind.CHAOS: "#CC79A7",
     Kind.DIVERGES: "#D55E00",
     Kind.BOUNDED: "#999999",
+    Kind.WINDING: "#882255",
     Kind.UNDECIDED: "#000000",
 }
 _BOUNDARY_POINTS = 48

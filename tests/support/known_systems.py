@@ -125,6 +125,61 @@ def torus() -> Kernel:
 
 
 @cache
+def two_circles() -> Kernel:
+    """Two circles, cos t and cos w t: a torus in closed form, exponents 0, 0, -2 and -2."""
+    a, b, c, d, w = (symbol(n) for n in "abcdw")
+    first, second = 1 - a**2 - b**2, 1 - c**2 - d**2
+    return generate(
+        _component(
+            "two_circles",
+            {
+                "a": (a * first - b, 1.0),
+                "b": (b * first + a, 0.0),
+                "c": (c * second - w * d, 1.0),
+                "d": (d * second + w * c, 0.0),
+            },
+            {"w": float(np.sqrt(2.0))},
+        )
+    )
+
+
+@cache
+def driven_van_der_pol() -> Kernel:
+    mu, force, w = symbol("mu"), symbol("force"), symbol("w")
+    rate = mu * (1 - x**2) * v - x + force * sp.cos(w * TIME)
+    given = {"mu": 0.5, "force": 0.3, "w": 1.3}
+    return generate(_component("driven_van_der_pol", {"x": (v, 1.0), "v": (rate, 0.0)}, given))
+
+
+HARMONICS = 6
+
+
+@cache
+def many_passes() -> Kernel:
+    """A cycle of period 2 pi in closed form: y is h1 cos t + ... + h6 cos 6t, exponents 0, -2.
+
+    A disturbance of y turns with w and fades with k, however slowly: two exponents of -k.
+    """
+    a, b, y, z, k, w = (symbol(n) for n in ("a", "b", "y", "z", "k", "w"))
+    names = [f"h{n}" for n in range(1, HARMONICS + 1)]
+    course = sum(symbol(n) * sp.chebyshevt(j + 1, a) for j, n in enumerate(names))
+    ring, off = 1 - a**2 - b**2, y - course
+    rate = a * ring - b
+    return generate(
+        _component(
+            "many_passes",
+            {
+                "a": (rate, 1.0),
+                "b": (b * ring + a, 0.0),
+                "y": (sp.diff(course, a) * rate - k * off - w * z, 3.0),
+                "z": (w * off - k * z, 0.0),
+            },
+            dict.fromkeys(names, 0.0) | {"k": 0.1, "w": 0.0},
+        )
+    )
+
+
+@cache
 def belt() -> Kernel:
     """A unit mass on a unit spring on a belt; friction falls with the speed of sliding.
 

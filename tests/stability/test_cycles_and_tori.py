@@ -1,0 +1,137 @@
+"""Cycles are told from tori, and from creep, whatever number of times they pass the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from known_systems import (
+    HARMONICS,
+    driven_van_der_pol,
+    many_passes,
+    slow_and_fading,
+    two_circles,
+)
+
+from ballscrew.solver.kernel import Kernel, Model
+from ballscrew.solver.spectrum import follow_returns
+from ballscrew.stability.attractor import Attractor, Kind, classify_attractor
+from ballscrew.stability.loop_lyapunov import loop_lyapunov, loop_maker
+
+pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
+
+
+def becomes(kernel: Kernel, stop: float = 100.0, **values: float) -> Attractor:
+    model = Model(kernel, values, 1e-9)
+    follow_returns(model, 0.0, stop, 0, np.inf, 0)
+    return classify_attractor(model, stop, stop)
+
+
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(
+    passes=st.integers(1, HARMONICS),
+    first=st.floats(0.1, 0.5),
+    decay=st.floats(-5.0, 0.0),
+    turning=st.one_of(st.just(0.0), st.floats(0.0, 3.0)),
+)
+def test_a_cycle_with_one_to_six_passes_a_period_is_never_a_torus(
+    passes: int, first: float, decay: float, turning: float
+) -> None:
+    """However slowly a disturbance fades, in 1 s to 28 h, and whether it turns as it fades."""
+    harmonics = {"h1": first} | {f"h{passes}": 1.0}
+    motion = becomes(many_passes(), 50.0, **harmonics, k=10.0**decay, w=turning)
+    assert motion.kind in (Kind.CYCLE, Kind.UNDECIDED), motion.evidence
+    if motion.kind is Kind.CYCLE:
+        assert motion.period is not None
+        periods = motion.period / (2.0 * np.pi)
+        assert periods == pytest.approx(round(periods), abs=1e-3)
+
+
+@pytest.mark.parametrize("passes", range(1, HARMONICS + 1))
+def test_a_cycle_that_attracts_within_some_periods_is_found_with_its_period(passes: int) -> None:
+    motion = becomes(many_passes(), 50.0, **{"h1": 0.3, f"h{passes}": 1.0}, k=0.1)
+    assert motion.kind is Kind.CYCLE, motion.evidence
+    assert motion.return_error is not None
+    assert motion.period == pytest.approx(2.0 * np.pi, rel=max(motion.return_error, 1e-8))
+    np.testing.assert_allclose(motion.limit, [0.0, -0.1, -0.1, -2.0], atol=1e-3)
+
+
+@pytest.mark.parametrize("ratio", [np.sqrt(2.0), 0.5 * (np.sqrt(5.0) + 1.0), np.sqrt(3.0), np.pi])
+def test_two_frequencies_without_a_common_period_are_a_torus(ratio: float) -> None:
+    motion = becomes(two_circles(), w=ratio)
+    assert motion.kind is Kind.TORUS, motion.evidence
+    np.testing.assert_allclose(motion.limit, [0.0, 0.0, -2.0, -2.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [1.4, 37.0 / 23.0])
+def test_two_frequencies_with_a_common_period_close_but_are_no_cycle_that_attracts(
+    ratio: float,
+) -> None:
+    motion = becomes(two_circles(), w=ratio)
+    assert motion.kind is Kind.UNDECIDED, motion.evidence
+    assert "one of many side by side" in motion.evidence
+
+
+@pytest.mark.parametrize("w", [0.9, 1.1, 1.3, 1.6, 2.2])
+def test_a_driven_van_der_pol_oscillator_off_its_locking_is_a_torus(w: float) -> None:
+    motion = becomes(driven_van_der_pol(), 200.0, w=w)
+    assert motion.kind is Kind.TORUS, motion.evidence
+
+
+@pytest.mark.parametrize("w", [1.02, 1.05])
+def test_a_driven_van_der_pol_oscillator_locks_to_a_drive_near_its_own_pace(w: float) -> None:
+    motion = becomes(driven_van_der_pol(), 200.0, w=w)
+    assert motion.kind is Kind.CYCLE, motion.evidence
+    assert motion.period == pytest.approx(2.0 * np.pi / w, rel=1e-6)
+
+
+def test_a_swing_that_grows_for_hours_is_no_torus() -> None:
+    motion = becomes(slow_and_fading(), mu=1e-4, x_start=0.3)
+    assert motion.kind in (Kind.CYCLE, Kind.UNDECIDED), motion.evidence
+
+
+@pytest.mark.parametrize("integral", [500.0, 590.0])
+def test_classical_friction_sticks_while_the_integral_winds_up_and_does_not_creep(
+    integral: float,
+) -> None:
+    model = loop_maker("plant_classical", "pid", 0.05, None, {"Ki": integral})(1e-9)
+    motion = classify_attractor(model, 0.0, 20.0)
+    assert motion.kind is Kind.WINDING, motion.evidence
+    assert "plant_x, plant_v stand still" in motion.evidence
+    # the integral's pace is the error, at which the block sticks: what it says can be computed
+    position = model.x[[s.name for s in model.kernel.states].index("plant_x")]
+    resistance = model.p[[p.name for p in model.kernel.parameters].index("plant_R")]
+    pace = integral * (0.05 - position) / resistance
+    assert f"plant_i by {pace:.3g} a second" in motion.evidence
+
+
+@pytest.mark.parametrize(
+    ("controller", "period", "stop"),
+    [("nctf+sampled", 0.57e-3, 1.0), ("super_twisting+sampled", 0.5e-3, 1.0)],
+)
+def test_a_sampled_loop_that_swings_from_sample_to_sample_does_not_creep(
+    controller: str, period: float, stop: float
+) -> None:
+    """Cycles of 2 and of 6 samples, beside an equilibrium, whose swing is below a nominal value."""
+    model = loop_maker("plant", controller, 0.08, None, {"sample_time": period})(1e-7)
+    follow_returns(model, 0.0, stop, 0, np.inf, 0)
+    motion = classify_attractor(model, stop, stop, exponents=False, rounds=1)
+    assert motion.kind in (Kind.CYCLE, Kind.UNDECIDED), motion.evidence
+
+
+def test_one_loop_that_creeps_does_so_by_all_roads() -> None:
+    """The loop of Section 3.5.1.1 of the thesis, whose creep outlasts every solver's patience."""
+    given = {"sigma0_hat": 66967.331, "sigma1_hat": 355.76}
+    model = loop_maker("plant", "iol", 0.08, None, given)(1e-6)  # as a map's cell
+    follow_returns(model, 0.0, 20.0, 0, np.inf, 0)
+    assert classify_attractor(model, 20.0, 20.0, False, rounds=1).kind is Kind.CREEPING
+    motion = loop_lyapunov("iol", 20.0, controller_values=given).motion
+    assert motion.kind is Kind.CREEPING, motion.evidence
+
+
+def test_what_diverges_before_the_first_hundredth_of_the_run_has_exponents_until_then() -> None:
+    run = loop_lyapunov("nctf_sampled", 20.0, controller_values={"sample_time": 2e-3})
+    assert run.motion.kind is Kind.DIVERGES
+    assert len(run.running()[0]) > 100
+    assert run.exponents[0] > 100.0
