@@ -22,6 +22,7 @@ from ballscrew.fmus.export import export
 from ballscrew.orchestration.clock import Clock
 from ballscrew.orchestration.compiled import PAIR
 from ballscrew.orchestration.coupling import Coupling, Loop
+from ballscrew.orchestration.group import initialize
 from ballscrew.orchestration.isolated import open_fmu
 from ballscrew.orchestration.loop_run import RecordedLoop, RunLog
 from ballscrew.orchestration.master import march_on, run_loop
@@ -79,12 +80,12 @@ def step_cost(
     goal = Reference.constant(0.08)
     for _ in range(3):
         p, c = (open_fmu(path, path.stem, isolate) for path in (plant, controller))
-        p.initialize({}, seconds)
-        c.initialize({}, seconds)
         start = np.array([0.08])
+        wiring = wire(p, c)
+        initialize(p, c, wiring, ({}, {}), seconds, start)
         whole = struct(PAIR)
         part = whole.part("loop")
-        loop = Loop(p, c, wire(p, c), Coupling.INTERFACE_JACOBIAN, corrected, True, start, part)
+        loop = Loop(p, c, wiring, Coupling.INTERFACE_JACOBIAN, corrected, True, start, part)
         main = RecordedLoop(whole, loop, 1)
         nominal = np.array([p.nominal(name) for name in p.outputs])
         course = RunLog(goal, (0,), loop.outputs, nominal, 1)

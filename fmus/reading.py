@@ -41,6 +41,8 @@ class NumberVariable:
         Whether this output may follow inputs at once; True where the FMU does not say.
     sampled : bool
         Whether it could lie between whole numbers, and is said to change at instants only.
+    initially_from : tuple of str, optional
+        Inputs that this output depends on in initialization; None where the FMU does not say.
     """
 
     name: str
@@ -52,6 +54,7 @@ class NumberVariable:
     start: float | None
     direct: bool
     sampled: bool
+    initially_from: tuple[str, ...] | None = None
 
     @property
     def is_real(self) -> bool:
@@ -232,6 +235,11 @@ def _described(path: Path, read: Any) -> Description:
     }
     silent = {u.variable.name for u in read.outputs or () if u.dependencies is None}
     listed = {u.variable.name for u in read.outputs or ()}
+    initially = {
+        u.variable.name: tuple(d.name for d in u.dependencies if d.causality == "input")
+        for u in read.initialUnknowns or ()
+        if u.dependencies is not None
+    }
     variables = []
     message = None
     for v in read.modelVariables:
@@ -255,6 +263,7 @@ def _described(path: Path, read: Any) -> Description:
                 _start(v),
                 v.name in followers or v.name in silent or v.name not in listed,
                 v.type in REAL and v.variability == "discrete",
+                () if v.initial == "exact" else initially.get(v.name),
             )
         )
     units = defined_units(read)

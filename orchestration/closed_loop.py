@@ -20,7 +20,7 @@ from .isolated import TIME_LIMIT, IsolatedInstance, open_fmu
 from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
 from .parameter_file import ParameterFile
-from .parts import loop_label, part_of, used_parameters
+from .parts import label_of, loop_label, part_of, used_parameters
 from .port_units import converted
 from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
@@ -166,10 +166,11 @@ def run_parts(
     """
     assert study.step is not None
     for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
-        check_values(side.name, values or {}, side.parameters)
+        check_values(side.name, values or {}, [*side.parameters, *side.inputs])
     wiring = wire(plant, controller, study.mapping)
+    wiring.check_given(study.plant_values or {}, study.controller_values or {})
     controller, units = converted(plant, controller, wiring, study.mapping)
-    notes = _connection_notes(study, controller, wiring) + units.notes
+    notes = _connection_notes(study, plant, controller, wiring) + units.notes
     if not has_equations(study.controller):
         notes += _meet_samples(study, study.step, plant, controller, wiring)
     run = run_loop(
@@ -205,14 +206,22 @@ def _units(
     return {ours[n]: units[n] for n in ours if ours[n] in {**run.outputs, **run.commands}}
 
 
-def _connection_notes(study: Study, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:
+def _connection_notes(
+    study: Study, plant: _Fmu, controller: _Fmu, wiring: Wiring
+) -> tuple[str, ...]:
     """Notes of inputs that nothing drives, and of one that is taken for the set-point."""
-    starts = {v.name: v.start or 0.0 for v in controller.description.variables}
-    notes = [
-        f"nothing drives the input {name!r} of {study.label}: it stays at {starts[name]:g}; "
-        f"--map {name}=NAME would connect it"
-        for name in wiring.unconnected
-    ]
+    notes = []
+    for side, label, free, values in (
+        (plant, label_of(study.plant), wiring.of_plant, study.plant_values),
+        (controller, study.label, wiring.unconnected, study.controller_values),
+    ):
+        starts = {v.name: v.start or 0.0 for v in side.description.variables}
+        notes += [
+            f"nothing drives the input {name!r} of {label}: it stays at {starts[name]:g}; "
+            f"--map {name}=NAME would connect it, --set {side.name}.{name}=VALUE gives it a value"
+            for name in free
+            if name not in (values or {})
+        ]
     called = names_on(CONTROLLER, wiring.references, study.mapping or {})
     notes += [
         f"the input {name!r} of {study.label}, which nothing else drives, is taken for the "
@@ -333,7 +342,8 @@ def check_part_values(side: str, name: str, values: Mapping[str, float]) -> None
     if has_equations(name):
         check_named(side, name, values)
     else:
-        check_values(side, values, list(part_of(name).parameters))
+        part = part_of(name)  # which inputs are free only the wiring tells
+        check_values(side, values, [*part.parameters, *part.inputs])
 
 
 def _file(name: str) -> Path:

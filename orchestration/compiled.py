@@ -47,6 +47,8 @@ LOOP = np.dtype(
         # inputs: m commands, then gains, references, rates if it takes a law; outputs: all
         ("plant", CALLS),
         ("takes_law", np.int64),
+        ("follows", np.int64),  # whether outputs may follow inputs without a step
+        ("unsolved", np.int64),  # communication points at which an algebraic loop had no solution
         ("signals", VECTOR),  # which outputs the controller measures
         ("controller", CONTROLLER),
         ("coupling", np.int64),
@@ -80,6 +82,8 @@ LOOP = np.dtype(
         ("reached", VECTOR),
         ("command", VECTOR),
         ("first", VECTOR),
+        ("ring", VECTOR),  # m (m + 2): for an algebraic loop
+        ("commands", VECTOR),  # nominal values of the plant's commands
     ]
 )
 """A plant and a controller that move together; made by `coupling.Loop`."""

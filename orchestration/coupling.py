@@ -218,6 +218,9 @@ class Loop:
         self.outputs = outputs.copy()
         self._whole.set(
             takes_law=wiring.accepts_law,
+            follows=any(map(plant.follows_at_once, plant.outputs)) and m > 0,
+            commands=np.array([plant.nominal(theirs) for _, theirs in wiring.commands]),
+            ring=np.zeros(m * (m + 2)),
             signals=np.array(at, dtype=np.int64),
             coupling=_COUPLINGS[coupling],
             corrected=corrected,
@@ -235,6 +238,15 @@ class Loop:
         rooms = ("kept_outputs", "effect", "reached")
         self._whole.set(**{name: np.zeros(len(outputs)) for name in rooms})
         self._whole.set(goal=np.zeros(len(reference)))
+
+    @property
+    def unsolved(self) -> int:
+        """Communication points at which an algebraic loop found no solution."""
+        return int(self._whole.record.unsolved)
+
+    def begin_with_first_command(self) -> None:
+        """Hold in the first step what the controller answers in it, not a start value."""
+        self._whole.set(late=np.full(self._side.m, np.nan))
 
     def command(self, t: float, h: float, reference: Vector) -> Vector:
         """The controller's true command at the present signals."""

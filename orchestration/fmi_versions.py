@@ -182,15 +182,15 @@ class Fmi2:
         """What comes before start values are set."""
         self._fmu.setupExperiment(startTime=0.0, stopTime=stop)
 
-    def start(self, stop: float) -> None:
-        """Go through initialization."""
-        self._enter_initialization(stop)
+    def enter(self, stop: float) -> None:
+        """Enter initialization mode."""
+        self._fmu.enterInitializationMode()
+
+    def leave(self) -> None:
+        """Leave initialization mode."""
         self._fmu.exitInitializationMode()
         if self._description.exchanges:
             self.integrator = self._integrator()
-
-    def _enter_initialization(self, stop: float) -> None:
-        self._fmu.enterInitializationMode()
 
     def _integrator(self) -> Any:
         from .model_exchange import Integrator
@@ -293,7 +293,7 @@ class Fmi3(Fmi2):
     def set_up(self, stop: float) -> None:
         pass
 
-    def _enter_initialization(self, stop: float) -> None:
+    def enter(self, stop: float) -> None:
         self._fmu.enterInitializationMode(startTime=0.0, stopTime=stop)
 
     def _sizes(self) -> tuple[int, int]:

@@ -6,7 +6,7 @@ import contextlib
 import ctypes
 import itertools
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
 from ..fmus.process_end import end_cleanly
-from ..fmus.reading import Description, FmuError, UnpackedFmu, unpack
+from ..fmus.reading import Description, FmuError, NumberVariable, UnpackedFmu, unpack
 from .fmi_versions import FATAL, OK, Fmi2, Fmi3, Ports, Refused, forget, last_words
 
 Vector = npt.NDArray[np.float64]
@@ -62,8 +62,10 @@ class Reader(Protocol):
 class Instance(Protocol):
     """What the master needs of anything that takes part in a loop.
 
-    An implementation promises: `step` moves from t to t + h with its inputs held; after `restore`
-    it goes on as it would have at `save`; `reopened` is a fresh instance of the same thing.
+    An implementation promises: between `enter_initialization` and `leave_initialization` inputs
+    can be set and outputs read again and again; `step` moves from t to t + h with its inputs held;
+    after `restore` it goes on as it would have at `save`; `reopened` is a fresh instance of the
+    same thing.
     """
 
     name: str
@@ -75,7 +77,9 @@ class Instance(Protocol):
     def nominal(self, name: str) -> float: ...
     def is_real(self, name: str) -> bool: ...
     def follows_at_once(self, name: str) -> bool: ...
-    def initialize(self, values: Mapping[str, float], stop: float) -> None: ...
+    def initially_from(self, name: str) -> Sequence[str]: ...
+    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None: ...
+    def leave_initialization(self) -> None: ...
     def writer(self, names: Sequence[str]) -> Writer: ...
     def reader(self, names: Sequence[str]) -> Reader: ...
     def step(self, t: float, h: float) -> None: ...
@@ -86,7 +90,41 @@ class Instance(Protocol):
     def close(self) -> None: ...
 
 
-class FmuInstance:
+class AnyFmu:
+    """What FMU instances have in common, wherever they run."""
+
+    inputs: Sequence[str]
+    _variables: Mapping[str, NumberVariable]
+
+    def nominal(self, name: str) -> float:
+        return self._variables[name].nominal
+
+    def is_real(self, name: str) -> bool:
+        """Whether a signal may lie between whole numbers."""
+        return self._variables[name].is_real
+
+    def follows_at_once(self, name: str) -> bool:
+        """Whether an output may follow inputs without a step, as far as the FMU says."""
+        return self._variables[name].direct
+
+    def initially_from(self, name: str) -> Sequence[str]:
+        """Inputs that an output may depend on in initialization, as far as the FMU says."""
+        told = self._variables[name].initially_from
+        return self.inputs if told is None else told
+
+    def initialize(self, values: Mapping[str, float], stop: float) -> None:
+        """Go through initialization alone, see `FmuInstance.enter_initialization`."""
+        self.enter_initialization(values, stop)
+        self.leave_initialization()
+
+    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
+        raise NotImplementedError
+
+    def leave_initialization(self) -> None:
+        raise NotImplementedError
+
+
+class FmuInstance(AnyFmu):
     """An FMU, run in this process.
 
     Parameters
@@ -111,6 +149,7 @@ class FmuInstance:
         self.parameters = description.names("parameter")
         self.can_save = description.saves_state
         self.sample_time = 0.0
+        self._given: Mapping[str, float] = {}
         self._log = next(_LOG_NUMBERS)
         self._status = 0  # the worst yet
         try:
@@ -129,39 +168,50 @@ class FmuInstance:
     def description(self) -> Description:
         return self._fmu.description
 
-    def nominal(self, name: str) -> float:
-        return self._variables[name].nominal
-
-    def is_real(self, name: str) -> bool:
-        """Whether a signal may lie between whole numbers."""
-        return self._variables[name].is_real
-
-    def follows_at_once(self, name: str) -> bool:
-        """Whether an output may follow inputs without a step, as far as the FMU says."""
-        return self._variables[name].direct
-
-    def initialize(self, values: Mapping[str, float], stop: float) -> None:
-        """Set parameters and start values, and go through initialization.
+    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
+        """Set parameters and start values, enter initialization mode, and set inputs there.
 
         Raises
         ------
         StepFailed
             If the FMU refuses.
         """
-        try:
+        self._given = {name: v for name, v in values.items() if name in self.inputs}
+        with self._initializing():
             self._fmi.set_up(stop)
-            for name, value in values.items():
-                self.writer([name])(np.array([value], dtype=float))
-            self._fmi.start(stop)
+            self._set({name: v for name, v in values.items() if name not in self._given})
+            self._fmi.enter(stop)
+            self._set(self._given)
+
+    def leave_initialization(self) -> None:
+        """Leave initialization mode, and give the inputs of the values once more.
+
+        Raises
+        ------
+        StepFailed
+            If the FMU refuses.
+        """
+        with self._initializing():
+            self._fmi.leave()
+            self._set(self._given)
             if SAMPLE_TIME in self.parameters:
                 self.sample_time = float(self.reader([SAMPLE_TIME])()[0])
+        if self.message():
+            raise StepFailed(self.message())
+
+    def _set(self, values: Mapping[str, float]) -> None:
+        for name, value in values.items():
+            self.writer([name])(np.array([value], dtype=float))
+
+    @contextlib.contextmanager
+    def _initializing(self) -> Iterator[None]:
+        try:
+            yield
         except StepFailed:
             raise
         except Exception as error:
             status = getattr(error, "status", FATAL)
             raise self.failed(status, f"cannot be initialized: {error}") from error
-        if self.message():
-            raise StepFailed(self.message())
 
     def message(self) -> str:
         """What the FMU says of its failure: ours in an output for it, others in their log."""

@@ -1,17 +1,27 @@
-"""Several FMUs as one FMU instance: what stands between a plant and its commands."""
+"""Several FMUs as one FMU instance, and how those that feed each other are initialized.
+
+FMI lets inputs be set and outputs be read in initialization mode, again and again (2.0.5, 4.2.4;
+3.0.2, 2.3.3): what an FMU starts from may depend on them. An output is read once all inputs are set
+that it depends on there. Where outputs wait for each other in a ring, be it that an FMU does not
+tell its dependencies, the ring is iterated. Then one after the other leaves the mode, each with the
+newest values of those before it, and what is computed only then goes round once more.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .fmu_instance import Instance, Reader, Writer
+from .fmu_instance import Instance, Reader, StepFailed, Writer
+from .wiring import Wiring
 
 Vector = npt.NDArray[np.float64]
+SETTLED = 1e-12  # share of a value, or of its nominal one, by which it may still change
+SWEEPS = 3  # that settle what only looks like an algebraic loop
 
 
 @dataclass(frozen=True)
@@ -34,12 +44,50 @@ class Feed:
 @dataclass(frozen=True)
 class _Member:
     instance: Instance
+    feeds: Sequence[Feed]
     write: Writer
     read: Reader
     sources: npt.NDArray[np.intp]
     factors: Vector
     offsets: Vector
     outputs: slice
+
+
+def initialize(
+    plant: Instance,
+    controller: Instance,
+    wiring: Wiring,
+    values: tuple[Mapping[str, float], Mapping[str, float]],
+    stop: float,
+    reference: Vector,
+) -> None:
+    """Initialize a plant and its controller together.
+
+    Parameters
+    ----------
+    values : tuple of two mappings of str to float
+        Of plant and controller: parameters, start values, and inputs that nothing drives.
+    stop : float
+        [s]
+    reference : ndarray
+        Set-points at the start.
+
+    Raises
+    ------
+    StepFailed
+        If a part refuses its values, or an algebraic loop has no solution.
+    """
+    goals = [f"set-point {k}" for k in range(len(wiring.references))]
+    feeds = [
+        *(Feed(f"plant.{y}", "controller", port) for y, port in wiring.signals),
+        *(Feed(f"controller.{u}", "plant", port) for u, port in wiring.commands),
+        *(Feed(goal, "controller", r) for goal, r in zip(goals, wiring.references, strict=True)),
+    ]
+    both = Group("loop", {"plant": plant, "controller": controller}, feeds, goals)
+    own = zip(("plant", "controller"), values, strict=True)
+    both.enter_initialization({f"{side}.{n}": v for side, vs in own for n, v in vs.items()}, stop)
+    both.writer(goals)(reference)
+    both.leave_initialization()
 
 
 class Group:
@@ -77,6 +125,7 @@ class Group:
         self._place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
         self._values = np.zeros(len(self._place))
         self._parts: list[_Member] = []
+        self._initializing = False
         self._stale = True
 
     def nominal(self, name: str) -> float:
@@ -104,18 +153,36 @@ class Group:
                 return member, name[len(member) + 1 :]
         raise KeyError(name)
 
-    def initialize(self, values: Mapping[str, float], stop: float) -> None:
-        """Initialize every member; values are named ``member.variable``."""
+    def initially_from(self, name: str) -> Sequence[str]:
+        member, port = self._split(name)
+        ports, found, waiting = {(member, port)}, set(), [(member, port)]
+        while waiting:
+            member, port = waiting.pop()
+            inputs = self._members[member].initially_from(port)
+            for feed in self._feeds:
+                if feed.member != member or feed.port not in inputs:
+                    continue
+                if feed.source in self.inputs:
+                    found.add(feed.source)
+                elif (before := self._split(feed.source)) not in ports:
+                    ports.add(before)
+                    waiting.append(before)
+        return sorted(found)
+
+    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
+        """Let every member enter the mode; values are named ``member.variable``."""
         self._parts = []
+        self._values[:] = np.nan  # not known yet
         begin = len(self.inputs)
         for name, instance in self._members.items():
             own = {k[len(name) + 1 :]: v for k, v in values.items() if k.startswith(name + ".")}
-            instance.initialize(own, stop)
+            instance.enter_initialization(own, stop)
             feeds = [f for f in self._feeds if f.member == name]
             end = begin + len(instance.outputs)
             self._parts.append(
                 _Member(
                     instance,
+                    feeds,
                     instance.writer([f.port for f in feeds]),
                     instance.reader(instance.outputs),
                     np.array([self._place[f.source] for f in feeds], dtype=np.intp),
@@ -124,16 +191,134 @@ class Group:
                     slice(begin, end),
                 )
             )
-            self._values[begin:end] = self._parts[-1].read()
             begin = end
+        self._initializing = self._stale = True
+
+    def leave_initialization(self) -> None:
+        """Let one member after the other leave the mode."""
+        self._settle()
+        for part in self._parts:
+            self._feed(part)
+            part.instance.leave_initialization()
+            self._values[part.outputs] = part.read()
+        self._initializing = False
+        self._iterate()
+        self._stale = False
         # the shortest: every communication step then ends at samples of the fastest member
         self.sample_time = min(
             (p.sample_time for p in self._members.values() if p.sample_time > 0), default=0.0
         )
-        self._stale = True
+
+    def _settle(self) -> None:
+        """Set inputs and read outputs in the order in which they depend on each other."""
+        missing = {name: list(part.instance.outputs) for name, part in self._named_parts()}
+        ring = False
+        while any(missing.values()):
+            found = [self._read(name, part, missing, False) for name, part in self._named_parts()]
+            if not any(found):  # they wait for each other: begin with what one has by itself
+                ring = True
+                name, part = next((n, p) for n, p in self._named_parts() if missing[n])
+                self._read(name, part, missing, True)
+        if ring:
+            self._iterate()
+
+    def _named_parts(self) -> Iterable[tuple[str, _Member]]:
+        return zip(self._members, self._parts, strict=True)
+
+    def _read(self, name: str, part: _Member, missing: dict[str, list[str]], all_: bool) -> bool:
+        """Read a member's missing outputs that wait for no others, or all; whether any was."""
+        waits = {f.port for f in part.feeds if not self._is_known(f.source, missing)}
+        ready = [
+            port
+            for port in missing[name]
+            if all_ or waits.isdisjoint(part.instance.initially_from(port))
+        ]
+        if ready:
+            self._feed(part)
+            values = part.instance.reader(ready)()
+            self._values[[self._place[f"{name}.{port}"] for port in ready]] = values
+            missing[name] = [port for port in missing[name] if port not in ready]
+        return bool(ready)
+
+    def _is_known(self, source: str, missing: Mapping[str, Sequence[str]]) -> bool:
+        if source in self.inputs:
+            return bool(np.isfinite(self._values[self._place[source]]))
+        member, port = self._split(source)
+        return port not in missing[member]
+
+    def _iterate(self) -> None:
+        """Feed all and read all until nothing changes; a ring that does not settle is solved.
+
+        Raises
+        ------
+        StepFailed
+            If it has no solution.
+        """
+        ring = self._ring()
+        for _ in range(SWEEPS):
+            before = self._values[ring]
+            self._sweep()
+            if self._agree(before, ring):
+                return
+        before = self._values[ring]
+        names = [n for n, place in self._place.items() if place in ring]
+        if np.isfinite(before).all() and all(map(self.is_real, names)):
+            self._solve(ring)
+            before = self._values[ring]
+            self._sweep()
+        if not self._agree(before, ring):
+            missed = np.max(np.abs(self._values[ring] - before))
+            raise StepFailed(
+                f"the algebraic loop through {', '.join(names)} has no solution at the start: what "
+                f"goes in and what comes out are {missed:.3g} apart",
+                "each of its FMUs follows its inputs at once: look for a wrong sign or gain, or "
+                "put a delay into the loop",
+            )
+
+    def _ring(self) -> list[int]:
+        """Places of the outputs that feed a member before theirs, or their own."""
+        order = list(self._members)
+        back = {
+            self._place[f.source]
+            for f in self._feeds
+            if f.source not in self.inputs
+            and order.index(self._split(f.source)[0]) >= order.index(f.member)
+        }
+        return sorted(back)
+
+    def _agree(self, before: Vector, ring: Sequence[int]) -> bool:
+        after = self._values[ring]
+        names = [*self.inputs, *self.outputs]
+        size = np.maximum(np.abs(after), [self.nominal(names[place]) for place in ring])
+        same = np.abs(after - before) <= SETTLED * size
+        return bool(np.all(same | ~np.isfinite(after)))
+
+    def _solve(self, ring: Sequence[int]) -> None:
+        from scipy.optimize import root
+
+        def missed(values: Vector) -> Vector:
+            self._values[ring] = values
+            self._sweep()
+            change: Vector = self._values[ring] - values
+            return change
+
+        with np.errstate(all="ignore"):
+            self._values[ring] = root(missed, self._values[ring], options={"xtol": 1e-14}).x
+
+    def _sweep(self) -> None:
+        """Feed one member after the other, and read what follows."""
+        for part in self._parts:
+            self._feed(part)
+            self._values[part.outputs] = part.read()
 
     def _feed(self, part: _Member) -> None:
-        part.write(part.factors * self._values[part.sources] + part.offsets)
+        values = part.factors * self._values[part.sources] + part.offsets
+        if self._initializing and not np.isfinite(values).all():  # what is not known yet
+            known = np.isfinite(values)
+            ports = [f.port for f, k in zip(part.feeds, known, strict=True) if k]
+            part.instance.writer(ports)(values[known])
+        else:
+            part.write(values)
 
     def writer(self, names: Sequence[str]) -> Writer:
         at = np.array([self._place[n] for n in names], dtype=np.intp)
@@ -149,9 +334,7 @@ class Group:
 
         def read() -> Vector:
             if self._stale:
-                for part in self._parts:
-                    self._feed(part)
-                    self._values[part.outputs] = part.read()
+                self._settle() if self._initializing else self._sweep()
                 self._stale = False
             values: Vector = self._values[at]
             return values

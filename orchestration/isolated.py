@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
 from ..fmus.reading import Description, FmuError, UnpackedFmu
-from .fmu_instance import FmuInstance, Reader, StepFailed, Writer, inputs_of, opened_source
+from .fmu_instance import AnyFmu, FmuInstance, Reader, StepFailed, Writer, inputs_of, opened_source
 from .isolated_host import OK, REFUSED, Request, receive, send
 
 Vector = npt.NDArray[np.float64]
@@ -37,7 +37,7 @@ TIME_LIMIT = 60.0  # s, for any one call
 _FAREWELL = 5.0  # s, to end in good order
 
 
-class IsolatedInstance:
+class IsolatedInstance(AnyFmu):
     """An FMU, run in another process.
 
     Parameters
@@ -96,17 +96,8 @@ class IsolatedInstance:
     def description(self) -> Description:
         return self._fmu.description
 
-    def nominal(self, name: str) -> float:
-        return self._variables[name].nominal
-
-    def is_real(self, name: str) -> bool:
-        return self._variables[name].is_real
-
-    def follows_at_once(self, name: str) -> bool:
-        return self._variables[name].direct
-
-    def initialize(self, values: Mapping[str, float], stop: float) -> None:
-        """Set parameters and start values, and go through initialization.
+    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
+        """As `FmuInstance.enter_initialization`.
 
         Raises
         ------
@@ -114,7 +105,17 @@ class IsolatedInstance:
             If the FMU refuses, or its process does not survive.
         """
         request = json.dumps({"values": dict(values), "stop": stop}).encode()
-        (told,) = struct.unpack("<d", self._ask(Request.INITIALIZE, request))
+        self._ask(Request.ENTER_INITIALIZATION, request)
+
+    def leave_initialization(self) -> None:
+        """As `FmuInstance.leave_initialization`.
+
+        Raises
+        ------
+        StepFailed
+            If the FMU refuses, or its process does not survive.
+        """
+        (told,) = struct.unpack("<d", self._ask(Request.LEAVE_INITIALIZATION))
         self.sample_time = told or self.sample_time
 
     def writer(self, names: Sequence[str]) -> Writer:

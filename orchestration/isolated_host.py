@@ -27,16 +27,17 @@ _LARGEST = 1 << 28  # bytes of a packet
 
 class Request(enum.IntEnum):
     OPEN = 1
-    INITIALIZE = 2
-    BIND_WRITER = 3
-    BIND_READER = 4
-    WRITE = 5
-    READ = 6
-    STEP = 7
-    SAVE = 8
-    RESTORE = 9
-    RELEASE = 10
-    CLOSE = 11
+    ENTER_INITIALIZATION = 2
+    LEAVE_INITIALIZATION = 3
+    BIND_WRITER = 4
+    BIND_READER = 5
+    WRITE = 6
+    READ = 7
+    STEP = 8
+    SAVE = 9
+    RESTORE = 10
+    RELEASE = 11
+    CLOSE = 12
 
 
 def send(connection: socket.socket, data: bytes) -> None:
@@ -100,7 +101,8 @@ class _Host:
         self._states: dict[bytes, Any] = {}
         self._actions: dict[int, Callable[[bytes], bytes | None]] = {
             Request.OPEN: self._open,
-            Request.INITIALIZE: self._initialize,
+            Request.ENTER_INITIALIZATION: self._enter,
+            Request.LEAVE_INITIALIZATION: self._leave,
             Request.BIND_WRITER: self._bind_writer,
             Request.BIND_READER: self._bind_reader,
             Request.WRITE: lambda data: self._bound[data[:4]](np.frombuffer(data[4:])),
@@ -127,9 +129,12 @@ class _Host:
         unpacked = UnpackedFmu(Path(request["path"]), description, Path(request["folder"]))
         self._fmu = FmuInstance(unpacked, request["name"])
 
-    def _initialize(self, data: bytes) -> bytes:
+    def _enter(self, data: bytes) -> None:
         request = json.loads(data)
-        self._fmu.initialize(request["values"], request["stop"])
+        self._fmu.enter_initialization(request["values"], request["stop"])
+
+    def _leave(self, _data: bytes) -> bytes:
+        self._fmu.leave_initialization()
         return struct.pack("<d", self._fmu.sample_time)
 
     def _bind_writer(self, data: bytes) -> None:

@@ -10,6 +10,7 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
+from .algebraic_loop import with_ring_named
 from .clock import Clock
 from .compiled import (
     CALL_FAILED,
@@ -23,7 +24,9 @@ from .compiled import (
     library,
 )
 from .coupling import Answer, Coupling, Loop
+from .coupling_choice import choose_coupling, tangent_reason
 from .fmu_instance import Instance
+from .group import initialize
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
 from .reference_signal import Reference
 from .second_look import Setting, with_second_look
@@ -101,13 +104,13 @@ def run_loop(
     names, commands = _names(plant, wiring, mapping or {})
     values = (dict(plant_values or {}), dict(controller_values or {}))
     start = reference.all_at(0.0, wiring.orders)
-    chosen, reason = _choose(wiring, plant, controller, coupling)
+    chosen, reason = choose_coupling(wiring, plant, controller, coupling)
     tangent = chosen is Coupling.INTERFACE_JACOBIAN
     corrected = _corrects(corrections, adaptive, tangent, missing)
     parts = _Parts(plant, controller, wiring, values, stop, start, chosen)
     main = parts.loop(corrected, averaged=tangent or corrected, fresh=False)
     if coupling is None and tangent:
-        reason = _tangent_reason(main.loop, wiring)
+        reason = tangent_reason(main.loop, wiring)
     step, reason = _meet_samples(main.loop, step, reason)
     co_runs = parts.co_runs(corrected, not missing)
     check_room(len(names), len(commands), 1 if not missing else 2, stop / step)
@@ -125,14 +128,15 @@ def run_loop(
         own = f"nothing is coupled; how exact {plant.name}'s own solver is, this run does not tell"
         return replace(first, verdict=replace(first.verdict, reason=own))
     if not look_again or adaptive or why.reason or any(pair.failure for pair in co_runs):
-        return first
+        return with_ring_named(first, main.loop, parts.opened, wiring, start, step)
     setting = Setting(
         lambda cut: parts.loop(not missing, averaged=tangent or not missing, cut=cut),
         *(march_on, reference, wiring.orders, start, nominal, len(commands), stop, step),
     )
     outputs, *others = (np.concatenate(pair.outputs) for pair in (main, *co_runs))
     late = parts.late(main, bool(missing))
-    return with_second_look(first, outputs, others, _safety(main.loop), setting, late)
+    judged = with_second_look(first, outputs, others, _safety(main.loop), setting, late)
+    return with_ring_named(judged, main.loop, parts.opened, wiring, start, step)
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,14 @@ class _Parts:
     start: Vector
     coupling: Coupling
 
+    def opened(self, fresh: bool = True) -> tuple[Instance, Instance]:
+        """Plant and controller, initialized together."""
+        p, c = self.plant, self.controller
+        if fresh:
+            p, c = p.reopened(), c.reopened()
+        initialize(p, c, self.wiring, self.values, self.stop, self.start)
+        return p, c
+
     def loop(
         self,
         corrected: bool,
@@ -156,11 +168,7 @@ class _Parts:
         other: Coupling | None = None,
     ) -> RecordedLoop:
         """A loop at its start, of instances of its own if `fresh`; `cut` as in `PAIR`."""
-        p, c = self.plant, self.controller
-        if fresh:
-            p, c = p.reopened(), c.reopened()
-        p.initialize(self.values[0], self.stop)
-        c.initialize(self.values[1], self.stop)
+        p, c = self.opened(fresh)
         whole = struct(PAIR)
         part = whole.part("loop")
         loop = Loop(
@@ -183,9 +191,16 @@ class _Parts:
         in_time = answer is Answer.SAMPLED or (tangent and answer is Answer.DIRECT)
         if in_time or not blind:
             return None
-        late = self.coupling is Coupling.JACOBI
-        other = Coupling.GAUSS_SEIDEL if late else Coupling.JACOBI
-        return lambda: self.loop(False, averaged=False, other=other)
+        if self.coupling is Coupling.JACOBI:
+            return lambda: self.loop(False, averaged=False, other=Coupling.GAUSS_SEIDEL)
+
+        def opened() -> RecordedLoop:
+            pair = self.loop(False, averaged=False, other=Coupling.JACOBI)
+            if answer is Answer.STEPPED:  # at the start the run itself has waited for its command
+                pair.loop.begin_with_first_command()
+            return pair
+
+        return opened
 
 
 def _names(
@@ -211,35 +226,6 @@ def _corrects(wanted: int | None, adaptive: bool, tangent: bool, missing: str) -
     if adaptive and missing:
         raise CouplingError(f"adaptive steps need {missing}")
     return (tangent and not missing) if wanted is None else bool(wanted)
-
-
-def _choose(
-    wiring: Wiring, plant: Instance, controller: Instance, wanted: Coupling | None
-) -> tuple[Coupling, str]:
-    if wanted is Coupling.MONOLITHIC:
-        raise CouplingError("the monolithic coupling runs no FMUs; see run_monolithic")
-    if wanted is Coupling.INTERFACE_JACOBIAN and not wiring.accepts_law:
-        raise CouplingError(
-            f"interface-Jacobian coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., "
-            "u_rate) and there are none; use gauss-seidel"
-        )
-    if wiring.is_empty:
-        return Coupling.JACOBI, f"{plant.name} runs alone, nothing is coupled"
-    if wanted is not None:
-        return wanted, "as asked"
-    if wiring.accepts_law:
-        return Coupling.INTERFACE_JACOBIAN, "both sides allow it"
-    return Coupling.GAUSS_SEIDEL, f"{plant.name} has no law ports"
-
-
-def _tangent_reason(loop: Loop, wiring: Wiring) -> str:
-    if loop.answer is Answer.SAMPLED:
-        return "the plant has law ports; the controller is sampled and holds by itself"
-    if wiring.reports_law:
-        return "the plant accepts the feedback law and the controller reports it"
-    if loop.answer is Answer.DIRECT or loop.controller.can_save:
-        return "the plant accepts the feedback law; the controller's derivatives are probed"
-    return "the plant has law ports, but the controller's derivatives cannot be had: it is held"
 
 
 def _meet_samples(loop: Loop, step: float, reason: str) -> tuple[float, str]:

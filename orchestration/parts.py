@@ -111,6 +111,16 @@ def part_of(name: str) -> Part:
     )
 
 
+def _settable(part: Part, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
+    """A part's parameters, and those of its inputs that were given a value."""
+    given = {
+        name: ParameterInfo(name, math.nan, "", "input", "", -math.inf, math.inf)
+        for name in part.inputs
+        if name in values
+    }
+    return {**part.parameters, **given}
+
+
 def parameters_of(kernel: Kernel) -> dict[str, ParameterInfo]:
     """Parameters and initial states of a compiled component, by name."""
     found = {p.name: p for p in kernel.parameters}
@@ -143,7 +153,7 @@ def used_parameters(
     """
     file = told or ParameterFile()
     source = "given to this run"
-    known = part_of(plant).parameters
+    known = _settable(part_of(plant), plant_values)
     values = used(known, plant_values, {**file.plant, **file.found}, source)
     kind, law = FMU, ""
     own = set(known)
@@ -157,7 +167,10 @@ def used_parameters(
             own |= set(part_of(told.plant_name).parameters)
     described = {
         label_of(name): used(
-            part_of(name).parameters, given, file.controllers.get(table_of(file, name), {}), source
+            _settable(part_of(name), given),
+            given,
+            file.controllers.get(table_of(file, name), {}),
+            source,
         )
         for name, given in controllers.items()
     }

@@ -141,6 +141,8 @@ def _no_further(
     run: LoopRun, before: LoopRun | None, moved: float, moved_before: float, tried: int
 ) -> str:
     """Why a shorter step would not help; empty where it may."""
+    if not run.verdict.step_helps:
+        return run.verdict.advice
     if run.stopped and run.verdict.advice != UNBOUNDED:  # a part died, whatever the step
         return run.verdict.advice
     if before is not None and run.stopped and before.stopped:

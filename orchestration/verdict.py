@@ -51,6 +51,8 @@ class Verdict:
         Per plant output, in its unit: largest estimated error over the run.
     contraction : float
         Measured contraction of the correction; not finite where nothing had to be corrected.
+    step_helps : bool
+        Whether a shorter step may make it a run that is trusted.
     """
 
     trusted: bool
@@ -58,6 +60,7 @@ class Verdict:
     advice: str
     error_estimate: dict[str, float] = field(default_factory=dict)
     contraction: float = float("nan")
+    step_helps: bool = True
 
     @property
     def word(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
@@ -33,8 +33,9 @@ class Wiring:
         For each of `references`, how often the set-point is differentiated by time.
     accepts_law, reports_law : bool
         Whether the plant has the law's inputs, the controller its outputs.
-    unconnected : tuple of str
-        Controller inputs that nothing drives and that stay at their start values.
+    unconnected, of_plant : tuple of str
+        Inputs of the controller and of the plant that nothing drives: they stay at their start
+        values, or at values that they are given.
     """
 
     commands: tuple[tuple[str, str], ...]
@@ -44,6 +45,7 @@ class Wiring:
     reports_law: bool
     unconnected: tuple[str, ...] = ()
     orders: tuple[int, ...] = ()
+    of_plant: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.orders:
@@ -53,6 +55,27 @@ class Wiring:
     def is_empty(self) -> bool:
         """Whether no signal goes either way."""
         return not self.commands and not self.signals
+
+    def check_given(
+        self, plant_values: Collection[str], controller_values: Collection[str]
+    ) -> None:
+        """Make sure that no input is given a value that a connection drives.
+
+        Raises
+        ------
+        WiringError
+        """
+        of_plant = {port for _, port in self.commands}
+        of_controller = {*(port for _, port in self.signals), *self.references}
+        for side, driven, given in (
+            (PLANT, of_plant, plant_values),
+            (CONTROLLER, of_controller, controller_values),
+        ):
+            for name in sorted(driven.intersection(given)):
+                raise WiringError(
+                    f"{side}.{name} is an input that the loop drives, expected a parameter or an "
+                    "input that nothing drives"
+                )
 
     def plant_law(self) -> list[str]:
         """The plant's inputs beside the commands, in the order in which a law is written.
@@ -85,8 +108,8 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     Raises
     ------
     WiringError
-        If the plant's command or every measurement of the controller stays unmatched, a name of
-        the mapping is no port, two ports would have one name, or the set-point is not told.
+        If every command of the plant or every measurement of the controller stays unmatched, a
+        name of the mapping is no port, two ports would have one name, or the set-point is not told.
     """
     mapping = dict(mapping or {})
     _check_mapping(plant, controller, mapping)
@@ -103,14 +126,17 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     commands = tuple(
         (n, needed[on_controller[n]]) for n in controller.outputs if on_controller[n] in needed
     )
+    told = any(on_controller[n] == SET_POINT for n in controller.inputs)  # else v_d may be it
+    # beside x_d these are the set-point's, whatever the plant calls so, but where a map says it
+    own = {n for n in controller.inputs if told and n in DERIVATIVES and on_controller[n] == n}
     signals = tuple(
         (plant_outputs[on_controller[n]], n)
         for n in controller.inputs
-        if on_controller[n] in plant_outputs
+        if on_controller[n] in plant_outputs and n not in own
     )
     driven = {theirs for _, theirs in commands}
     missing = [n for n in needed.values() if n not in driven]
-    if missing:
+    if missing and not commands:
         raise WiringError(
             f"nothing drives the input {missing[0]!r} of {plant.name}: {controller.name} has the "
             f"outputs {', '.join(controller.outputs) or 'none'}"
@@ -123,7 +149,6 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
             f"{', '.join(plant.outputs)}; use --map theirs=ours"
         )
     free = [n for n in controller.inputs if n not in {c for _, c in signals}]
-    told = any(on_controller[n] == SET_POINT for n in free)  # else v_d may be the set-point itself
     derivatives = [n for n in free if told and on_controller[n] in DERIVATIVES]
     rest = [n for n in free if n not in derivatives]
     goals = [n for n in rest if on_controller[n] == SET_POINT] or rest
@@ -135,7 +160,9 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     unconnected = tuple(n for n in rest if n not in goals)
     orders = (*(0 for _ in goals), *(DERIVATIVES[on_controller[n]] for n in derivatives))
     references = (*goals, *derivatives)
-    wiring = Wiring(commands, signals, references, False, False, unconnected, orders)
+    wiring = Wiring(
+        commands, signals, references, False, False, unconnected, orders, tuple(missing)
+    )
     return replace(
         wiring,
         accepts_law=bool(commands) and set(wiring.plant_law()) <= set(plant.inputs),
@@ -143,9 +170,12 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     )
 
 
-def names_on(side: str, ports: Iterable[str], mapping: Mapping[str, str]) -> dict[str, str]:
-    """What the ports of a side are called here."""
-    return {n: mapping.get(f"{side}.{n}", mapping.get(n, n)) for n in ports}
+def names_on(side: str, ports: Collection[str], mapping: Mapping[str, str]) -> dict[str, str]:
+    """What the ports of a side are called here; the plant's never as a column of the results."""
+    called = {n: mapping.get(f"{side}.{n}", mapping.get(n, n)) for n in ports}
+    if side == PLANT:
+        called |= {n: f"{PLANT}.{n}" for n in ports if called[n] == n and n in COLUMNS}
+    return called
 
 
 def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, str]) -> None:

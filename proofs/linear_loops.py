@@ -46,9 +46,18 @@ class LinearSlave:
     def nominal(self, name: str) -> float:
         return 1.0
 
-    def initialize(self, values: Any, stop: float) -> None:
+    def follows_at_once(self, name: str) -> bool:
+        return bool(self.D.any())
+
+    def initially_from(self, name: str) -> list[str]:
+        return self.inputs
+
+    def enter_initialization(self, values: Any, stop: float) -> None:
         self.x, self.w = self.start.copy(), np.zeros(len(self.inputs))
         self.y = self.C @ self.x + self.D @ self.w
+
+    def leave_initialization(self) -> None:
+        pass
 
     def writer(self, names: Any) -> Any:
         places = [self.inputs.index(n) for n in names]

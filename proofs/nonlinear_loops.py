@@ -104,7 +104,13 @@ class ModelInstance:
     def follows_at_once(self, name: str) -> bool:
         return not self.answers_in_step
 
-    def initialize(self, values: Mapping[str, float], stop: float) -> None:
+    def initially_from(self, name: str) -> Sequence[str]:
+        return self.inputs
+
+    def leave_initialization(self) -> None:
+        pass
+
+    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
         self._model = Model(self._kernel, {**self._values, **values}, WITHIN)
         self.sample_time = self._model.sample_time
         self._now, self._samples = 0.0, 0

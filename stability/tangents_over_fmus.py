@@ -29,6 +29,7 @@ from ..orchestration.clock import Clock
 from ..orchestration.compiled import DIVERGES, GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
 from ..orchestration.fmi_calls import Bound, failure_of
 from ..orchestration.fmu_instance import FmuInstance, Instance, StepFailed
+from ..orchestration.group import initialize
 from ..orchestration.isolated import IsolatedInstance
 from ..orchestration.loop_run import bounds
 from ..orchestration.port_units import converted
@@ -43,6 +44,7 @@ ACCURACY = 1e-2  # nats that the corrections may change the growth by in all
 # Of the FMUs' own solvers. From 1e-10 to here it moves the growth of no slow tangent by 1e-5 nats,
 # that of a fast one by 4e-9 of it (loop with NCTF, 20 s), at a fifth of the steps.
 TOLERANCE = 1e-6
+_FINE = {"solver_tolerance": TOLERANCE}
 CHUNK = 256  # steps between two chances to interrupt
 
 
@@ -149,10 +151,10 @@ def follow_over_fmus(
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}
     ports = reports <= set(controller.outputs)
     c = Side(controller) if ports else ProbedController(controller, wiring)
-    _check_plant(p, wiring)
-    plant.initialize({"solver_tolerance": TOLERANCE, **(plant_values or {})}, stop)
-    given = {"solver_tolerance": TOLERANCE} if isinstance(c, Side) and c.states else {}
-    controller.initialize({**given, **(controller_values or {})}, stop)
+    _check_plant(p, wiring, plant_values or {}, controller_values or {})
+    own = _FINE if isinstance(c, Side) and c.states else {}
+    values = _FINE | dict(plant_values or {}), own | dict(controller_values or {})
+    initialize(plant, controller, wiring, values, stop, refs)
     if isinstance(c, ProbedController):
         at = plant.reader([ours for ours, _ in wiring.signals])()
         c.look(0.0, min(step, stop), at, refs)
@@ -186,7 +188,8 @@ def _check_saving(*instances: Instance) -> None:
             )
 
 
-def _check_plant(p: Side, wiring: Wiring) -> None:
+def _check_plant(p: Side, wiring: Wiring, *values: Mapping[str, float]) -> None:
+    wiring.check_given(*values)
     if not p.states or not wiring.accepts_law:
         raise TangentsImpossible(
             f"{p.instance.name} has no tangent ports; export it with tangents "

@@ -17,6 +17,8 @@ enum { CHECKPOINT, CORRECTION, PROBE }; /* what states are saved for */
 #define RAMP_SHARE (2.0 / 3.0)
 #define HOLD_SHARE 0.5
 #define PROBE_PARTS 64
+#define AGREE 1e-12      /* share of a signal by which it may still change where an algebraic loop ends */
+#define MOST_ITERATIONS 20
 
 /* A controller behind one question: what would you command at these signals?
  *
@@ -38,6 +40,8 @@ typedef struct {
 typedef struct {
     Calls plant;
     int64_t takes_law;
+    int64_t follows; /* whether outputs may follow inputs without a step */
+    int64_t unsolved; /* communication points at which an algebraic loop found no solution */
     Places signals; /* which outputs the controller measures */
     Controller controller;
     int64_t coupling, corrected, averaged;
@@ -55,6 +59,8 @@ typedef struct {
     double contraction;
     /* room for one step */
     Vector start, end, mean, goal, law, applied, stepped, reached, command, first;
+    Vector ring;     /* m (m + 2): for an algebraic loop */
+    Vector commands; /* nominal values of the plant's commands */
 } Loop;
 
 static int set_inputs(Controller *c, const double *signals, const double *reference)
@@ -196,9 +202,8 @@ static void signals_of(const Loop *l, const double *outputs, double *signals)
         signals[k] = outputs[l->signals.at[k]];
 }
 
-/* Apply the law over a step, or hold the command where the plant takes no law. */
-static int step_plant(Loop *l, double t, double h, const double *law, const double *signals,
-                      double *outputs)
+/* Give the plant the law, or the command where it takes none. */
+static int give_law(Loop *l, const double *law, const double *signals)
 {
     const int64_t m = l->controller.m, n = l->controller.n;
     double *const given = l->plant.given.at;
@@ -209,9 +214,110 @@ static int step_plant(Loop *l, double t, double h, const double *law, const doub
             copy(signals, given + m + (m + k) * n, n);
         copy(law + m + m * n, given + m + 2 * m * n, m);
     }
-    TRY(put(&l->plant, l->plant.given.size));
+    return put(&l->plant, l->plant.given.size);
+}
+
+/* Apply the law over a step, or hold the command where the plant takes no law. */
+static int step_plant(Loop *l, double t, double h, const double *law, const double *signals,
+                      double *outputs)
+{
+    TRY(give_law(l, law, signals));
     TRY(move(&l->plant, t, h));
     return read_outputs(&l->plant, outputs);
+}
+
+/* Solve A x = b of m equations by elimination; both are overwritten, b by x. */
+static void solve_small(double *a, double *b, int64_t m)
+{
+    for (int64_t k = 0; k < m; k++) {
+        int64_t best = k;
+        for (int64_t i = k + 1; i < m; i++)
+            best = fabs(a[i * m + k]) > fabs(a[best * m + k]) ? i : best;
+        for (int64_t j = 0; j <= m; j++) {
+            double *const p = j < m ? &a[k * m + j] : &b[k], *const q = j < m ? &a[best * m + j] : &b[best];
+            const double kept = *p;
+            *p = *q;
+            *q = kept;
+        }
+        for (int64_t i = 0; i < m; i++) {
+            const double factor = i == k ? 0.0 : a[i * m + k] / a[k * m + k];
+            for (int64_t j = k; j < m; j++)
+                a[i * m + j] -= factor * a[k * m + j];
+            b[i] -= factor * b[k];
+        }
+    }
+    for (int64_t k = 0; k < m; k++)
+        b[k] /= a[k * m + k];
+}
+
+/* By how much the controller's answer to what a command makes of the outputs misses that command;
+ * `law` holds the commands that are tried. */
+static int miss(Loop *l, const double *reference, const double *law, double *outputs, double *signals,
+                double *missed)
+{
+    TRY(give_law(l, law, signals));
+    TRY(read_outputs(&l->plant, outputs));
+    signals_of(l, outputs, signals);
+    TRY(command_at(&l->controller, signals, reference, missed));
+    for (int64_t k = 0; k < l->controller.m; k++)
+        missed[k] -= law[k];
+    return 1;
+}
+
+/* An algebraic loop: commands that the controller gives at the outputs that they make, by Newton's
+ * method with differences. */
+static int solve_ring(Loop *l, const double *reference, double *law, double *outputs, double *signals)
+{
+    const int64_t m = l->controller.m;
+    double *const missed = l->ring.at, *const moved = missed + m, *const slopes = moved + m;
+    TRY(miss(l, reference, law, outputs, signals, missed));
+    for (int left = MOST_ITERATIONS; left > 0; left--) {
+        int agree = 1;
+        for (int64_t k = 0; k < m; k++)
+            agree = agree && fabs(missed[k]) <= AGREE * fmax(fabs(law[k]), l->commands.at[k]);
+        if (agree)
+            return 1;
+        for (int64_t j = 0; j < m; j++) {
+            const double before = law[j];
+            law[j] += 1e-6 * fmax(fabs(before), l->commands.at[j]);
+            TRY(miss(l, reference, law, outputs, signals, moved));
+            for (int64_t k = 0; k < m; k++)
+                slopes[k * m + j] = (moved[k] - missed[k]) / (law[j] - before);
+            law[j] = before;
+        }
+        solve_small(slopes, missed, m);
+        for (int64_t k = 0; k < m; k++)
+            law[k] -= missed[k];
+        TRY(miss(l, reference, law, outputs, signals, missed));
+    }
+    for (int64_t k = 0; k < m; k++) {
+        if (!(fabs(missed[k]) <= sqrt(AGREE) * fmax(fabs(law[k]), l->commands.at[k]))) {
+            l->unsolved++;
+            return 1;
+        }
+    }
+    return 1;
+}
+
+/* Let outputs that follow at once see the command of the same instant, and with them `law` and
+ * `signals` where the controller follows at once, too. */
+static int settle(Loop *l, double t, double h, const double *reference, double *law, double *outputs,
+                  double *signals)
+{
+    Controller *const c = &l->controller;
+    if (!l->follows)
+        return 1;
+    TRY(give_law(l, law, signals));
+    TRY(read_outputs(&l->plant, outputs));
+    int changed = 0;
+    for (int64_t k = 0; k < l->signals.size; k++) {
+        const double now = outputs[l->signals.at[k]];
+        changed = changed || fabs(now - signals[k]) > AGREE * fmax(fabs(now), c->nominal.at[k]);
+    }
+    if (!changed || c->answer != DIRECT)
+        return 1;
+    TRY(solve_ring(l, reference, law, outputs, signals));
+    return law_at(c, t, h, signals, reference, l->coupling == INTERFACE_JACOBIAN, law);
 }
 
 /* The controller's true commands at the present signals. With `last`, no step beyond t is tried: a
@@ -230,6 +336,20 @@ static int command_now(Loop *l, double t, double h, const double *reference, int
     TRY(law_at(c, t, h, l->start.at, reference, 0, l->law.at));
     copy(l->law.at, commands, c->m);
     return 1;
+}
+
+/* Let a row's outputs that follow at once see the command of a controller that does not; the others
+ * settle within the step. */
+static int settle_row(Loop *l, double t, double h, const double *reference, int last)
+{
+    Controller *const c = &l->controller;
+    if (!l->follows || c->answer == DIRECT)
+        return 1;
+    TRY(command_now(l, t, h, reference, last, l->command.at));
+    memset(l->law.at, 0, (size_t)l->law.size * sizeof *l->law.at);
+    copy(l->command.at, l->law.at, c->m);
+    TRY(give_law(l, l->law.at, l->start.at));
+    return read_outputs(&l->plant, l->outputs.at);
 }
 
 /* The law at the start of a step, with the set-points' part in its rates. */
@@ -301,6 +421,7 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
         TRY(advance(c, t, h, end, after));
     }
     TRY(law_at(c, t + h, h, end, after, l->coupling == INTERFACE_JACOBIAN, l->following.at));
+    TRY(settle(l, t + h, h, after, l->following.at, l->reached.at, end));
     l->has_following = 1;
     copy(l->following.at, l->command.at, c->m);
     return 1;
@@ -362,8 +483,11 @@ static int step(Loop *l, double t, double h, const double *before, const double 
     signals_of(l, l->outputs.at, l->start.at);
     TRY(law_of_step(l, t, h, before, after));
     copy(l->law.at, l->applied.at, l->law.size);
-    if (l->coupling == JACOBI && !l->corrected)
+    if (l->coupling == JACOBI && !l->corrected) {
+        if (l->controller.m > 0 && isnan(l->late.at[0])) /* a co-run begins with the command that the run begins with */
+            copy(l->law.at, l->late.at, l->controller.m);
         copy(l->late.at, l->applied.at, l->controller.m);
+    }
     if (!l->corrected) {
         TRY(move_both(l, t, h, before, after));
         find_residual(l, h, l->residual.at);

@@ -95,7 +95,19 @@ static void step_co_run(Pair *pair, double t, double h, const double *before,
             return;
         }
     }
-    record_outputs(pair);
+}
+
+/* Record a reference co-run's row, before a step of so many seconds and parts, or the last one. */
+static void end_co_run_row(Pair *pair, double t, double h, const double *reference, int last)
+{
+    if (!runs(pair))
+        return;
+    if (settle_row(&pair->loop, t, h / (double)pair->parts, reference, last)) {
+        record_outputs(pair);
+    } else {
+        release_both(&pair->loop, PROBE);
+        pair->failed = t;
+    }
 }
 
 /* How far an output of the run and of its reference co-run are from each other. */
@@ -202,6 +214,13 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
             why = COMMAND_FAILED;
             break;
         }
+        if (!settle_row(loop, end, following, after, clock_done(clock))) {
+            release_both(loop, PROBE);
+            why = STEP_FAILED;
+            break;
+        }
+        end_co_run_row(co_run, end, following, after, clock_done(clock));
+        end_co_run_row(second, end, following, after, clock_done(clock));
         course->times.at[row] = end;
         course->references.at[row] = goal;
         record_outputs(main);

@@ -1,0 +1,119 @@
+"""Tell an algebraic loop that the master cannot solve from a step that is too long.
+
+Where a plant's outputs follow when its inputs are set, the master solves the loop at every
+communication point (`settle` in ``c/coupling.c``). A plant that shows only in its step what its
+inputs do at once leaves it a step behind, however short the step is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from .coupling import Answer, Loop
+from .fmu_instance import Instance, StepFailed
+from .loop_run import LoopRun
+from .verdict import WORST_CONTRACTION
+from .wiring import Wiring
+
+Vector = npt.NDArray[np.float64]
+SHORT = 1e-4, 1e-5  # of a communication step: what an output does by its states fades with it
+MOVED = 1e-3  # of a command's nominal value
+LASTS = 0.5  # of the gain, that is left at the shorter of the two
+_ADVICE = (
+    "let the plant update its outputs as soon as its inputs are set, as for model exchange, put a "
+    "filter or a delay into the loop, or join the two FMUs into one"
+)
+
+
+def loop_gain(
+    opened: Callable[[], tuple[Instance, Instance]],
+    wiring: Wiring,
+    sizes: Vector,
+    reference: Vector,
+    step: float,
+) -> float:
+    """How much a change of the commands changes the controller's answer at once; 0 if it fades.
+
+    Parameters
+    ----------
+    opened : function
+        A plant and a controller, initialized together.
+    sizes : ndarray
+        By how much each command is moved.
+    reference : ndarray
+        Set-points at the start.
+    step : float
+        Communication step [s].
+    """
+
+    commands = [theirs for _, theirs in wiring.commands]
+
+    def answer(time: float, moved: Vector) -> Vector:
+        plant, controller = opened()
+        try:
+            signals = plant.reader([ours for ours, _ in wiring.signals])
+            given = controller.writer([*(n for _, n in wiring.signals), *wiring.references])
+            command = controller.reader([ours for ours, _ in wiring.commands])
+            plant.writer(commands)(command() + moved)
+            plant.step(0.0, time)
+            given(np.concatenate([signals(), reference]))
+            return command()
+        finally:
+            plant.close()
+            controller.close()
+
+    def gain(time: float) -> float:
+        before = answer(time, 0.0 * sizes)
+        rows = [answer(time, row) - before for row in np.diag(sizes)]
+        return float(np.linalg.norm(np.array(rows) / sizes[:, None], 2))
+
+    try:
+        longer, shorter = (gain(share * step) for share in SHORT)
+    except StepFailed:  # it takes no such steps: nothing is known
+        return 0.0
+    return shorter if shorter > LASTS * longer else 0.0
+
+
+def with_ring_named(
+    run: LoopRun,
+    loop: Loop,
+    opened: Callable[[], tuple[Instance, Instance]],
+    wiring: Wiring,
+    reference: Vector,
+    step: float,
+) -> LoopRun:
+    """The run, with a verdict that tells an algebraic loop that no step cures.
+
+    Parameters
+    ----------
+    loop : Loop
+        Of the run, which has ended.
+    opened, wiring, reference, step
+        As for `loop_gain`.
+    """
+    plant, found = loop.plant, loop.unsolved
+    if found:
+        return _named(run, f"has no solution at {found} communication points")
+    follows = any(plant.follows_at_once(ours) for ours, _ in wiring.signals)
+    if run.verdict.trusted or not follows or loop.answer is not Answer.DIRECT:
+        return run
+    sizes = np.array([MOVED * plant.nominal(theirs) for _, theirs in wiring.commands])
+    gain = loop_gain(opened, wiring, sizes, reference, step)
+    # corrected steps must halve the residual; others converge as long as it does not grow
+    corrects = plant.can_save and loop.controller.can_save
+    if gain < (WORST_CONTRACTION if corrects else 1.0):
+        return run
+    return _named(run, f"answers itself with a gain of {gain:.3g}")
+
+
+def _named(run: LoopRun, found: str) -> LoopRun:
+    reason = (
+        "the plant's outputs and the controller's commands follow each other at once: this "
+        f"algebraic loop {found}, and no step cures that"
+    )
+    verdict = replace(run.verdict, trusted=False, reason=reason, advice=_ADVICE, step_helps=False)
+    return replace(run, verdict=verdict)

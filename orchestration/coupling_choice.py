@@ -1,0 +1,45 @@
+"""Which coupling a run takes, and why."""
+
+from __future__ import annotations
+
+from .coupling import Answer, Coupling, Loop
+from .fmu_instance import Instance
+from .loop_run import CouplingError
+from .wiring import Wiring
+
+
+def choose_coupling(
+    wiring: Wiring, plant: Instance, controller: Instance, wanted: Coupling | None
+) -> tuple[Coupling, str]:
+    """The coupling that is asked for, else by what both sides allow; and why.
+
+    Raises
+    ------
+    CouplingError
+        If what is asked for is impossible.
+    """
+    if wanted is Coupling.MONOLITHIC:
+        raise CouplingError("the monolithic coupling runs no FMUs; see run_monolithic")
+    if wanted is Coupling.INTERFACE_JACOBIAN and not wiring.accepts_law:
+        raise CouplingError(
+            f"interface-Jacobian coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., "
+            "u_rate) and there are none; use gauss-seidel"
+        )
+    if wiring.is_empty:
+        return Coupling.JACOBI, f"{plant.name} runs alone, nothing is coupled"
+    if wanted is not None:
+        return wanted, "as asked"
+    if wiring.accepts_law:
+        return Coupling.INTERFACE_JACOBIAN, "both sides allow it"
+    return Coupling.GAUSS_SEIDEL, f"{plant.name} has no law ports"
+
+
+def tangent_reason(loop: Loop, wiring: Wiring) -> str:
+    """Why the interface-Jacobian coupling was chosen, and what it knows of the controller."""
+    if loop.answer is Answer.SAMPLED:
+        return "the plant has law ports; the controller is sampled and holds by itself"
+    if wiring.reports_law:
+        return "the plant accepts the feedback law and the controller reports it"
+    if loop.answer is Answer.DIRECT or loop.controller.can_save:
+        return "the plant accepts the feedback law; the controller's derivatives are probed"
+    return "the plant has law ports, but the controller's derivatives cannot be had: it is held"
