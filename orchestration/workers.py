@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import logging
 import socket
+import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from itertools import islice
+from queue import Empty, SimpleQueue
+from threading import Thread
 from typing import Any, Protocol
 
 from .end_with_parent import pool
 
 AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
+SILENT = 50.0  # s without a heartbeat of any worker, so that it is told within a minute
+_NOISY = ("distributed", "tornado", "asyncio")
+_INSTALL = "install there the ballscrew that is installed here"
+CHECK = 2.0  # s between two questions who is alive
 
 
 class WorkersLost(RuntimeError):
@@ -78,7 +88,7 @@ class Dask:
     Raises
     ------
     WorkersLost
-        If nobody answers there, or `distributed` is not installed.
+        If no scheduler answers there, or `distributed` is not installed.
     """
 
     def __init__(self, address: str, timeout: float = 10.0) -> None:
@@ -88,15 +98,51 @@ class Dask:
             raise WorkersLost(
                 "--dask needs Dask's scheduler: pip install 'ballscrew[dask]'"
             ) from None
+        for name in (*_NOISY, *logging.root.manager.loggerDict):  # what is wrong is one line
+            if name.partition(".")[0] in _NOISY:
+                logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        self.address = address
+        self._heard, self._seen, self._seen_any = time.monotonic(), dict[str, float](), False
         try:
-            _answers(address, timeout)
+            _listens(address, timeout)
+            # asked first: a client that fails is noisy and slow to end
+            if asyncio.run(_answer(address, timeout))["type"] != "Scheduler":
+                raise TypeError("it is a worker")
             self.client = Client(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            raise WorkersLost(f"no Dask scheduler answers at {address}: {error}") from None
+            why = str(error) or "silence"
+            raise WorkersLost(f"no Dask scheduler answers at {address}: {why}") from None
+        except Exception as error:  # what another program says is read as anything
+            raise WorkersLost(
+                f"what answers at {address} is no Dask scheduler: {type(error).__name__} {error}"
+            ) from None
 
     def map(
         self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
     ) -> Iterator[tuple[str, Any]]:
+        found: SimpleQueue[Any] = SimpleQueue()
+        Thread(target=self._compute, args=(function, tasks, found), daemon=True).start()
+        self._heard = time.monotonic()
+        while True:
+            try:
+                result = found.get(timeout=CHECK)
+            except Empty:
+                self._check()
+                continue
+            if result is None:
+                return
+            if isinstance(result, BaseException):
+                raise self._told(result)
+            self._heard = time.monotonic()
+            yield result
+
+    def _compute(
+        self,
+        function: Callable[..., Any],
+        tasks: Iterator[tuple[str, tuple[Any, ...]]],
+        found: SimpleQueue[Any],
+    ) -> None:
+        """Put each name and result into a queue, then None; an error ends it."""
         from distributed import as_completed
 
         def submit(count: int) -> list[Any]:
@@ -105,30 +151,84 @@ class Dask:
                 for name, arguments in islice(tasks, count)
             ]
 
-        workers = max(1, len(self.client.scheduler_info()["workers"]))
-        tasks_in_hand = submit(workers * AHEAD)
-        running = as_completed(tasks_in_hand, loop=self.client.loop, with_results=True)
-        for future, result in running:
-            yield result
-            future.release()
-            for new in submit(1):
-                running.add(new)
+        try:
+            workers = len(self.client.scheduler_info()["workers"])
+            self._seen_any = workers > 0
+            tasks_in_hand = submit(max(1, workers) * AHEAD)
+            running = as_completed(tasks_in_hand, loop=self.client.loop, with_results=True)
+            for future, result in running:
+                if future.cancelled():
+                    raise CancelledError  # by a scheduler that ended
+                found.put(result)
+                future.release()
+                for new in submit(1):
+                    running.add(new)
+            found.put(None)
+        except BaseException as error:  # to be raised by who waits
+            found.put(error)
+
+    def _check(self) -> None:
+        """Ask who is alive; raises `WorkersLost` if nobody was heard for too long.
+
+        Workers are heard while they compute, however long that takes.
+        """
+        seen, why = {}, "does not answer"
+        with contextlib.suppress(OSError, TimeoutError):
+            told: Any = self.client.sync(_identity, self.address, callback_timeout=CHECK)
+            seen = {name: float(worker["last_seen"]) for name, worker in told["workers"].items()}
+            why = "hears none of its workers" if seen else "has no worker: start one"
+            if self._seen_any and not seen:
+                why = f"has lost all workers: {_INSTALL}"
+        if any(self._seen.get(name) != last for name, last in seen.items()):
+            self._heard = time.monotonic()
+        self._seen = seen
+        if time.monotonic() - self._heard > SILENT:
+            raise self._lost(f"{why} ({SILENT:.0f} s without a sign of life)")
+
+    def _told(self, error: BaseException) -> BaseException:
+        """What an error of a task means."""
+        from distributed import KilledWorker
+        from distributed.comm.core import CommClosedError
+
+        if isinstance(error, ImportError) or "deserializ" in str(error):
+            why = error.__cause__ or error
+            return self._lost(f"cannot do it: {_INSTALL} ({why})")
+        if isinstance(error, KilledWorker):
+            return self._lost(f"has lost one worker after the other: {_INSTALL}")
+        if isinstance(error, CommClosedError | CancelledError):
+            return self._lost("is gone")
+        return error
+
+    def _lost(self, why: str) -> WorkersLost:
+        with contextlib.suppress(Exception):
+            self.client.close(timeout=1)
+        return WorkersLost(
+            f"the Dask scheduler at {self.address} {why}; what is done is kept, go on with --resume"
+        )
 
     def close(self) -> None:
         self.client.close()
 
 
-def _answers(address: str, timeout: float) -> None:
-    """Make sure that somebody listens there: a client that fails is noisy and slow to end.
-
-    Raises
-    ------
-    OSError, ValueError
-    """
+def _listens(address: str, timeout: float) -> None:
+    """Make sure that somebody does: Dask would try for long; raises OSError, ValueError."""
     from distributed.comm.addressing import get_address_host_port
 
     host, port = get_address_host_port(address)
     socket.create_connection((host, port), timeout).close()
+
+
+async def _identity(address: str) -> Any:
+    """What a server of Dask says of itself; raises whatever another program's answer leads to."""
+    from distributed import rpc
+    from distributed.security import Security
+
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as server:
+        return await server.identity()
+
+
+async def _answer(address: str, timeout: float) -> Any:
+    return await asyncio.wait_for(_identity(address), timeout)
 
 
 def _named(function: Callable[..., Any], name: str, arguments: tuple[Any, ...]) -> tuple[str, Any]:

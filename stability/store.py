@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +107,7 @@ def claim_folder(
         raise BadMap(f"{folder} holds this map already; add --resume to go on with it")
     try:
         figures = (found[name] for name in SUMMARY)
-        return MapSummary(study, *figures, undecided=found.get("undecided", {}))
+        return replace(MapSummary(study, *figures), undecided=found.get("undecided", {}))
     except KeyError as error:
         raise BadMap(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
 

@@ -1,6 +1,7 @@
 """A Dask scheduler and workers, as processes of their own."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -13,9 +14,20 @@ from ballscrew.orchestration.workers import Dask
 WAIT = 60.0  # [s]
 
 
+class Processes(list[subprocess.Popen]):
+    """Those of the workers; the scheduler is apart."""
+
+    def __init__(self, processes: list[subprocess.Popen]) -> None:
+        self.scheduler = processes[0]
+        super().__init__(processes[1:])
+
+
 @contextmanager
-def cluster(folder: Path, workers: int = 2) -> Iterator[tuple[Dask, list]]:
-    """What runs work on them, and the processes of the workers; all end with the block."""
+def cluster(folder: Path, workers: int = 2, **variables: str) -> Iterator[tuple[Dask, Processes]]:
+    """What runs work on them, and the processes of the workers; all end with the block.
+
+    The workers' environment has the variables, too.
+    """
     place = folder / "scheduler.json"
     run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0"]
     begun = [*run, "--no-dashboard", "--scheduler-file", str(place)]
@@ -32,11 +44,13 @@ def cluster(folder: Path, workers: int = 2) -> Iterator[tuple[Dask, list]]:
 
     try:
         wait(place.is_file)
-        processes += [subprocess.Popen(worker, **quiet) for _ in range(workers)]
+        environment = {**os.environ, **variables}
+        for _ in range(workers):
+            processes.append(subprocess.Popen(worker, env=environment, **quiet))
         dask = Dask(json.loads(place.read_text())["address"])
         try:
             wait(lambda: len(dask.client.scheduler_info()["workers"]) >= workers)
-            yield dask, processes[1:]
+            yield dask, Processes(processes)
         finally:
             dask.close()
     finally:
