@@ -155,6 +155,7 @@ def _export_one(
     """Write one FMU or .ssp with the start values of a parameter file, or the nominal ones."""
     from .fmus import catalogue
     from .fmus.export import export_kernel
+    from .fmus.start_values import told_where_to_go
     from .fmus.system_export import export_system
     from .solver.files import write_atomically
 
@@ -165,10 +166,11 @@ def _export_one(
             def fmu(part: str, side: str) -> Path:
                 # under the part's own name, which complaints tell
                 path = Path(folder) / side / f"{catalogue.name_of(part)}.fmu"
+                kernel = told_where_to_go(catalogue.fmu_kernel(part))
                 if told is None:
                     path.parent.mkdir(exist_ok=True)
-                    return Path(shutil.copyfile(catalogue.fmu(part), path))
-                return export_kernel(baked(told, part, catalogue.fmu_kernel(part)), path)
+                    return Path(shutil.copyfile(catalogue.stored_fmu(kernel), path))
+                return export_kernel(baked(told, part, kernel), path)
 
             base, instruments = apart(told, name)
             sides = fmu(plant, "plant"), fmu(base, "controller"), target

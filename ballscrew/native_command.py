@@ -126,6 +126,7 @@ def export_systems(
     from .fmus.catalogue import name_of
     from .fmus.native.export import NativeFmu, write_native
     from .fmus.native.sources import catalogued_model, with_kernel
+    from .fmus.start_values import told_where_to_go
     from .fmus.system_export import CannotConnect, export_system
     from .fmus.units import BadUnit
     from .solver.compilers import CompilerFailed
@@ -136,7 +137,7 @@ def export_systems(
 
         def write(name: str, side: str) -> NativeFmu:
             model = catalogued_model(name)
-            model = with_kernel(model, baked(told, name, model.kernel))
+            model = with_kernel(model, baked(told, name, told_where_to_go(model.kernel)))
             path = Path(folder) / side / f"{name_of(name)}.fmu"
             return write_native(model, path, 2, _platforms(options))
 

@@ -164,10 +164,10 @@ def fmu(part: str | Component) -> Path:
     ------
     UnknownComponent, BadComponentFile, ContractError, UnsupportedComponent, BadUnit
     """
-    return _stored_fmu(fmu_kernel(part))
+    return stored_fmu(fmu_kernel(part))
 
 
-def _stored_fmu(kernel: Kernel) -> Path:
+def stored_fmu(kernel: Kernel) -> Path:
     """Path of a kernel's FMU, kept under a hash of all that goes into it."""
     package, _ = carried_runtime()
     content = kernel.to_json() + package + fingerprint(_EXPORT)
@@ -194,16 +194,13 @@ def variational_kernel(part: str | Component, tangents: int) -> Kernel:
 
 def variational_fmu(part: str | Component, tangents: int) -> Path:
     """Path of the FMU of a part with tangents, as `fmu`."""
-    return _stored_fmu(variational_kernel(part, tangents))
-
-
-SETPOINT = 0.08  # [m] where a loop goes by itself, so that its default run shows the nominal step
+    return stored_fmu(variational_kernel(part, tangents))
 
 
 def loop(controller: str, plant: str = "plant") -> Component:
     """The whole closed loop of a plant and a controller, as one component.
 
-    It is called after the controller, ``<name>_loop``, and its set-point starts at `SETPOINT`.
+    It is called after the controller, ``<name>_loop``, and its set-point starts at `START_VALUE`.
 
     Raises
     ------
@@ -214,10 +211,13 @@ def loop(controller: str, plant: str = "plant") -> Component:
     from dataclasses import replace
 
     from ..solver.connect import connect
+    from .set_point import START_VALUE
 
     law = component(controller)
     whole = connect(component(plant), law)
-    inputs = tuple(replace(i, start=SETPOINT) if i.role == "reference" else i for i in whole.inputs)
+    inputs = tuple(
+        replace(i, start=START_VALUE) if i.role == "reference" else i for i in whole.inputs
+    )
     return replace(whole, name=f"{law.name}_loop", inputs=inputs)
 
 
@@ -230,4 +230,4 @@ def loop_fmu_kernel(controller: str, plant: str = "plant") -> Kernel:
 
 def loop_fmu(controller: str, plant: str = "plant") -> Path:
     """Path of the FMU of the closed loop with this controller, as `fmu`; raises as `loop` does."""
-    return _stored_fmu(loop_fmu_kernel(controller, plant))
+    return stored_fmu(loop_fmu_kernel(controller, plant))

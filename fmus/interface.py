@@ -45,7 +45,6 @@ class Variable:
     maximum: float = math.inf
     nominal: float = 1.0
     feedthrough: tuple[str, ...] = ()
-    initially_from: tuple[str, ...] = ()
     reference: int = 0
 
 
@@ -192,10 +191,8 @@ def _inputs(kernel: Kernel) -> Iterator[Variable]:
 
 
 def _outputs(kernel: Kernel, first: int) -> Iterator[Variable]:
-    held_states = {s.name for s in (*kernel.states, *kernel.discrete)}
     internal = {i.name for i in kernel.inputs if i.role == "internal"}
     delayed = {d.name for d in kernel.delays} | {f"{d.name}_rate_" for d in kernel.delays}
-    unnamed = internal | delayed | {TIME}  # no FMI variables
     # what changes between events
     moving = {s.name for s in kernel.states} | {i.name for i in kernel.inputs} | delayed | {TIME}
     for k, o in enumerate(kernel.outputs):
@@ -209,9 +206,6 @@ def _outputs(kernel: Kernel, first: int) -> Iterator[Variable]:
             o.meaning,
             nominal=o.nominal,
             feedthrough=tuple(n for n in o.feedthrough if n not in internal),
-            initially_from=tuple(
-                n + START if n in held_states else n for n in o.uses if n not in unnamed
-            ),
         )
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
 from ..solver.kernel import DEFAULT_TOLERANCE, Kernel
-from .interface import MESSAGE, Interface, Variable
+from .interface import MESSAGE, TIME, Interface, Variable
 from .units import TYPES, type_of, write_units
+from .uses import initial_uses
 
 STOP_TIME, STEP_SIZE = 20.0, 1e-3
 
@@ -79,13 +81,13 @@ def model_description(kernel: Kernel, interface: Interface, version: str) -> byt
         name=MESSAGE,
         valueReference=str(interface.message_reference),
         description="why the last step failed; empty while all is well",
-        causality="output",
+        causality="local",
         variability="discrete",
-        initial="exact",
+        initial="calculated",
     )
-    ET.SubElement(message, "String", start="")
+    ET.SubElement(message, "String")
     variables[:] = sorted(variables, key=lambda node: int(node.get("valueReference", "0")))
-    _write_structure(root, interface)
+    _write_structure(root, kernel, interface)
     ET.indent(root)
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"
 
@@ -116,11 +118,11 @@ def _write_variable(parent: ET.Element, v: Variable) -> None:
     ET.SubElement(node, "Real", real)
 
 
-def _write_structure(root: ET.Element, interface: Interface) -> None:
+def _write_structure(root: ET.Element, kernel: Kernel, interface: Interface) -> None:
     position = {v.name: v.reference for v in interface.variables}
     outputs = [v for v in interface.variables if v.causality == "output"]
 
-    def indices(names: tuple[str, ...]) -> str:
+    def indices(names: Iterable[str]) -> str:
         return " ".join(str(k) for k in sorted(position[name] for name in names))
 
     structure = ET.SubElement(root, "ModelStructure")
@@ -129,9 +131,8 @@ def _write_structure(root: ET.Element, interface: Interface) -> None:
         ET.SubElement(
             listed, "Unknown", index=str(position[v.name]), dependencies=indices(v.feedthrough)
         )
-    ET.SubElement(listed, "Unknown", index=str(interface.message_reference), dependencies="")
     initial = ET.SubElement(structure, "InitialUnknowns")
-    for v in outputs:
+    for v, used in zip(outputs, initial_uses(kernel, "out"), strict=True):
         ET.SubElement(
-            initial, "Unknown", index=str(position[v.name]), dependencies=indices(v.initially_from)
+            initial, "Unknown", index=str(position[v.name]), dependencies=indices(used - {TIME})
         )

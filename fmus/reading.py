@@ -78,7 +78,8 @@ class Description:
         Of each unit that is defined in base units, the attributes of its BaseUnit as they are
         written: exponents, factor, offset.
     message_reference : int, optional
-        Value reference of the String output ``message`` in which our FMUs say why a step failed.
+        Value reference of the String ``message`` in which our FMUs say why a step failed; an output
+        in those of earlier versions.
     step_size : float, optional
         Of its default experiment [s].
     steps_vary : bool
@@ -243,7 +244,7 @@ def _described(path: Path, read: Any) -> Description:
     variables = []
     message = None
     for v in read.modelVariables:
-        if v.type == "String" and v.name == "message" and v.causality == "output":
+        if v.type == "String" and v.name == "message" and v.causality in ("local", "output"):
             message = int(v.valueReference)
         is_signal = v.causality in ("input", "output")
         if v.type == "Clock" or (v.dimensions and is_signal):

@@ -4,7 +4,7 @@ This file goes into every FMU with the few that it imports, see ``carried_runtim
 the generated equations; on the host it needs pythonfmu (which the FMU carries) and numpy.
 
 Errors never leave as Python exceptions, because those reach the master without a text and may take
-its process down: they are logged, kept in the String output ``message``, and fail the step.
+its process down: they are logged, kept in the String ``message``, and fail the step.
 """
 
 from __future__ import annotations
@@ -90,25 +90,70 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
 
     # -- variables ---------------------------------------------------------------------------
 
+    # An exception that leaves a get or a set ends the host, and a get has no status: what is asked
+    # for by a wrong type is answered with no number, and the next step is refused.
+
     def set_real(self, vrs: list[int], values: list[float]) -> None:
-        total = math.fsum(values) if all(map(math.isfinite, values)) else math.nan
-        if total != total:
-            bad = next(k for k, value in enumerate(values) if not math.isfinite(value))
-            names = {place: name for name, place in self.layout["names"].items()}
-            name = names[self._places[vrs[bad]]]
-            self._fail(f"{name} was set to {values[bad]}, not a number")
-            return
-        self.memory[self._places[vrs]] = values
+        try:
+            places = self._places[vrs]
+            total = math.fsum(values) if all(map(math.isfinite, values)) else math.nan
+            if total != total:
+                bad = next(k for k, value in enumerate(values) if not math.isfinite(value))
+                names = {place: name for name, place in self.layout["names"].items()}
+                self._fail(f"{names[places[bad]]} was set to {values[bad]}, not a number")
+                return
+            self.memory[places] = values
+        except (IndexError, KeyError):
+            for vr in vrs:
+                self._place(vr, "cannot be set; it is no input and no parameter")
         self._stale = True
 
     def get_real(self, vrs: list[int]) -> list[float]:
         if self._stale:
             self._compute_outputs()
-        values: list[float] = self.memory[self._places[vrs]].tolist()
+        try:
+            values: list[float] = self.memory[self._places[vrs]].tolist()
+        except IndexError:
+            places = [self._place(vr, "is a String, not a number") for vr in vrs]
+            values = [math.nan if p is None else float(self.memory[p]) for p in places]
         return values
 
+    def _place(self, vr: int, wrong: str) -> int | None:
+        """Where a Real lies; None, and a failure, if there is no number: `wrong` of the message."""
+        places = self.layout["places"]
+        if 0 < vr < len(places) - 1:
+            return int(places[vr])
+        message = vr == len(places) - 1
+        self._fail(f"message {wrong}" if message else f"no variable has the value reference {vr}")
+        return None
+
     def get_string(self, vrs: list[int]) -> list[str]:
-        return [self.failure for _ in vrs]
+        message = len(self.layout["places"]) - 1
+        for vr in vrs:
+            if vr != message:
+                self._fail(f"no String has the value reference {vr}")
+        return [self.failure if vr == message else "" for vr in vrs]
+
+    def _fail_for_none(self, vrs: list[int], what: str) -> None:
+        if vrs:
+            self._fail(f"{len(vrs)} {what} were named, there are none")
+
+    def get_integer(self, vrs: list[int]) -> list[int]:
+        self._fail_for_none(vrs, "Integers")
+        return [0] * len(vrs)
+
+    def get_boolean(self, vrs: list[int]) -> list[bool]:
+        self._fail_for_none(vrs, "Booleans")
+        return [False] * len(vrs)
+
+    def set_integer(self, vrs: list[int], values: list[int]) -> None:
+        self._fail_for_none(vrs, "Integers")
+
+    def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
+        self._fail_for_none(vrs, "Booleans")
+
+    def set_string(self, vrs: list[int], values: list[str]) -> None:
+        self._fail_for_none(vrs, "Strings that can be set")
 
     def _compute_outputs(self) -> None:
         if not self.started:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ..solver.kernel import Kernel
 from .interface import START
+from .set_point import START_VALUE
 
 
 def with_start_values(
@@ -30,4 +31,14 @@ def with_start_values(
         ],
         states=[replace(s, start=values.get(s.name + START, s.start)) for s in kernel.states],
         discrete=[replace(s, start=values.get(s.name + START, s.start)) for s in kernel.discrete],
+    )
+
+
+def told_where_to_go(kernel: Kernel) -> Kernel:
+    """A copy whose set-point, of a controller or a loop, starts where a run by default goes."""
+    return replace(
+        kernel,
+        inputs=[
+            replace(i, start=START_VALUE) if i.role == "reference" else i for i in kernel.inputs
+        ],
     )

@@ -20,7 +20,7 @@ from ..solver.kernel import DEFAULT_TOLERANCE
 from .archive import packed
 from .law_ports import gain_port, rate_port, reference_port
 from .reading import NumberVariable, unpack
-from .set_point import DERIVATIVES
+from .set_point import DERIVATIVES, START_VALUE
 from .system_xml import BASE_UNITS
 
 PLANT, CONTROLLER = "plant", "controller"
@@ -67,7 +67,7 @@ def export_system(
     *,
     name: str,
     instruments: Mapping[str, Path | str] | None = None,
-    setpoint: float = 0.08,
+    setpoint: float = START_VALUE,
     stop: float = 20.0,
 ) -> Path:
     """Write a closed loop of FMUs as one .ssp, the same bytes for the same FMUs.

@@ -49,6 +49,7 @@ DEPENDS_ON = {
         *("solver", "plant", "fmus", "proofs/exchange.py"),
         *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),
     ),
+    "tools": (*LOOP, "proofs/tools.py", "proofs/hosts"),
     "interrupts": (
         *("ballscrew", "orchestration/run_folder.py", "orchestration/end_with_parent.py"),
         *("orchestration/isolated.py", "orchestration/workers.py"),
@@ -70,6 +71,7 @@ SHOWS = {
     "practice": "longest sampling periods and delays of the controllers; where they hunt",
     "swap_study": "equal controllers are seldom called different, one a tenth worse mostly is",
     "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
+    "tools": "eight tools of others run the exported files as they are",
     "interrupts": "interrupted and killed commands end in time and leave the run before whole",
 }
 

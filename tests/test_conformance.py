@@ -176,4 +176,4 @@ def test_controllers_have_the_same_ports_so_that_one_replaces_the_other(fmus, na
     forward = {"v_d", "a_d"} if name == "p_pi" else set()
     assert inputs == {"x", "v", "z", "i", "x_d"} | forward
     ports = {"u", "u_rate", *(f"u_gain_{s}" for s in "xvzi"), *(f"u_ref_{s}" for s in "xvzi")}
-    assert outputs == ports | {"message"}
+    assert outputs == ports

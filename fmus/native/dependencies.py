@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import ast
-from collections import defaultdict
 from dataclasses import dataclass
 
-from ...solver.kernel import Kernel
-from ...solver.tape import functions
-from ..interface import Variable
+from ..interface import TIME, Variable
+from ..uses import uses_of
 from .partials import Entry
 from .sources import NativeModel
-
-TIME = "t"
 
 
 @dataclass(frozen=True)
@@ -67,11 +62,11 @@ def dependencies_of(model: NativeModel) -> Dependencies:
         found.sort(key=lambda d: d.known.reference if d.known else 0)
         return found + [Dependency(None, "dependent")] * (TIME in used)
 
-    rhs, out, indicate = (_uses(kernel, name) for name in ("rhs", "out", "indicate"))
+    rhs, out, indicate = (uses_of(kernel, name) for name in ("rhs", "out", "indicate"))
     return Dependencies(
-        [listed(rhs[k], k) for k in range(states)],
-        [listed(out[k], states + k) for k in range(len(kernel.outputs))],
-        [listed(indicate[k], None) for k in range(model.events)],
+        [listed(rhs[f"dx[{k}]"].symbols, k) for k in range(states)],
+        [listed(out[f"y[{k}]"].symbols, states + k) for k in range(len(kernel.outputs))],
+        [listed(indicate[f"g[{k}]"].symbols, None) for k in range(model.events)],
     )
 
 
@@ -79,38 +74,10 @@ def _kinds(model: NativeModel) -> dict[Entry, str]:
     """Of each partial derivative that is not zero everywhere; those of modes may differ."""
     if model.kernel.modes:
         return {}
-    uses = _uses(model.partials, "out")
+    uses = uses_of(model.partials, "out")
     found = {}
     for k, entry in enumerate(model.entries):
-        parameters = all(symbol.startswith("p[") for symbol in uses[k])
-        found[entry] = ("fixed" if uses[k] else "constant") if parameters else "dependent"
-    return found
-
-
-def _uses(kernel: Kernel, name: str) -> defaultdict[int, set[str]]:
-    """Symbols as ``x[0]``, ``u[2]``, ``p[1]`` or ``t`` by the number of the result, in any mode."""
-    found: defaultdict[int, set[str]] = defaultdict(set)
-
-    def symbols(value: ast.expr, known: dict[str, set[str]]) -> set[str]:
-        used: set[str] = set()
-        for node in ast.walk(value):
-            if isinstance(node, ast.Subscript):
-                used.add(ast.unparse(node))
-            elif isinstance(node, ast.Name):
-                used |= known.get(node.id, {TIME} if node.id == TIME else set())
-        return used
-
-    def read(body: list[ast.stmt], known: dict[str, set[str]]) -> None:
-        for s in body:
-            if isinstance(s, ast.If):  # modes reuse names
-                read(s.body, dict(known))
-                read(s.orelse, dict(known))
-            elif isinstance(s, ast.Assign):
-                (target,) = s.targets
-                if isinstance(target, ast.Name):
-                    known[target.id] = symbols(s.value, known)
-                elif isinstance(target, ast.Subscript):
-                    found[int(ast.literal_eval(target.slice))] |= symbols(s.value, known)
-
-    read(functions(kernel.source)[name].body, {})
+        used = uses[f"y[{k}]"].symbols
+        parameters = all(symbol.startswith("p[") for symbol in used)
+        found[entry] = ("fixed" if used else "constant") if parameters else "dependent"
     return found

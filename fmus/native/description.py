@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as ET
 
 from ... import __version__
-from ..interface import START
+from ..interface import TIME
 from ..model_description import model_description
+from ..uses import initial_uses
 from .dependencies import Dependency, dependencies_of
 from .sources import MAIN, NativeModel
 
@@ -68,7 +69,7 @@ def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
     uses = dependencies_of(model)
     outputs = structure.find("Outputs")
     assert outputs is not None
-    for unknown, used in zip(outputs, uses.outputs, strict=False):  # after them, the message
+    for unknown, used in zip(outputs, uses.outputs, strict=True):
         _write_dependencies(unknown, used, index)
     if not model.derivatives:
         return
@@ -79,13 +80,12 @@ def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
         _write_dependencies(unknown, used, index)
     initial = structure.find("InitialUnknowns")
     assert initial is not None
-    own = {v.name for v in model.state_variables if v.causality == "local"}
-    for info, variable in zip(model.kernel.states, model.state_variables, strict=True):
-        if variable.name in own:
-            start = index[info.name + START]
-            ET.SubElement(initial, "Unknown", index=index[variable.name], dependencies=start)
-    for derivative in model.derivatives:
-        ET.SubElement(initial, "Unknown", index=index[derivative.name])
+    for variables, results in ((model.state_variables, "states"), (model.derivatives, "rhs")):
+        for variable, names in zip(variables, initial_uses(model.kernel, results), strict=True):
+            if variable.causality == "local":  # states that are outputs are there already
+                known = sorted(int(index[n]) for n in names - {TIME})
+                unknown = ET.SubElement(initial, "Unknown", index=index[variable.name])
+                unknown.set("dependencies", " ".join(map(str, known)))
     initial[:] = sorted(initial, key=lambda unknown: int(unknown.get("index", "0")))
 
 

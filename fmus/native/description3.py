@@ -7,9 +7,10 @@ from xml.etree import ElementTree as ET
 
 from ... import __version__
 from ...solver.kernel import DEFAULT_TOLERANCE
-from ..interface import MESSAGE, START, Variable
+from ..interface import MESSAGE, TIME, Variable
 from ..model_description import STEP_SIZE, STOP_TIME
 from ..units import TYPES, type_of, write_units
+from ..uses import initial_uses
 from .dependencies import Dependency, dependencies_of
 from .description import TOOL
 from .sources import MAIN, NativeModel, is_intermediate
@@ -114,17 +115,16 @@ def _write_variables(parent: ET.Element, model: NativeModel) -> None:
         node = _write_variable(parent, v)
         if v.name in derivatives:
             node.set("derivative", str(derivatives[v.name].reference))
-    message = ET.SubElement(
+    ET.SubElement(
         parent,
         "String",
         name=MESSAGE,
         valueReference=str(interface.message_reference),
         description="why the last step failed; empty while all is well",
-        causality="output",
+        causality="local",
         variability="discrete",
-        initial="exact",
+        initial="calculated",
     )
-    ET.SubElement(message, "Start", value="")
     if model.exchanges:
         for k in range(model.events):
             ET.SubElement(
@@ -177,16 +177,7 @@ def _write_variable(parent: ET.Element, v: Variable) -> ET.Element:
 
 def _write_structure(parent: ET.Element, model: NativeModel) -> None:
     interface = model.interface
-    reference = {v.name: v.reference for v in interface.variables}
     outputs = [v for v in interface.variables if v.causality == "output"]
-
-    def references(names: tuple[str, ...]) -> str:
-        return " ".join(str(r) for r in sorted(reference[name] for name in names))
-
-    def unknown(kind: str, at: int, dependencies: str | None = None) -> None:
-        node = ET.SubElement(parent, kind, valueReference=str(at))
-        if dependencies is not None:
-            node.set("dependencies", dependencies)
 
     def dependent(kind: str, at: int, used: list[Dependency]) -> None:
         node = ET.SubElement(parent, kind, valueReference=str(at))
@@ -198,16 +189,15 @@ def _write_structure(parent: ET.Element, model: NativeModel) -> None:
     uses = dependencies_of(model)
     for v, used in zip(outputs, uses.outputs, strict=True):
         dependent("Output", v.reference, used)
-    unknown("Output", interface.message_reference, "")
     for v, used in zip(model.derivatives, uses.derivatives, strict=True):
         dependent("ContinuousStateDerivative", v.reference, used)
-    for v in outputs:
-        unknown("InitialUnknown", v.reference, references(v.initially_from))
-    for state, v in zip(model.kernel.states, model.state_variables, strict=True):
-        if v.causality == "local":
-            unknown("InitialUnknown", v.reference, references((state.name + START,)))
-    for v in model.derivatives:
-        unknown("InitialUnknown", v.reference)
+    reference = {v.name: v.reference for v in interface.variables} | {TIME: model.time_reference}
+    unknowns = (("out", outputs), ("states", model.state_variables), ("rhs", model.derivatives))
+    for results, variables in unknowns:
+        for v, names in zip(variables, initial_uses(model.kernel, results), strict=True):
+            if results != "states" or v.causality == "local":  # others are outputs, listed above
+                node = ET.SubElement(parent, "InitialUnknown", valueReference=str(v.reference))
+                node.set("dependencies", " ".join(map(str, sorted(reference[n] for n in names))))
     if model.exchanges:
         for k, used in enumerate(uses.indicators):
             dependent("EventIndicator", model.first_indicator + k, used)

@@ -128,7 +128,7 @@ def test_set_point_in_signals_out_and_names_that_say_whose_they_are(loop, kind):
     by = {v.name: v for v in variables}
     assert [v.name for v in variables if v.causality == "input"] == ["x_d"]
     outputs = [v.name for v in variables if v.causality == "output"]
-    assert outputs == ["x", "v", "z", "i", "u", "friction", "message"]
+    assert outputs == ["x", "v", "z", "i", "u", "friction"]
     for name in ("plant_sigma0", "controller_Kp", "plant_x_start", "controller_w_start"):
         assert by[name].causality == "parameter"
         assert by[name].unit

@@ -4,7 +4,7 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 
 
-def opened(path, values=None, name="instance"):
+def opened(path, values=None, name="instance", *, logged=False):
     """An initialized slave and its value references by name."""
     description = fmpy.read_model_description(str(path))
     slave = FMU2Slave(
@@ -14,7 +14,7 @@ def opened(path, values=None, name="instance"):
         instanceName=name,
     )
     references = {v.name: v.valueReference for v in description.modelVariables}
-    slave.instantiate()
+    slave.instantiate(loggingOn=logged)
     slave.setupExperiment(startTime=0.0)
     for key, value in (values or {}).items():
         slave.setReal([references[key]], [value])

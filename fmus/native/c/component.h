@@ -504,6 +504,18 @@ static Status get_numbers(Instance *c, const uint32_t *references, size_t n, dou
     return OK;
 }
 
+/* Where a host sets the continuous state that a variable is, as it may in model exchange; NULL if it
+ * is none. */
+static double *settable_state(Instance *c, const Variable *v)
+{
+    const int shown = v->what == OUTPUT ? STATE_OF_OUTPUT[v->place - AT_OUTPUTS] : -1;
+    if (!c->exchange || !(c->now.phase & (EVENT | CONTINUOUS)))
+        return NULL;
+    if (v->what == STATE)
+        return c->now.memory + v->place;
+    return shown < 0 ? NULL : STATES(c) + shown;
+}
+
 static Status set_numbers(Instance *c, const uint32_t *references, size_t n, const double *values)
 {
     if (n && (!references || !values))
@@ -512,16 +524,20 @@ static Status set_numbers(Instance *c, const uint32_t *references, size_t n, con
         const Variable *v = variable(c, references[k]);
         if (!v)
             return ERROR;
-        if (v->what != INPUT && v->what != PARAMETER)
+        if (v->what != INPUT && v->what != PARAMETER && !settable_state(c, v))
             return refuse(c, "%s cannot be set; it is no input and no parameter", v->name);
         if (v->what == PARAMETER && c->now.started)
             return refuse(c, "parameter %s cannot be set any more; set it before initialization ends",
                           v->name);
-        if (!isfinite(values[k]))
-            return fail(c, "%s was set to %g, not a number", v->name, values[k]);
+        if (!isfinite(values[k])) /* a solver that tried a state can try another */
+            return (settable_state(c, v) ? refuse : fail)(c, "%s was set to %g, not a number",
+                                                          v->name, values[k]);
     }
-    for (size_t k = 0; k < n; k++)
-        c->now.memory[VARIABLES[references[k]].place] = values[k];
+    for (size_t k = 0; k < n; k++) {
+        const Variable *v = &VARIABLES[references[k]];
+        double *state = settable_state(c, v);
+        *(state ? state : c->now.memory + v->place) = values[k];
+    }
     c->stale = 1;
     return OK;
 }

@@ -1,0 +1,30 @@
+"""The FMU container's own command on an .ssp; fmpy steps what it makes."""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import fmpy
+from host import answer
+
+
+def run(job):
+    """By locals, since an .ssp of ours has no connectors of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        system = Path(shutil.copy(next(iter(job["fmus"].values())), folder))
+        command = Path(sys.executable).with_name("fmucontainer")
+        description = f"{system.name}:{job['step']!r}"
+        subprocess.run([command, "-container", description, "-auto-local"], cwd=folder, check=True)
+        course = fmpy.simulate_fmu(
+            str(system.with_suffix(".fmu")),
+            stop_time=job["stop"],
+            step_size=job["step"],
+            output_interval=job["step"],
+            output=["plant.x"],
+        )
+        return course["time"], course["plant.x"]
+
+
+answer(run)

@@ -1,0 +1,198 @@
+"""Proof: tools of others run the exported files as they are, and how far off each is.
+
+Makes an environment for each tool under ``out/tools`` (pip fetches them), exports loops, parts and
+systems by the command, lets every tool run them by its own means (``hosts/``), and compares the
+position of the block with the whole loop in SciPy's Radau solver. Writes ``docs/proof/tools.json``:
+provenance, versions, errors. It fails where a tool cannot take a file, or is off by twice as much
+as its row allows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import venv
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from provenance import provenance
+from scipy.integrate import solve_ivp
+
+from ballscrew.cli import main as ballscrew
+from ballscrew.fmus.catalogue import fmu_kernel, loop_fmu_kernel
+from ballscrew.solver.kernel import Model
+
+ROOT = Path(__file__).resolve().parents[1]
+TARGET = ROOT / "docs" / "proof" / "tools.json"
+HOSTS = Path(__file__).resolve().parent / "hosts"
+PACKAGES = {
+    "casadi": ["casadi==3.8.2"],
+    "pathsim": ["pathsim==0.27.1", "pathsim-fmi==0.1.1"],
+    "cofmupy": ["cofmupy==1.0.0"],
+    "estim8": ["estim8==0.1.6"],
+    "syssimx": ["syssimx[fmu]==0.4.3"],
+    "gemseo": ["gemseo-fmu==3.1.1"],
+    "fmuloader": ["fmuloader==0.1.2rc0"],
+    "fmucontainer": ["fmu_manipulation_toolbox==2.0", "fmpy==0.3.32"],
+}
+CONTROLLERS = "iol", "nctf"
+_KINDS = "outputs", "inputs"
+REFERENCE_TOLERANCE = 1e-11
+GRID = 1e-3  # [s]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of one tool; `allowed` is what it was off by [m] when it was last looked at."""
+
+    tool: str
+    what: str
+    controller: str
+    allowed: float
+    step: float = 1e-3
+    stop: float = 1.0
+    more: dict[str, Any] = field(default_factory=dict)
+
+
+def jobs() -> Iterator[Job]:
+    """Every tool with every kind of file that it takes."""
+    solved = {"iol": {1e-6: 1.7e-6, 1e-8: 1.3e-8}, "nctf": {1e-6: 1.9e-7, 1e-8: 1.4e-9}}
+    for c in CONTROLLERS:
+        exact = 2.6e-9 if c == "iol" else 1e-11
+        for fmi in (2, 3):
+            for tolerance, off in solved[c].items():
+                more = {"tolerance": tolerance}
+                yield Job("casadi", f"loop {fmi}", c, off, stop=20.0, more=more)
+            for tool in ("pathsim", "gemseo", "fmuloader", "estim8"):
+                yield Job(tool, f"loop {fmi}", c, exact, more={"kind": "CoSimulation"})
+        for tool in ("pathsim", "gemseo", "estim8"):
+            yield Job(tool, "readable loop", c, exact, more={"kind": "CoSimulation"})
+        jacobi, seidel = (4.24e-4, 7.2e-5) if c == "iol" else (4.0e-5, 1.65e-5)
+        for file in ("law", "readable law"):
+            yield Job("pathsim", file, c, seidel)
+            for method, off in (("jacobi", jacobi), ("gauss_seidel", seidel)):
+                for tool in ("cofmupy", "syssimx"):
+                    yield Job(tool, file, c, off, more={"method": method})
+        for file in ("system", "readable system"):
+            yield Job("fmucontainer", file, c, jacobi)
+
+
+def files(folder: Path, what: str, controller: str) -> dict[str, str]:
+    """What a job's files are by the names of their elements; exported if they are not yet."""
+    build = [] if what.startswith("readable") else ["--native"]
+    kind = what.removeprefix("readable ").split()[0]
+    build += ["--fmi", what[-1]] if what[-1].isdigit() else []
+    out = folder / what.replace(" ", "_") / controller
+    asked = {
+        "loop": ["--loop", controller],
+        "law": ["--only", "plant", controller],
+        "system": ["--ssp", "--only", controller],
+    }[kind]
+    if not out.is_dir() and ballscrew(["export", *asked, *build, "--out", str(out)]):
+        raise RuntimeError(f"cannot export {what} of {controller}")
+    if kind == "loop":
+        return {"loop": str(out / f"{controller}_loop.fmu")}
+    if kind == "system":
+        return {"system": str(out / f"{controller}.ssp")}
+    return {"plant": str(out / "plant.fmu"), "controller": str(out / f"{controller}.fmu")}
+
+
+def wires(fmus: dict[str, str], controller: str) -> list[list[list[str]]]:
+    """Which output goes to which input, law ports among them."""
+    if len(fmus) < 2:
+        return []
+    sides = fmu_kernel("plant"), fmu_kernel(controller)
+    outputs, inputs = ([{v.name for v in getattr(k, kind)} for k in sides] for kind in _KINDS)
+    measured = [[["plant", n], ["controller", n]] for n in sorted(outputs[0] & inputs[1])]
+    return measured + [[["controller", n], ["plant", n]] for n in sorted(outputs[1] & inputs[0])]
+
+
+@cache
+def reference(controller: str) -> np.ndarray:
+    """Position of the block on a grid of `GRID` over 20 s [m]."""
+    kernel = loop_fmu_kernel(controller)
+    model = Model(kernel)
+    course = solve_ivp(
+        model.derivatives,
+        (0.0, 20.0),
+        model.x,
+        method="Radau",
+        jac=model.jacobian,
+        rtol=REFERENCE_TOLERANCE,
+        atol=REFERENCE_TOLERANCE * kernel.nominal,
+        t_eval=GRID * np.arange(20_001),
+    )
+    if not course.success:
+        raise RuntimeError(course.message)
+    return course.y[[s.name for s in kernel.states].index("plant_x")]
+
+
+def python_of(tool: str, folder: Path) -> Path:
+    """The interpreter of a tool's environment, made if it is not there."""
+    home = folder / tool
+    if not (home / "ready").is_file():
+        venv.create(home, with_pip=True, clear=True)
+        pip = [home / "bin" / "python", "-m", "pip", "install", "--quiet"]
+        subprocess.run([*pip, "--disable-pip-version-check", *PACKAGES[tool]], check=True)
+        (home / "ready").touch()
+    return home / "bin" / "python"
+
+
+def run(job: Job, folder: Path, python: Path) -> dict[str, Any]:
+    """A row of the result; `error` [m] is None where the tool did not get to the end."""
+    fmus = files(folder, job.what, job.controller)
+    connections = wires(fmus, job.controller)
+    told = {"fmus": fmus, "connections": connections, "step": job.step, "stop": job.stop}
+    row = {"tool": job.tool, "file": job.what, "controller": job.controller, **job.more}
+    row |= {"step": job.step, "stop": job.stop, "allowed": job.allowed}
+    with tempfile.TemporaryDirectory() as place:
+        given, got = Path(place) / "job.json", Path(place) / "result.json"
+        given.write_text(json.dumps(told | job.more), encoding="utf-8")
+        host = HOSTS / f"{job.tool}_host.py"
+        done = subprocess.run(
+            [python, host, given, got], cwd=place, capture_output=True, text=True, check=False
+        )
+        if done.returncode or not got.is_file():
+            lines = (done.stderr or done.stdout).strip().splitlines()
+            return row | {"error": None, "why": lines[-1] if lines else "no word"}
+        result = json.loads(got.read_text(encoding="utf-8"))
+    time, x = np.array(result["time"]), np.array(result["x"])
+    nearest = np.rint(time / GRID).astype(int)
+    on_grid = np.abs(time - GRID * nearest) < 1e-9
+    if on_grid.sum() < 0.99 * job.stop / job.step or time[-1] < job.stop - 1.5 * job.step:
+        return row | {"error": None, "why": f"{on_grid.sum()} points, the last at {time[-1]} s"}
+    inside = on_grid & (nearest <= 20_000)
+    error = np.abs(x[inside] - reference(job.controller)[nearest[inside]]).max()
+    return row | {"error": float(error)}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", nargs="+", default=list(PACKAGES), choices=list(PACKAGES))
+    parser.add_argument("--environments", type=Path, default=ROOT / "out" / "tools")
+    options = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for tool in options.only:
+            python = python_of(tool, options.environments.resolve())
+            for job in (j for j in jobs() if j.tool == tool):
+                row = run(job, Path(folder), python)
+                print(json.dumps(row), flush=True)
+                rows.append(row)
+    wrong = [r for r in rows if r["error"] is None or not r["error"] <= 2.0 * r["allowed"]]
+    if options.only == list(PACKAGES):
+        report = {**provenance("tools"), "packages": PACKAGES, "wrong": len(wrong), "rows": rows}
+        TARGET.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    print(f"{len(rows)} runs, {len(wrong)} wrong", file=sys.stderr)
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
