@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name 'page.md') pyproject.toml
 
-.PHONY: demo test docs prove lint bench clean
+.PHONY: demo test docs prove tools lint bench clean
 
 # The package is installed, not linked: what runs and is tested is what a user gets.
 $(VENV)/installed: $(SOURCES) constraints.txt
@@ -49,6 +49,10 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/interrupts.py
 	$(BIN)/python proofs/practice.py
 	$(BIN)/python proofs/swap_study.py
+
+# Tools of others, each in an environment of its own that pip fills.
+tools: $(VENV)/installed
+	$(BIN)/python proofs/tools.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/start.py

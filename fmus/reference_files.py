@@ -1,4 +1,4 @@
-"""What the FMI cross-check wants beside an FMU: a reference solution, its options, its inputs."""
+"""What the FMI cross-check wants with an FMU: a reference solution, its options, its inputs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from .model_description import STEP_SIZE
 
 STOP, INTERVAL, TOLERANCE = 2.0, 1e-2, 1e-9
 MOST_COLUMNS = 10  # what the cross-check recommends
+FOLDER = "reference"
+"""Where they lie, beside the FMUs."""
 _VOLTAGE, _SETPOINT = 5.0, 0.08  # V, m; constant, so that a host may hold or interpolate them
 
 
 def write_reference_files(files: Mapping[str, str], fmu: Path) -> None:
-    """Write what `reference_files` gave beside an FMU.
+    """Write what `reference_files` gave into the folder `FOLDER` beside an FMU.
 
     Raises
     ------
@@ -27,7 +29,7 @@ def write_reference_files(files: Mapping[str, str], fmu: Path) -> None:
         If a file cannot be written.
     """
     for suffix, text in files.items():
-        write_atomically(fmu.with_name(fmu.stem + suffix), text.encode())
+        write_atomically(fmu.parent / FOLDER / (fmu.stem + suffix), text.encode())
 
 
 def reference_files(kernel: Kernel) -> dict[str, str]:

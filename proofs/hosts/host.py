@@ -20,4 +20,4 @@ def answer(run: Callable[[dict[str, Any]], tuple[Iterable[float], Iterable[float
 
 def steps(job: dict[str, Any]) -> int:
     """How many communication steps the run has."""
-    return int(round(job["stop"] / job["step"]))
+    return round(job["stop"] / job["step"])

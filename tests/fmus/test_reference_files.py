@@ -73,10 +73,9 @@ def test_the_default_run_of_a_loop_is_the_step_of_eight_centimetres_and_its_refe
 
 
 @pytest.mark.parametrize("more", [[], ["--native"]])
-def test_the_command_writes_them_beside_the_fmu(tmp_path, more):
+def test_the_command_writes_them_into_a_folder_of_their_own(tmp_path, more):
     assert main(["export", "--only", "nctf", *more, "--out", str(tmp_path)]) == 0
-    names = ["nctf.fmu", "nctf_in.csv", "nctf_ref.csv", "nctf_ref.opt"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == names
-    assert (tmp_path / "nctf_ref.csv").read_text() == reference_files(fmu_kernel("nctf"))[
-        "_ref.csv"
-    ]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["nctf.fmu", "reference"]
+    expected = reference_files(fmu_kernel("nctf"))
+    written = {p.name.removeprefix("nctf"): p for p in (tmp_path / "reference").iterdir()}
+    assert {suffix: p.read_text() for suffix, p in written.items()} == expected
