@@ -78,8 +78,9 @@ def jobs() -> Iterator[Job]:
         for file in ("law", "readable law"):
             yield Job("pathsim", file, c, seidel)
             for method, off in (("jacobi", jacobi), ("gauss_seidel", seidel)):
-                for tool in ("cofmupy", "syssimx"):
-                    yield Job(tool, file, c, off, more={"method": method})
+                yield Job("syssimx", file, c, off, more={"method": method})
+                odd = (c, method) == ("nctf", "gauss_seidel")
+                yield Job("cofmupy", file, c, 4.5e-5 if odd else off, more={"method": method})
         for file in ("system", "readable system"):
             yield Job("fmucontainer", file, c, jacobi)
 
