@@ -243,6 +243,10 @@ def _described(path: Path, read: Any) -> Description:
     }
     variables = []
     message = None
+    names = [v.name for v in read.modelVariables]
+    if len(set(names)) < len(names):
+        twice = next(n for k, n in enumerate(names) if n in names[:k])
+        raise FmuError(f"{path}: modelDescription.xml has two variables called {twice!r}")
     for v in read.modelVariables:
         if v.type == "String" and v.name == "message" and v.causality in ("local", "output"):
             message = int(v.valueReference)

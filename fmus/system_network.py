@@ -146,8 +146,6 @@ class Network:
         kind = node.get("type") or _FMU
         if kind != _FMU:
             raise BadSystem(f"{where} is of type {kind}; only FMUs ({_FMU}) are known here")
-        if node.get("implementation") == "ModelExchange":
-            raise BadSystem(f"{where} is for model exchange, expected co-simulation")
         fmu = self.file(node.get("source"), where)
         if fmu not in self._read_fmus:
             self._read_fmus[fmu] = _variables(fmu, where)

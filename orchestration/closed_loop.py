@@ -11,6 +11,7 @@ import numpy as np
 
 from ..fmus.catalogue import NAMES, fmu, fmu_kernel, has_equations, name_of
 from ..fmus.interface import TOLERANCE, interface_of
+from ..fmus.reading import Description, unpack
 from ..fmus.set_point import SET_POINT
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
 from .closed_loop_result import ClosedLoopResult
@@ -24,6 +25,7 @@ from .parts import label_of, loop_label, part_of, used_parameters
 from .port_units import converted
 from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
+from .state_trial import checked_state
 from .step_choice import FIRST, choose_step
 from .whole_loop import run_monolithic
 from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
@@ -122,14 +124,36 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
 
 
 def _own_step(study: Study) -> float:
-    """The one step that a third-party controller takes [s]; 0 where it takes any."""
-    if has_equations(study.controller):
-        return 0.0
-    with contextlib.closing(
-        open_fmu(Path(study.controller), "controller", study.isolate, study.time_limit)
-    ) as controller:
-        about = controller.description
-        return 0.0 if about.steps_vary else about.step_size or 0.0
+    """The one step that a third-party FMU takes [s]; 0 where all take any."""
+    names = (study.plant, study.controller)
+    return own_step({n: unpacked_description(n) for n in names if not has_equations(n)})
+
+
+def own_step(fmus: Mapping[str, Description]) -> float:
+    """The one step that FMUs of fixed steps take [s]; 0 where there are none.
+
+    Raises
+    ------
+    CouplingError
+        If two of them take different ones.
+    """
+    sizes = {n: a.step_size for n, a in fmus.items() if not a.steps_vary and a.step_size}
+    if len(set(sizes.values())) > 1:
+        told = " and ".join(f"{Path(n).name} of {size:g} s" for n, size in sizes.items())
+        raise CouplingError(f"there is no step for all: {told} take steps of that length alone")
+    return next(iter(sizes.values()), 0.0)
+
+
+def unpacked_description(name: str) -> Description:
+    """The description of an FMU by file.
+
+    Raises
+    ------
+    FmuError
+    """
+    fmu = unpack(name)
+    fmu.remove()
+    return fmu.description
 
 
 def _run_once(
@@ -167,12 +191,16 @@ def run_parts(
     assert study.step is not None
     for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
         check_values(side.name, values or {}, [*side.parameters, *side.inputs])
+    given = ((plant, study.plant_values), (controller, study.controller_values))
+    states = [checked_state(fmu, v or {}, study.stop, study.step) for fmu, v in given]
     wiring = wire(plant, controller, study.mapping)
     wiring.check_given(study.plant_values or {}, study.controller_values or {})
     controller, units = converted(plant, controller, wiring, study.mapping)
     notes = _connection_notes(study, plant, controller, wiring) + units.notes
+    notes += states[0] + states[1]
     if not has_equations(study.controller):
         notes += _meet_samples(study, study.step, plant, controller, wiring)
+    notes += fixed_step_notes(study.step, plant, controller)
     run = run_loop(
         plant,
         controller,
@@ -249,14 +277,18 @@ def _meet_samples(
             f"{study.label} is sampled every {period.seconds:g} s, by {period.found}; it is "
             "coupled so",
         )
-    size = controller.description.step_size
-    if not controller.description.steps_vary and size != step:
-        told = f"of {size:g} s" if size else "all of one length"
-        notes += (
-            f"{study.label} says that its steps have to be {told}; this run and its checks take "
-            "others, so do not rely on the verdict alone",
-        )
     return notes
+
+
+def fixed_step_notes(step: float, *fmus: _Fmu) -> tuple[str, ...]:
+    """Notes of FMUs whose steps may not be as long as those of the run."""
+    return tuple(
+        f"{fmu.path.stem} says that its steps have to be "
+        f"{f'of {size:g} s' if size else 'all of one length'}; this run and its checks take "
+        "others, so do not rely on the verdict alone"
+        for fmu in fmus
+        if not fmu.description.steps_vary and (size := fmu.description.step_size) != step
+    )
 
 
 def amplifier_notes(

@@ -32,6 +32,7 @@ CONTROLLER = np.dtype(
         ("answer", np.int64),
         ("reports", np.int64),
         ("saves", np.int64),
+        ("varies", np.int64),  # whether its steps may be of any length
         ("nominal", VECTOR),  # of the signals
         ("real", VECTOR),  # of signals and references: whether they may be between whole numbers
         ("ahead", VECTOR),  # commands after a step that cannot be taken back,

@@ -113,6 +113,7 @@ class ControllerSide:
             answer=_ANSWERS[self.answer],
             reports=wiring.reports_law,
             saves=instance.can_save,
+            varies=getattr(instance, "steps_vary", True),
             nominal=np.array([instance.nominal(s) for _, s in wiring.signals]),
             real=np.array([float(instance.is_real(name)) for name in inputs]),
             ahead=np.zeros(self.m),

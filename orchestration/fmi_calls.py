@@ -10,13 +10,14 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import functools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from .fmi_versions import OK, STATE, STEP
-from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance
+from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance, ended
 from .structs import VECTOR, Struct, Vector
 
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # what failed
@@ -39,6 +40,7 @@ CALLS = np.dtype(
         ("given", VECTOR),
         ("outputs", VECTOR),
         ("taken", VECTOR),
+        ("stop", float),  # no step may end behind it [s]
         # addresses of saved states, one for each use; zero where nothing is saved
         ("states", VECTOR),
         # FMI status and kind of the call that failed
@@ -90,6 +92,7 @@ class Bound:
             given=given,
             outputs=np.array(references[1], dtype=np.uint32),
             taken=taken,
+            stop=getattr(instance, "stop", math.inf),
             states=np.zeros(uses, dtype=np.int64),
         )
 
@@ -103,7 +106,7 @@ class Bound:
         said = {
             PUT: f"refuses the values of {', '.join(self._inputs)}",
             TAKE: f"cannot give {', '.join(self._outputs)}",
-            MOVE: f"the step failed with FMI status {status}",
+            MOVE: ended(status),
             SAVE: "cannot save its state",
             RESTORE: "cannot restore its state",
         }

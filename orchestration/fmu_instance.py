@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import itertools
+import math
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy.typing as npt
 from ..fmus.law_ports import gain_port, rate_port, reference_port
 from ..fmus.process_end import end_cleanly
 from ..fmus.reading import Description, FmuError, NumberVariable, UnpackedFmu, unpack
-from .fmi_versions import FATAL, OK, Fmi2, Fmi3, Ports, Refused, forget, last_words
+from .fmi_versions import DISCARD, ERROR, FATAL, OK, Fmi2, Fmi3, Ports, Refused, forget, last_words
 
 Vector = npt.NDArray[np.float64]
 
@@ -32,6 +33,17 @@ ENTRY_POINTS = (
 _LOG_NUMBERS = itertools.count(1)
 
 SAMPLE_TIME = "sample_time"
+SHORTER = "it asks for shorter steps: use a smaller --step"
+
+
+def ended(status: int) -> str:
+    """How a step ended with a status of FMI that is none of success."""
+    words = {
+        DISCARD: "discards the step, as too long for it",
+        ERROR: "the step ended with an error",
+        FATAL: "the step ended with a fatal error",
+    }
+    return words.get(status, f"the step ended with FMI status {status}")
 
 
 class StepFailed(RuntimeError):
@@ -148,7 +160,8 @@ class FmuInstance(AnyFmu):
         self.outputs: Sequence[str] = description.names("output")
         self.parameters = description.names("parameter")
         self.can_save = description.saves_state
-        self.sample_time = 0.0
+        self.steps_vary = description.steps_vary
+        self.sample_time, self.stop = 0.0, math.inf
         self._given: Mapping[str, float] = {}
         self._log = next(_LOG_NUMBERS)
         self._status = 0  # the worst yet
@@ -168,6 +181,10 @@ class FmuInstance(AnyFmu):
     def description(self) -> Description:
         return self._fmu.description
 
+    @property
+    def path(self) -> Path:
+        return self._fmu.path
+
     def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
         """Set parameters and start values, enter initialization mode, and set inputs there.
 
@@ -176,6 +193,7 @@ class FmuInstance(AnyFmu):
         StepFailed
             If the FMU refuses.
         """
+        self.stop = stop
         self._given = {name: v for name, v in values.items() if name in self.inputs}
         with self._initializing():
             self._fmi.set_up(stop)
@@ -267,7 +285,7 @@ class FmuInstance(AnyFmu):
             status = getattr(error, "status", FATAL)
             raise self.failed(status, str(error).rstrip(".")) from error
         if status > OK:
-            raise self.failed(status, f"the step failed with FMI status {status}")
+            raise self.failed(status, ended(status))
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
@@ -310,17 +328,19 @@ class FmuInstance(AnyFmu):
         """The error for a call that ended with this status, with the FMU's own words."""
         self._status = max(self._status, status)
         reason = self.message() if status < FATAL else last_words(self._log)
+        advice = SHORTER if status == DISCARD and not self._fmi.ended else ""
         if reason.startswith(f"{self.name}: "):  # ours put the instance's name first
-            return StepFailed(reason)
+            return StepFailed(reason, advice)
         whose = f"{self.name} ({self._fmu.path.name})"
-        return StepFailed(f"{whose}: {what}{': ' if reason else ''}{' '.join(reason.split())}")
+        text = f"{whose}: {what}{': ' if reason else ''}{' '.join(reason.split())}"
+        return StepFailed(text, advice)
 
     def release(self, state: Any) -> None:
         self._fmi.free_state(self._fmi.component, ctypes.addressof(state[0]))
 
     def reopened(self) -> FmuInstance:
         other = FmuInstance(self._fmu, self.name)
-        other.sample_time = self.sample_time
+        other.sample_time, other.can_save = self.sample_time, self.can_save
         return other
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ newest values of those before it, and what is computed only then goes round once
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -116,7 +117,8 @@ class Group:
         self.name = name
         self.inputs: Sequence[str] = list(inputs)
         self.can_save = all(p.can_save for p in members.values())
-        self.sample_time = 0.0
+        self.steps_vary = all(getattr(p, "steps_vary", True) for p in members.values())
+        self.sample_time, self.stop = 0.0, math.inf
         self._feeds = list(feeds)
         self._members = {m: members[m] for m in _in_order(list(members), feeds)}
         self.outputs: Sequence[str] = [
@@ -171,7 +173,7 @@ class Group:
 
     def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
         """Let every member enter the mode; values are named ``member.variable``."""
-        self._parts = []
+        self._parts, self.stop = [], stop
         self._values[:] = np.nan  # not known yet
         begin = len(self.inputs)
         for name, instance in self._members.items():

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import math
 import os
 import signal
 import socket
@@ -28,8 +29,17 @@ import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
 from ..fmus.reading import Description, FmuError, UnpackedFmu
-from .fmu_instance import AnyFmu, FmuInstance, Reader, StepFailed, Writer, inputs_of, opened_source
-from .isolated_host import OK, REFUSED, Request, receive, send
+from .fmu_instance import (
+    SHORTER,
+    AnyFmu,
+    FmuInstance,
+    Reader,
+    StepFailed,
+    Writer,
+    inputs_of,
+    opened_source,
+)
+from .isolated_host import DISCARDED, OK, REFUSED, Request, receive, send
 
 Vector = npt.NDArray[np.float64]
 
@@ -66,7 +76,8 @@ class IsolatedInstance(AnyFmu):
         self.outputs: Sequence[str] = description.names("output")
         self.parameters = description.names("parameter")
         self.can_save = description.saves_state
-        self.sample_time = 0.0
+        self.steps_vary = description.steps_vary
+        self.sample_time, self.stop = 0.0, math.inf
         self._waiting: list[bytes] = []
         self._bound = self._saved = 0
         self._stepping = False
@@ -96,6 +107,10 @@ class IsolatedInstance(AnyFmu):
     def description(self) -> Description:
         return self._fmu.description
 
+    @property
+    def path(self) -> Path:
+        return self._fmu.path
+
     def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
         """As `FmuInstance.enter_initialization`.
 
@@ -104,6 +119,7 @@ class IsolatedInstance(AnyFmu):
         StepFailed
             If the FMU refuses, or its process does not survive.
         """
+        self.stop = stop
         request = json.dumps({"values": dict(values), "stop": stop}).encode()
         self._ask(Request.ENTER_INITIALIZATION, request)
 
@@ -163,7 +179,7 @@ class IsolatedInstance(AnyFmu):
 
     def reopened(self) -> IsolatedInstance:
         other = IsolatedInstance(self._fmu, self.name, self.time_limit)
-        other.sample_time = self.sample_time
+        other.sample_time, other.can_save = self.sample_time, self.can_save
         return other
 
     def close(self) -> None:
@@ -202,7 +218,7 @@ class IsolatedInstance(AnyFmu):
         text = " ".join(rest.decode("utf-8", "replace").split())
         if status == REFUSED:
             raise FmuError(text)
-        raise StepFailed(text)
+        raise StepFailed(text, SHORTER if status == DISCARDED else "")
 
     def _lost(
         self, how: str, advice: str = "try that FMU alone: it failed by itself"

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from ..fmus.reading import Description, FmuError, UnpackedFmu
-from .fmu_instance import FmuInstance, StepFailed
+from .fmu_instance import SHORTER, FmuInstance, StepFailed
 
-OK, FAILED, REFUSED = 0, 1, 2
+OK, FAILED, REFUSED, DISCARDED = range(4)
 _LARGEST = 1 << 28  # bytes of a packet
 
 
@@ -83,7 +83,8 @@ def main(descriptor: int) -> None:
         try:
             answer = bytes([OK]) + host.answer(packet)
         except StepFailed as error:
-            answer = bytes([FAILED]) + str(error).encode()
+            kind = DISCARDED if error.advice == SHORTER else FAILED
+            answer = bytes([kind]) + str(error).encode()
         except FmuError as error:
             answer = bytes([REFUSED]) + str(error).encode()
         except Exception as error:

@@ -14,6 +14,7 @@ from time import monotonic
 
 import numpy as np
 
+from .fmu_instance import SHORTER
 from .loop_run import UNBOUNDED, LoopRun
 from .second_look import jumps
 from .verdict import ACCURACY, Verdict, scales
@@ -143,9 +144,10 @@ def _no_further(
     """Why a shorter step would not help; empty where it may."""
     if not run.verdict.step_helps:
         return run.verdict.advice
-    if run.stopped and run.verdict.advice != UNBOUNDED:  # a part died, whatever the step
+    discarded = run.verdict.advice == SHORTER
+    if run.stopped and run.verdict.advice not in (SHORTER, UNBOUNDED):  # a part died, whatever h
         return run.verdict.advice
-    if before is not None and run.stopped and before.stopped:
+    if before is not None and run.stopped and before.stopped and not discarded:
         ends = before.time[-1], run.time[-1]
         if abs(ends[0] - ends[1]) <= 0.02 * max(ends):
             return f"with steps of half the length it ends at the same time: {run.stopped}"

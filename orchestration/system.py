@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ..fmus.law_ports import gain_port, rate_port, reference_port
+from ..fmus.law_ports import gain_port
 from ..fmus.system_reading import (
     BadSystem,
     SystemConnection,
@@ -17,7 +17,14 @@ from ..fmus.system_reading import (
     SystemStructure,
     read_system,
 )
-from .closed_loop import LIMIT, BadParameter, amplifier_notes, check_values
+from .closed_loop import (
+    LIMIT,
+    BadParameter,
+    amplifier_notes,
+    check_values,
+    fixed_step_notes,
+    own_step,
+)
 from .closed_loop_result import ClosedLoopResult
 from .coupling import Coupling
 from .fmu_instance import Instance
@@ -28,8 +35,10 @@ from .master import Progress, run_loop
 from .parts import readable
 from .port_units import AS_IS, POSITION, scale_of_results
 from .reference_signal import Reference
+from .state_trial import checked_state
 from .step_choice import FIRST, choose_step
 from .system_goal import Fmus, Goal, goal_of
+from .system_law import accepts_law, commands_of, reports_law
 from .wiring import Wiring
 
 STOP = 20.0
@@ -108,6 +117,9 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
             )
             opened.callback(fmus[element.name].close)
         values = _values(system, study, fmus)
+        own = own_step({f.path.name: f.description for f in fmus.values()})
+        first = study.step or own or min(FIRST, stop)
+        states = [checked_state(f, values[name], stop, first) for name, f in fmus.items()]
         loop = _loop(system, fmus, study)
         reference = study.reference or Reference.constant(loop.set_point(system, values, fmus))
 
@@ -139,9 +151,9 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
                 look_again=look_again,
             )
 
-        first, choice = min(FIRST, stop), None
-        if study.step is not None or study.adaptive:
-            run = run_at(study.step or first)
+        choice = None
+        if study.step is not None or study.adaptive or own:
+            run = run_at(first)
         else:
             run, choice = choose_step(run_at, first)
         run = loop.in_units(run)
@@ -150,7 +162,9 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
             run, fmus[loop.plant_name].parameters, values[loop.plant_name], limit
         )
     notes = [f"{name} names nothing in the system and was ignored" for name in system.ignored]
-    return ClosedLoopResult(study, run, (*notes, *amplifier), choice)
+    fixed = fixed_step_notes(first, *fmus.values()) if choice is None else ()
+    found = (note for state in states for note in state)
+    return ClosedLoopResult(study, run, (*notes, *found, *fixed, *amplifier), choice)
 
 
 def _values(system: SystemStructure, study: SystemStudy, fmus: Fmus) -> dict[str, dict[str, float]]:
@@ -299,8 +313,8 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
     )
     fed = {c.target.connector if plain else str(c.source): order for c, order in goal}
     law = study.coupling in (None, Coupling.INTERFACE_JACOBIAN) and alone
-    main = _commands_of(commands, measured) if law else commands
-    accepts = law and _accepts_law(fmus[plant], main, measured)
+    main = commands_of(commands, measured) if law else commands
+    accepts = law and accepts_law(fmus[plant], main, measured)
     if not accepts:
         main = commands
     wiring = Wiring(
@@ -311,7 +325,7 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
         references=tuple(fed),
         orders=tuple(fed.values()),
         accepts_law=accepts,
-        reports_law=accepts and plain and _reports_law(main, measured, commands),
+        reports_law=accepts and plain and reports_law(main, measured, commands),
     )
     names = {f"{plant}.{port}": port for port in fmus[plant].outputs}
     names |= {str(c.source): c.target.connector for c in main} if not alone else {}
@@ -348,51 +362,3 @@ def _grouped(
     return Group(
         name, members, feeds, list(dict.fromkeys(str(c.source) for c in (*outside, *goal)))
     )
-
-
-def _commands_of(
-    commands: Sequence[SystemConnection], measured: Sequence[SystemConnection]
-) -> list[SystemConnection]:
-    """The commands without the law ports of any of them."""
-    signals = {c.source.connector for c in measured}
-    inputs = {c.target.connector for c in commands}
-    law = {
-        port
-        for u in inputs
-        for port in (
-            rate_port(u),
-            *(gain_port(u, y) for y in signals),
-            *(reference_port(u, y) for y in signals),
-        )
-    }
-    return [c for c in commands if c.target.connector not in law]
-
-
-def _law(command: SystemConnection, measured: Sequence[SystemConnection]) -> list[tuple[str, str]]:
-    """The law's ports of a command, on the plant's side and on the controller's."""
-    source, target = command.source.connector, command.target.connector
-    return [
-        (rate_port(source), rate_port(target)),
-        *(
-            (port(source, c.target.connector), port(target, c.source.connector))
-            for c in measured
-            for port in (gain_port, reference_port)
-        ),
-    ]
-
-
-def _accepts_law(
-    plant: Instance, main: Sequence[SystemConnection], measured: Sequence[SystemConnection]
-) -> bool:
-    return bool(main) and all(
-        port in plant.inputs for command in main for _, port in _law(command, measured)
-    )
-
-
-def _reports_law(
-    main: Sequence[SystemConnection],
-    measured: Sequence[SystemConnection],
-    commands: Sequence[SystemConnection],
-) -> bool:
-    joined = {(c.source.connector, c.target.connector) for c in commands}
-    return all(pair in joined for command in main for pair in _law(command, measured))

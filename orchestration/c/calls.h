@@ -48,6 +48,7 @@ typedef struct {
     Vector given;
     References outputs;
     Vector taken;
+    double stop;  /* no step may end behind it [s] */
     Slots states; /* saved ones, one for each use; null where nothing is saved */
     int64_t status, failed; /* FMI status and kind of the call that failed */
 } Calls;
@@ -83,8 +84,15 @@ static inline int take(Calls *c, int64_t count)
            checked(c, c->get_real(c->component, c->outputs.at, (size_t)count, c->taken.at), TAKE);
 }
 
+#define AT_THE_END 1e-12 /* share of the end time that two times of it may differ by */
+
+/* Whether the end is reached, so that no step is left to try. */
+static inline int at_end(const Calls *c, double t) { return t >= c->stop * (1.0 - AT_THE_END); }
+
 static inline int move(Calls *c, double t, double h)
 {
+    if (t + h > c->stop && t < c->stop)
+        h = c->stop - t;
     /* no state before this step will be wanted again */
     return checked(c, c->do_step(c->component, t, h, 1), MOVE);
 }

@@ -25,7 +25,7 @@ enum { CHECKPOINT, CORRECTION, PROBE }; /* what states are saved for */
  * Inputs: n signals, references; outputs: m commands, then gains and rates if it reports. */
 typedef struct {
     Calls calls;
-    int64_t m, n, answer, reports, saves;
+    int64_t m, n, answer, reports, saves, varies;
     Vector nominal;    /* of the signals */
     Vector real;       /* of signals and references: whether they may be between whole numbers */
     Vector ahead;      /* commands after a step that cannot be taken back, */
@@ -89,7 +89,7 @@ static int answer_at(Controller *c, double t, double h, const double *signals,
                      const double *reference, double *commands)
 {
     TRY(set_inputs(c, signals, reference));
-    if (c->answer != DIRECT)
+    if (c->answer != DIRECT && !at_end(&c->calls, t))
         TRY(move(&c->calls, t, h));
     TRY(read_commands(c, commands));
     return c->answer == DIRECT || restore(&c->calls, PROBE);
@@ -141,6 +141,8 @@ static int probe_rates(Controller *c, double t, double h, const double *signals,
                        const double *reference, double *law)
 {
     double *const rate = law + c->m * (1 + c->n);
+    if (!c->varies || at_end(&c->calls, t))
+        return 1;
     TRY(save(&c->calls, PROBE));
     TRY(set_inputs(c, signals, reference));
     TRY(move(&c->calls, t, h / PROBE_PARTS));

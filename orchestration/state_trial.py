@@ -1,0 +1,91 @@
+"""Try whether an FMU made elsewhere comes back to a state that it saved, before it is believed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from ..fmus.made_here import is_ours
+from ..fmus.reading import FmuError
+from .fmu_instance import FmuInstance, StepFailed
+from .isolated import IsolatedInstance
+
+Vector = npt.NDArray[np.float64]
+
+STEPS = 8  # before the state is saved, and after
+SAME = 1e-5  # of an output's size, that two passes may differ by: solvers that start anew do
+_TRIED: dict[tuple[str, int, int], bool] = {}  # by path, time and size of the file
+
+
+def checked_state(
+    fmu: FmuInstance | IsolatedInstance, values: Mapping[str, float], stop: float, step: float
+) -> tuple[str, ...]:
+    """Let an FMU do without saved states where it does not come back to them; a note of it.
+
+    Parameters
+    ----------
+    fmu : FmuInstance or IsolatedInstance
+        Not initialized; a fresh instance of it is tried.
+    values : mapping of str to float
+        Its parameters that are not default.
+    stop, step : float
+        End of the run and communication step [s].
+    """
+    if not fmu.can_save or is_ours(fmu.path):
+        return ()
+    about = fmu.path.stat()
+    key = (str(fmu.path.resolve()), about.st_mtime_ns, about.st_size)
+    if key not in _TRIED:
+        _TRIED[key] = _comes_back(fmu, values, stop, step)
+    if _TRIED[key]:
+        return ()
+    fmu.can_save = False
+    return (
+        f"{fmu.path.name} says that it saves its state and does not come back to it: it runs "
+        "without saved states (pythonfmu build --handle-state saves registered variables alone: "
+        "register all that do_step changes)",
+    )
+
+
+def _comes_back(
+    fmu: FmuInstance | IsolatedInstance, values: Mapping[str, float], stop: float, step: float
+) -> bool:
+    """Whether steps from a saved state come out the same twice; True where they cannot be done."""
+    about = fmu.description
+    free = min(step, stop / (2 * STEPS + 1))
+    h = free if about.steps_vary else about.step_size or step
+    inputs = [name for name in fmu.inputs if fmu.is_real(name)]
+    sizes = np.array([fmu.nominal(name) for name in inputs])
+    random = np.random.default_rng(0)
+    moves = sizes * random.uniform(0.5, 1.0, (2 * STEPS, len(inputs)))
+    try:
+        trial = fmu.reopened()
+    except FmuError:
+        return True
+    try:
+        trial.initialize(values, stop)
+        write, read = trial.writer(inputs), trial.reader(trial.outputs)
+
+        def passed(first: int) -> Vector:
+            rows = []
+            for k in range(first, first + STEPS):
+                if (k + 1) * h <= stop:
+                    write(moves[k])
+                    trial.step(k * h, h)
+                    rows.append(read())
+            return np.array(rows)
+
+        passed(0)
+        state = trial.save()
+        once = passed(STEPS)
+        trial.restore(state)
+        again = passed(STEPS)
+        trial.release(state)
+    except StepFailed:
+        return True  # the run itself will tell what is wrong with it
+    finally:
+        trial.close()
+    allowed = SAME * np.abs(once).max(axis=0, initial=0.0)
+    return bool(np.all((np.abs(again - once) <= allowed) | ~np.isfinite(once)))

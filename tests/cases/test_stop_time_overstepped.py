@@ -1,0 +1,46 @@
+"""No step of a run or of its checks ends behind the stop time that the FMUs were told."""
+
+from __future__ import annotations
+
+import pytest
+
+from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.reference_signal import Reference
+from tests.support.cases import ballscrew, case, last_row, maker
+
+STRICT = "if(t+h>m->stop)return 3;"
+
+
+def test_co_runs_end_with_the_run(tmp_path):
+    folder = case("stop_time_overstepped", tmp_path)
+    words = "--setpoint 0.1 --stop 5 --step 5e-4 --out out"
+    done = ballscrew(folder, f"run --controller pd_ns.fmu --plant cart_st2.fmu {words}")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert last_row(folder / "out")["x"] == pytest.approx(0.1, abs=1e-5)
+
+
+@pytest.mark.parametrize("saves", [False, True])
+@pytest.mark.parametrize("in_step", [False, True])
+def test_fmus_that_refuse_a_step_behind_the_stop_time(tmp_path, saves, in_step):
+    """A controller that answers in its step is not tried beyond the end either."""
+    mk = maker()
+    mk.plant(str(tmp_path / "cart.fmu"), saves=saves, step=STRICT + mk.PLANT_STEP)
+    law = "$u$=25.0*($x_d$-$x$)-8.0*$v$;"
+    body = {"out": "", "step": STRICT + law, "init": law} if in_step else {"step": STRICT}
+    mk.pd(str(tmp_path / "pd.fmu"), saves=saves, **body)
+    names = str(tmp_path / "pd.fmu"), str(tmp_path / "cart.fmu")
+    for stop, step in ((0.3, 7e-4), (0.7, 1e-3), (0.35, 3.1e-4)):
+        study = Study(*names, Reference.constant(0.1), stop=stop, step=step, isolate=False)
+        run = run_study(study).run
+        assert not run.stopped
+        assert run.verdict.trusted or in_step  # one that answers in its step is late by one
+        assert run.time[-1] == stop
+
+
+def test_our_plant_probes_no_controller_beyond_the_end(tmp_path):
+    mk = maker()
+    mk.pd(str(tmp_path / "pd.fmu"), step=STRICT)
+    for coupling in (Coupling.INTERFACE_JACOBIAN, Coupling.GAUSS_SEIDEL):
+        study = Study(str(tmp_path / "pd.fmu"), stop=0.03, step=7e-4, coupling=coupling)
+        assert not run_study(study).run.stopped
