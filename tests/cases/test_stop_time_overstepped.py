@@ -7,17 +7,18 @@ import pytest
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.coupling import Coupling
 from ballscrew.orchestration.reference_signal import Reference
-from tests.support.cases import ballscrew, case, last_row, maker
+from tests.support.cases import case, maker
 
 STRICT = "if(t+h>m->stop)return 3;"
 
 
 def test_co_runs_end_with_the_run(tmp_path):
     folder = case("stop_time_overstepped", tmp_path)
-    words = "--setpoint 0.1 --stop 5 --step 5e-4 --out out"
-    done = ballscrew(folder, f"run --controller pd_ns.fmu --plant cart_st2.fmu {words}")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert last_row(folder / "out")["x"] == pytest.approx(0.1, abs=1e-5)
+    names = str(folder / "pd_ns.fmu"), str(folder / "cart_st2.fmu")
+    study = Study(*names, Reference.constant(0.1), stop=5.0, step=5e-4, isolate=False)
+    run = run_study(study).run
+    assert run.verdict.trusted, run.verdict.reason
+    assert run.outputs["x"][-1] == pytest.approx(0.1, abs=1e-5)
 
 
 @pytest.mark.parametrize("saves", [False, True])
