@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ..solver.core import EVENTS
 from ..solver.kernel import IntegrationError, Model
 from ..solver.spectrum import Returns, Spectrum, follow_returns, follow_tangents
-from .equilibria import Equilibrium, equilibrium_near, holds_time, sample_after, stands
+from .equilibria import Equilibrium, driven, equilibrium_near, sample_after, stands
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -490,7 +490,7 @@ def _closed(
     limit, limit_error = limit[order], limit_error[order]
     if not limit[0] * period <= GROWING:  # nor where they could not be followed
         return None
-    alone = _alone(model)
+    alone = _alone(model, aside.end, period)
     others = np.delete(limit, np.argmin(np.abs(limit))) if alone else limit
     left = np.exp(others.max(initial=-np.inf) * period)  # of a distance, after a period
     if error > NOISE * model.tolerance and not error * left < CLOSED * (1.0 - left):
@@ -626,7 +626,7 @@ def _unclosed(
             f"; it is a cycle whose period, {between:.6g} s on average, no sampling period divides"
         )
         return Attractor(Kind.CYCLE, text, period=between, **common), again.end, False
-    elif _alone(model) < neutral < len(limit):
+    elif _alone(model, end, between) < neutral < len(limit):
         text += f"; the first {neutral} add up to zero"
         return Attractor(Kind.TORUS, text, **common), again.end, False
     else:
@@ -634,9 +634,9 @@ def _unclosed(
     return Attractor(Kind.UNDECIDED, text, would, **common), again.end, moving
 
 
-def _alone(model: Model) -> int:
+def _alone(model: Model, time: float, period: float) -> int:
     """How many exponents are zero of themselves: the direction of time's, of what has no clock."""
-    return int(model.sample_time == 0.0 and not holds_time(model.kernel.source))
+    return int(model.sample_time == 0.0 and not driven(model, time, period))
 
 
 def _weighted(rates: Matrix) -> tuple[Vector, Vector]:

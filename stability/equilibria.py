@@ -127,7 +127,7 @@ def stands(model: Model, time: float, span: float, state: Vector, within: float)
     within : float
         How far the equilibrium may move [nominal magnitudes].
     """
-    if not holds_time(model.kernel.source):
+    if not _holds_time(model.kernel.source):
         return True
     nominal = model.kernel.nominal
     before, due = np.zeros(model.kernel.events), np.zeros(model.kernel.events)
@@ -145,8 +145,32 @@ def stands(model: Model, time: float, span: float, state: Vector, within: float)
     return bool(np.abs(shift).max() <= within and np.abs(left).max() * span <= within)
 
 
+def driven(model: Model, time: float, span: float) -> bool:
+    """Whether time alone changes rates or indicators, in the present state and mode.
+
+    Equations hold the time where a set-point may move; it need not.
+
+    Parameters
+    ----------
+    model : Model
+        Stays as it is.
+    time, span : float
+        Instants within the span are asked [s].
+    """
+    if not _holds_time(model.kernel.source):
+        return False
+
+    def asked(then: float) -> Vector:
+        due = np.zeros(model.kernel.events)
+        model.system.indicate(then, model.x, model.u, model.p, due)
+        return np.concatenate([model.derivatives(then, model.x), due])
+
+    here = asked(time)
+    return any(np.any(asked(time + k * GOLDEN % 1.0 * span) != here) for k in range(1, 20))
+
+
 @cache
-def holds_time(source: str) -> bool:
+def _holds_time(source: str) -> bool:
     """Whether one of a kernel's equations holds the time."""
     lines = (line for line in source.splitlines() if not line.startswith("def "))
     return any(re.search(r"\bt\b", line) for line in lines)

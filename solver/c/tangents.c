@@ -473,6 +473,91 @@ static double meet(const System *s, const Crossings *c, Integrator walk, void *w
     return b;
 }
 
+#define NEARLY (1.0 - 1e-9) /* of a step: just before the event at its end */
+#define SOUGHT 4            /* times that a step is done again for one extreme */
+#define CLOSE 0.05          /* share of a range within which an extreme of a cubic may be a new one */
+
+static void spread_to(const Crossings *c, const double *x, int n)
+{
+    for (int i = 0; i < n; i++) {
+        c->low[i] = smaller(c->low[i], x[i]);
+        c->high[i] = larger(c->high[i], x[i]);
+    }
+}
+
+/* Where a cubic through `first` and `last`, with these changes over a whole step at its ends, whose
+ * signs differ, stands still. */
+static double turning(double first, double slope0, double last, double slope1)
+{
+    double a = 0.0, b = 1.0;
+    for (int round = 0; round < 50; round++) {
+        const double q = 0.5 * (a + b);
+        const double slope = slope0 * (1.0 - q) * (1.0 - 3.0 * q) + slope1 * q * (3.0 * q - 2.0) +
+                             6.0 * q * (1.0 - q) * (last - first);
+        if (slope * slope0 > 0.0)
+            a = q;
+        else
+            b = q;
+    }
+    return 0.5 * (a + b);
+}
+
+/* Widen the range of each state to its extremes within the step from `before` by h: where its rate
+ * changes sign, Hermite's cubic says about when, and the step is done again up to there, then up to
+ * where the rates themselves say, until that moves the extreme by less than the tolerance.
+ * `memory` has room for five rows of states, and for the mode. */
+static void seek_extremes(const System *s, const Crossings *c, Integrator walk, void *work,
+                          const Info *info, double t, double h, const double *before,
+                          const double *held, int event, double *memory)
+{
+    const int n = s->states;
+    const size_t size = (size_t)n * sizeof(double), held_size = (size_t)s->held * sizeof(double);
+    double *const last = memory, *const slope0 = last + n, *const slope1 = slope0 + n;
+    double *const trial = slope1 + n, *const slope = trial + n, *const mode = slope + n;
+    memcpy(mode, held, held_size);
+    memcpy(last, c->x, size);
+    if (event) { /* what it does to the states is none of the step's */
+        Info again = *info;
+        again.next_step = 0.0;
+        memcpy(last, before, size);
+        walk(s, t, t + NEARLY * h, last, mode, c->p, c->atol, c->rtol, work, &again, c->max_steps);
+        memcpy(mode, held, held_size);
+    }
+    s->rhs(s, t, before, mode, c->p, slope0);
+    s->rhs(s, t + h, last, mode, c->p, slope1);
+    for (int i = 0; i < n; i++) {
+        if (!(slope0[i] * slope1[i] < 0.0))
+            continue;
+        double q = turning(before[i], h * slope0[i], last[i], h * slope1[i]), top;
+        hermite(1, q, h, before + i, slope0 + i, last + i, slope1 + i, &top);
+        const double near = CLOSE * (c->high[i] - c->low[i]);
+        if (slope0[i] > 0.0 ? top < c->high[i] - near : top > c->low[i] + near)
+            continue;
+        double a = 0.0, fa = slope0[i], b = 1.0, fb = slope1[i];
+        for (int round = 0; round < SOUGHT && a < q && q < b; round++) {
+            Info again = *info;
+            again.next_step = 0.0;
+            memcpy(trial, before, size);
+            memcpy(mode, held, held_size);
+            walk(s, t, t + q * h, trial, mode, c->p, c->atol, c->rtol, work, &again, c->max_steps);
+            spread_to(c, trial, n);
+            s->rhs(s, t + q * h, trial, mode, c->p, slope);
+            if (slope[i] * fa > 0.0) {
+                a = q;
+                fa = slope[i];
+            } else {
+                b = q;
+                fb = slope[i];
+            }
+            const double next = a + fa * (b - a) / (fa - fb);
+            const double gain = 0.5 * fabs(slope[i] * (next - q) * h);
+            if (!(gain > c->atol[i] + c->rtol * fabs(trial[i])))
+                break;
+            q = next;
+        }
+    }
+}
+
 /* Walk from t0 towards t1 until `times` is full of crossings; returns their number. */
 static int cross(const System *s, const Crossings *c, Integrator walk, void *work, Info *info,
                  double *memory)
@@ -518,11 +603,11 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
             info->status = DIVERGED;
             return found;
         }
-        for (int i = 0; i < n; i++) {
-            c->low[i] = smaller(c->low[i], c->x[i]);
-            c->high[i] = larger(c->high[i], c->x[i]);
-        }
         double reached = info->reached;
+        spread_to(c, c->x, n);
+        if (reached > t)
+            seek_extremes(s, c, walk, work, info, t, reached - t, before, held,
+                          info->events > events, trial + n + s->held);
         if (c->period > 0.0) {
             /* motions of a sampled system are the same only where their samples are */
             if (reached == until && sample_instant(until, c->period, 1) == until) {
@@ -568,7 +653,7 @@ static int returns(const System *s, const Crossings *c, int explicitly, Info *in
     const int n = s->states;
     const size_t own = explicitly ? EXPLICIT_DOUBLES(n) : WORK_DOUBLES(n, s->events);
     double *const memory =
-        calloc(own + 4 * (size_t)n + 3 * (size_t)s->held, sizeof(double));
+        calloc(own + 9 * (size_t)n + 4 * (size_t)s->held, sizeof(double));
     if (!memory) {
         info->status = NO_MEMORY;
         return 0;

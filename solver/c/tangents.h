@@ -56,7 +56,7 @@ typedef struct {
     int32_t most;   /* crossings; 0: none is looked for, and steps are not cut short */
     double *times;  /* most */
     double *states; /* most x n */
-    double *low, *high; /* n: of the states at the ends of steps */
+    double *low, *high; /* n: of the states, with their extremes within steps */
     double period;      /* as in Walk; crossings are then looked at from sample to sample */
 } Crossings;
 
