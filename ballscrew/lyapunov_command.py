@@ -8,10 +8,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from .console import Stages, print_notes
 from .named_loop import add_loop_options, read_loop
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, guarded
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, guarded, read_number
 from .results_folder import prepare_folder, save_results
-from .supervision import tell
 
 _EXAMPLES = """examples:
   ballscrew lyapunov --controller nctf --stop 300 --out out/nctf
@@ -21,7 +21,7 @@ _EXAMPLES = """examples:
   ballscrew lyapunov --controller hand.fmu --map position=x --map voltage=u --via fmu \
       --stop 20 --out out/hand
 """
-TOLERANCE = "1e-11"
+TOLERANCE, BUDGET = "1e-11", "60"
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -36,11 +36,22 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_loop_options(parser, stop="300", tolerance=TOLERANCE)
+    parser.add_argument(
+        "--budget",
+        default=BUDGET,
+        metavar="S",
+        help="seconds of processor time for the exponents of equations; where they take longer, they "
+        "are those until there, and the verdict comes from the motion alone, for which half as "
+        f"much is given (default {BUDGET})",
+    )
     parser.set_defaults(action=_lyapunov)
 
 
 def _lyapunov(options: argparse.Namespace) -> int:
     asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
+    budget = read_number("--budget", options.budget)
+    if budget <= 0.0:
+        raise BadRequest(f"--budget is {options.budget} s, expected more than 0")
     prepare_folder(options.out, [options.params])
     from .results.exponents import Exponents
     from .solver.files import finite_or_null
@@ -54,6 +65,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
         "plant_values": asked.plant_values,
         "controller_values": asked.controller_values,
     }
+    stages = Stages()
     try:
         if asked.step is not None:
             from .stability.fmu_parts import FmuLoop
@@ -61,12 +73,14 @@ def _lyapunov(options: argparse.Namespace) -> int:
 
             over = FmuLoop(asked.controller, **loop, mapping=asked.mapping)
             step = asked.step
-            result = guarded(lambda: loop_lyapunov_over_fmus(over, stop, step, tell))
+            result = guarded(lambda: loop_lyapunov_over_fmus(over, stop, step, stages))
         else:
-            loop |= {"tolerance": asked.tolerance, "progress": tell}
+            loop |= {"tolerance": asked.tolerance, "progress": stages, "budget": budget}
             result = guarded(lambda: loop_lyapunov(asked.controller, stop, **loop))
     except NoExponents as error:
         raise BadRequest(str(error)) from error
+    finally:
+        stages.finish()
 
     def save(folder: Path) -> None:
         asked.parameters().save(folder)
@@ -78,6 +92,8 @@ def _lyapunov(options: argparse.Namespace) -> int:
         print(json.dumps(finite_or_null(figures)))
     else:
         _show(figures, options.out)
+    if figures["time_s"] < stop and figures["diverges_at_s"] is None:
+        print_notes([f"the exponents are those until t = {figures['time_s']:g} s, not {stop:g} s"])
     if not result.decided:
         print(f"undecided; what would decide: {figures['would_decide']}", file=sys.stderr)
     return TRUSTED if result.decided else NOT_TRUSTED

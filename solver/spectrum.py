@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy.typing as npt
 
 from . import core
 from .core import at
-from .kernel import MAX_STEPS, Model, describe_failure
+from .kernel import MAX_STEPS, Model, Watch, describe_failure
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -17,6 +18,8 @@ Matrix = npt.NDArray[np.float64]
 RUNAWAY = 1e6  # times a state's nominal value
 APART = 1000.0  # ratio of rates up to which the explicit pair is tried
 ZERO = 1e-9  # share of the fastest rate below which one is none
+PIECE = 2000  # samples between two looks at the watch
+WATCHED = "the time for computing is used up"
 SLOW = 0.3  # change in a step, over its length, of a tangent that is collocated
 
 
@@ -55,9 +58,12 @@ class Spectrum:
 
     @property
     def exponents(self) -> Vector:
-        """Finite-time exponents at the end [nats/s], in the order of the tangents."""
+        """Finite-time exponents at the end [nats/s], in the order of the tangents.
+
+        NaN where the motion ends before the second time.
+        """
         span = self.time[-1] - self.time[0]
-        return self.growth[-1] / span if span > 0 else np.zeros(self.growth.shape[1])
+        return self.growth[-1] / span if span > 0 else np.full(self.growth.shape[1], np.nan)
 
 
 def follow_tangents(
@@ -210,24 +216,34 @@ def _followed(
     states[0] = model.x
     growth, trace = np.zeros((len(grid), count)), np.zeros(len(grid))
     bound = runaway * model.kernel.nominal
-    told = core.Walk(
-        len(grid),
-        count,
-        *map(at, (grid, states, growth, trace, frame, model.u, model.p, model.atol)),
-        model.tolerance,
-        at(bound),
-        at(scale),
-        MAX_STEPS,
-        collocating,
-        model.sample_time,
-    )
-    done = model.system.spectrum(told, explicitly, model.info)
+
+    def walk(times: Vector, *along: Matrix | Vector) -> int:
+        told = core.Walk(
+            len(times),
+            count,
+            *map(at, (times, *along, frame, model.u, model.p, model.atol)),
+            model.tolerance,
+            at(bound),
+            at(scale),
+            MAX_STEPS,
+            collocating,
+            model.sample_time,
+        )
+        return model.system.spectrum(told, explicitly, model.info)
+
+    ended = False
+    if model.watch is None or explicitly:
+        done = walk(grid, states, growth, trace)
+    else:
+        done, ended = _watched(model, model.watch, walk, grid, states, growth, trace)
     status = int(model.info[core.STATUS])
     if status == core.NO_MEMORY:
         raise MemoryError(f"{n} states and {count} tangents")
     if explicitly and status not in (core.DONE, core.DIVERGED):
         return None
     failure, diverged = _failure(model, states[min(done, len(grid) - 1)], grid[-1])
+    if ended:
+        failure = f"{WATCHED} at t = {grid[done - 1]:.6g} s"
     model.x[:] = states[done - 1]
     return Spectrum(
         grid[:done],
@@ -239,6 +255,41 @@ def _followed(
         failure,
         diverged,
     )
+
+
+def _watched(
+    model: Model,
+    watch: Watch,
+    walk: Callable[..., int],
+    grid: Vector,
+    states: Matrix,
+    growth: Matrix,
+    trace: Vector,
+) -> tuple[int, bool]:
+    """Walk over the grid in pieces, cut at samples.
+
+    Returns
+    -------
+    int, bool
+        The rows that were reached, and whether the watch has ended it.
+    """
+    period = model.sample_time
+    for row in range(1, len(grid)):
+        now = float(grid[row - 1])
+        for table in (states, growth, trace):
+            table[row] = table[row - 1]
+        while now < grid[row]:
+            if watch(now, growth[row]):
+                return row, True
+            ahead = (np.rint(now / period) + PIECE) * period if period else np.inf
+            ahead = float(grid[row]) if ahead > grid[row] - 0.5 * period else float(ahead)
+            pair = [np.stack([table[row], table[row]]) for table in (states, growth, trace)]
+            reached = walk(np.array([now, ahead]), *pair)
+            states[row], growth[row], trace[row] = (both[1] for both in pair)
+            if reached < 2:
+                return row, False
+            now = ahead
+    return len(grid), False
 
 
 def _failure(model: Model, state: Vector, end: float) -> tuple[str, bool]:
@@ -306,6 +357,10 @@ def follow_returns(
     """
     check_all_are_states(model)
     n = len(model.x)
+    if model.watch is not None and model.watch(start, None):
+        here = model.x.copy()
+        none = np.empty(0), np.empty((0, n))
+        return Returns(*none, here, here, start, f"{WATCHED} at t = {start:.6g} s", False)
     bound = RUNAWAY * model.kernel.nominal
     times, states = np.empty(most), np.empty((most, n))
     low, high = np.empty(n), np.empty(n)

@@ -9,24 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..solver.core import ACCEPTED, REACHED, System
+from ..solver.core import System
 from ..solver.kernel import CONTROLLER, PLANT, Model
 from ..solver.spectrum import follow_returns, follow_tangents
-from .attractor import (
-    EXPONENTS,
-    LONGER,
-    LONGER_RUN,
-    OTHER_SOLVER,
-    Attractor,
-    Kind,
-    classify_attractor,
-)
+from .attractor import EXPONENTS, LONGER_RUN, OTHER_SOLVER, Attractor, Kind
+from .budget import becomes
 from .store import Columns
 from .study import MapStudy, kernel_of
 
 LAST = 0.1  # share of the run over which the oscillation is measured
-FOLLOWED, CREPT = 90.0, 22.0  # run lengths for which what is undecided, or creeps, is looked at
-MOST_STEPS = 500_000  # of the solver: a cell that took as many is looked at no longer
 REASONS = {  # of undecided cells, by what would decide
     LONGER_RUN: "neither rest nor returns that close until the budget is used up",
     EXPONENTS: "returns that do not close",
@@ -112,7 +103,7 @@ def run_cell(
         return replace(ended, lambda1=growth / at * _BITS)
     error = float(model.x[position] - setpoint)
     swing = 0.5 * float(passes.high[position] - passes.low[position])
-    motion = _becomes(model, study.stop)
+    motion = becomes(model, study.stop, study.stop)
     return Cell(motion.kind, error, growth / study.stop * _BITS, swing, reason_of(motion))
 
 
@@ -127,26 +118,6 @@ def reason_of(motion: Attractor) -> str:
         return ""
     would = motion.would_decide
     return f"{REASONS.get(would, f'what would decide is {would}')}: {motion.evidence}"
-
-
-def _becomes(model: Model, stop: float) -> Attractor:
-    """What a motion becomes, looked at longer and longer while that is undecided.
-
-    What creeps is looked at once more, since it may come to rest; another verdict than undecided
-    takes the place of creeping. Returns that do not close are told by their exponents.
-    """
-    motion = classify_attractor(model, stop, stop, exponents=False, rounds=1)
-    span = stop
-    while motion.would_decide in (LONGER_RUN, EXPONENTS) and model.info[ACCEPTED] < MOST_STEPS:
-        creeps, now = motion.kind is Kind.CREEPING, float(model.info[REACHED])
-        span = min(LONGER * span, FOLLOWED * stop)
-        if now >= (CREPT if creeps else FOLLOWED) * stop:
-            break
-        does_not_close = motion.would_decide == EXPONENTS
-        onward = classify_attractor(model, now, span, exponents=does_not_close, rounds=1)
-        if not (creeps and onward.kind is Kind.UNDECIDED):
-            motion = onward
-    return motion
 
 
 @contextlib.contextmanager

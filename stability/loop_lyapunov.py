@@ -73,8 +73,9 @@ def loop_lyapunov(
     controller_values: Mapping[str, float] | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[[str], None] | None = None,
+    budget: float | None = None,
 ) -> LyapunovRun:
-    """Exponents of a closed loop of two parts; parameters as in `run_loop`.
+    """Exponents of a closed loop of two parts; parameters as in `run_loop` and `lyapunov`.
 
     Raises
     ------
@@ -91,9 +92,7 @@ def loop_lyapunov(
     order = loop_order(kernel)
     alone = isinstance(controller, str) and controller in ALONE
     label = name_of(plant) if alone else f"{name_of(controller)} on {name_of(plant)}"
-    run = lyapunov(
-        make, stop, tolerance, order=order, label=label, progress=progress, average=average
-    )
+    run = lyapunov(make, stop, tolerance, None, order, label, progress, average, budget)
     if loop_kernel(plant, controller).delays:
         text = f"{run.method}; {NODES} nodes along each delay, whose own exponents come last"
         return replace(run, method=text)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import math
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,8 @@ from ..solver.files import write_atomically, write_json
 from ..solver.kernel import Model
 from ..solver.spectrum import Spectrum, follow_returns, follow_tangents
 from .attractor import Attractor, Kind, classify_attractor
+from .budget import becomes
+from .equilibria import sample_after
 from .finite_perturbations import PerturbationGrowth, perturbation_growth
 
 Vector = npt.NDArray[np.float64]
@@ -31,6 +35,9 @@ TIGHTER = 0.1
 JUDGED = 100.0  # times the tolerance suffice to tell what a motion becomes
 COARSEST = 1e-6
 SAMPLES = 400
+TOLD = 0.5  # seconds between two words on how far it is
+BRIEF, PARTS = 20_000, 50  # samples of a motion without exponents; looks at the clock
+MORE_TIME = "more time for computing (--budget), a shorter --stop, or a coarser --tolerance"
 SAME = 1e-2  # relative difference up to which periods and amplitudes are the same
 ONE_SOLVER = "one solver"
 AVERAGED = (
@@ -55,8 +62,8 @@ class LyapunovRun:
         The states.
     spectrum : Spectrum
         Motion and tangents at the given tolerance.
-    tighter : Spectrum
-        The same at a tenth of it.
+    tighter : Spectrum or None
+        The same at a tenth of it; None where the time for computing did not suffice.
     motion : Motion
         What the motion becomes.
     tolerance : float
@@ -69,7 +76,7 @@ class LyapunovRun:
 
     names: list[str]
     spectrum: Spectrum
-    tighter: Spectrum
+    tighter: Spectrum | None
     motion: Attractor
     tolerance: float
     label: str = ""
@@ -83,7 +90,9 @@ class LyapunovRun:
 
     @property
     def error(self) -> Vector:
-        """By how much a tenth of the tolerance moves each of them [nats/s]."""
+        """By how much a tenth of the tolerance moves each of them [nats/s]; NaN: not known."""
+        if self.tighter is None:
+            return np.full(len(self.exponents), np.nan)
         other = np.sort(self.tighter.exponents)[::-1]
         with np.errstate(invalid="ignore"):
             moved = np.abs(self.exponents - other)
@@ -100,7 +109,11 @@ class LyapunovRun:
         known.
         """
         growth, trace = self.spectrum.growth[-1], float(self.spectrum.trace[-1])
-        if len(growth) < len(self.names) or not np.isfinite([*growth, trace]).all():
+        if (
+            len(self.spectrum.time) < 2
+            or len(growth) < len(self.names)
+            or not np.isfinite([*growth, trace]).all()
+        ):
             return None
         total = float(growth.sum())
         largest = max(abs(total), abs(trace))
@@ -187,6 +200,7 @@ def lyapunov(
     label: str = "",
     progress: Callable[[str], None] | None = None,
     average: Maker | None = None,
+    budget: float | None = None,
 ) -> LyapunovRun:
     """Exponents of a model's motion from its start, and what the motion becomes.
 
@@ -207,6 +221,10 @@ def lyapunov(
     average : Maker, optional
         Of a quantized model: its dithered average. The exponents are the average's. What the motion
         becomes, and what it does to finite perturbations, is that of the exact staircase.
+    budget : float, optional
+        Processor time [s]; no limit if left out. When it is used up, the exponents are those of
+        the time that was reached, and the verdict is drawn from the motion alone, as in maps, for
+        which half as much time is given.
 
     Raises
     ------
@@ -219,15 +237,18 @@ def lyapunov(
         raise ValueError(f"the tolerance is {tolerance:g}, expected 1e-13 to 1e-3")
     runs: list[Spectrum] = []
     motions: list[Attractor] = []
+    watch = _Watch(budget, stop, progress)
     onward: Model | None = None  # where the motion has become what it becomes
     for share in (1.0, TIGHTER):
         maker = average or make
         model = maker(tolerance * share)
         n = len(model.x)
-        if progress:
-            progress(f"exponents over {stop:g} s at tolerance {tolerance * share:g}")
+        watch.says(model, f"exponents over {stop:g} s at tolerance {tolerance * share:g}")
         frame = np.eye(n)[list(order) if order is not None else range(n)][: count or n]
         run = follow_tangents(model, np.linspace(0.0, stop, SAMPLES + 1), len(frame), frame)
+        if watch.over:
+            runs = runs or [run]
+            break
         if run.failure and len(run.time) == 1:  # it ends before the first time of the grid
             grid = np.linspace(0.0, model.info[REACHED], SAMPLES + 1)
             model = maker(tolerance * share)
@@ -241,23 +262,84 @@ def lyapunov(
             follow_returns(onward, 0.0, stop, 0, np.inf, 0)
         else:
             onward.x[:], onward.u[:] = model.x, model.u
-        if progress:
-            progress(f"what the motion becomes after {stop:g} s")
+        watch.says(onward, f"what the motion becomes after {stop:g} s")
         motions.append(classify_attractor(onward, stop, stop, exponents=average is None))
-    motion = agreed(motions[0], motions[1])
+        if watch.over:
+            break
+    if watch.over:
+        motion = _by_motion(make, stop, runs[0], watch)
+    else:
+        motion = agreed(motions[0], motions[1])
     perturbations: list[PerturbationGrowth] = []
-    if average and onward is not None and motion.kind is not Kind.DIVERGES:
+    goes_on = motion.kind is not Kind.DIVERGES and not watch.over
+    if average and onward is not None and goes_on:
         perturbations = perturbation_growth(onward, 0.0, stop)
     return LyapunovRun(
         [s.name for s in model.kernel.states],
         runs[0],
-        runs[1],
+        runs[1] if len(runs) > 1 else None,
         motion,
         tolerance,
         label,
         AVERAGED if average else ONE_SOLVER,
         perturbations,
     )
+
+
+class _Watch:
+    """Tells how far a computation is, and ends it when its time is used up."""
+
+    def __init__(
+        self, budget: float | None, stop: float, progress: Callable[[str], None] | None
+    ) -> None:
+        self.budget, self.stop, self.progress = budget, stop, progress
+        self.end = math.inf if budget is None else time.process_time() + budget
+        self.doing, self.told = "", 0.0
+        self.over = False
+
+    def says(self, model: Model, doing: str) -> None:
+        """Say what is done next, by this model."""
+        self.doing, model.watch = doing, self
+        if self.progress:
+            self.progress(doing)
+
+    def __call__(self, reached: float, growth: Vector | None) -> bool:
+        self.over = time.process_time() >= self.end
+        now = time.monotonic()
+        if self.progress and growth is not None and reached > 0.0 and now >= self.told + TOLD:
+            self.told = now
+            so_far = np.sort(growth / reached * _BITS)[:-4:-1]
+            values = ", ".join(f"{value:.4g}" for value in so_far)
+            self.progress(f"{self.doing}: t = {reached:.4g} s, first exponents {values} bits/s")
+        return self.over
+
+
+def _by_motion(make: Maker, stop: float, run: Spectrum, watch: _Watch) -> Attractor:
+    """The verdict from the motion alone, at two tolerances, where exponents take too long."""
+    assert watch.budget is not None
+    spent = f"the exponents were followed until t = {run.time[-1]:.4g} s of {stop:g} s, when "
+    spent += f"{watch.budget:g} s of computing were used up"
+    more = _Watch(0.5 * watch.budget, stop, watch.progress)
+    motions: list[Attractor] = []
+    for share in (1.0, TIGHTER):
+        model = make(COARSEST * share)
+        more.says(model, "what the motion becomes, without exponents")
+        # a sampled motion takes its time: what is known after some of it suffices, as in a map
+        brief = min(stop, BRIEF * model.sample_time) if model.sample_time else stop
+        for now, then in pairwise(np.linspace(0.0, brief, PARTS + 1).tolist()):
+            passes = follow_returns(model, now, then, 0, np.inf, 0)
+            if passes.failure:
+                break
+        if passes.diverged:
+            motions.append(Attractor(Kind.DIVERGES, passes.failure, since=passes.end))
+        elif passes.failure or more.over:
+            return Attractor(Kind.UNDECIDED, spent, MORE_TIME)
+        else:
+            motions.append(becomes(model, sample_after(model, brief), brief))
+    motion = agreed(motions[0], motions[1])
+    would = MORE_TIME if motion.kind is Kind.UNDECIDED else motion.would_decide
+    text = f"{spent}; from the motion alone: {motion.evidence}"
+    return replace(motion, evidence=text, would_decide=would)
 
 
 def _ended(run: Spectrum, model: Model) -> Attractor:

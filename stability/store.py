@@ -11,14 +11,10 @@ from typing import Any
 from ..orchestration.kept_parts import KeptParts
 from ..solver.tables import BadTable, NoPyarrow, read_table, write_table
 from .attractor import Kind
+from .budget import BUDGET, BUDGET_OVER_FMUS
 from .study import BadMap, MapStudy
 
 Columns = dict[str, list[Any]]
-BUDGET = (
-    "budget of a cell: its motion is followed on for 90 run lengths (22 where it creeps), or until "
-    "its solver has taken half a million steps"
-)
-BUDGET_OVER_FMUS = "budget of a cell: the run until --stop, nothing beyond"
 CHUNK, LEAST_CHUNKS = 96, 8  # cells in one, and chunks of a small map: all workers have some
 PARTS = "map.parts"  # folder of what is done while the map is not
 TABLE, BORDERS = "map", "borders.csv"

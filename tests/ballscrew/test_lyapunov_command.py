@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -100,9 +101,37 @@ def test_a_loop_that_runs_away_says_when(tmp_path):
     assert 0.5 < figures["diverges_at_s"] < 2.0
 
 
+def test_exponents_that_take_too_long_end_with_what_is_known_and_a_verdict(tmp_path, capsys):
+    """All of it takes minutes: 300 000 samples, each with a tangent for each state, twice."""
+    arguments = ["lyapunov", "--controller", "pid_sampled", "--budget", "2", "--json"]
+    began = time.process_time()
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    assert time.process_time() - began < 15.0
+    told = capsys.readouterr()
+    figures = json.loads(told.out)
+    assert 0.0 < figures["time_s"] < 300.0
+    assert f"until t = {figures['time_s']:g} s, not 300 s" in told.err
+    assert "2 s of computing were used up; from the motion alone: " in figures["evidence"]
+    assert figures["verdict"] == "stuck on a line of equilibria"
+    assert figures["rest"]["plant_x"] == pytest.approx(0.08, abs=1e-5)
+    assert set(figures["exponents_error_bits_per_s"]) == {None}
+
+
+def test_a_loop_that_runs_away_before_the_first_estimate_says_when(tmp_path):
+    arguments = ["lyapunov", "--controller", "nctf+sampled", "--stop", "20"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    figures = json.loads((tmp_path / "lyapunov.json").read_text())
+    assert figures["verdict"] == "diverges"
+    assert 0.0 < figures["diverges_at_s"] < 0.05
+    assert figures["exponents_bits_per_s"][0] > 100.0
+    assert (tmp_path / "lyapunov.png").is_file()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["--controller", "iol", "--budget", "0"], "--budget is 0"),
+        (["--controller", "iol", "--budget", "nan"], "--budget is nan"),
         (["--controller", "iol", "--stop", "0"], "--stop is 0"),
         (["--controller", "iol", "--stop", "nan"], "--stop is nan"),
         (["--controller", "icl"], "did you mean iol?"),
@@ -182,12 +211,12 @@ def test_map_answers_bad_input_with_one_line(arguments, words, tmp_path, capsys)
 
 
 def test_a_full_disk_keeps_what_is_done_and_says_how_to_go_on(tmp_path, capsys, monkeypatch):
-    from ballscrew.stability import stability_map
+    from ballscrew.orchestration import kept_parts
 
     def full(path, data):
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr(stability_map, "write_atomically", full)
+    monkeypatch.setattr(kept_parts, "write_atomically", full)
     arguments = ["map", "--controller", "iol", *X, *Y, "--stop", "1", "--workers", "1"]
     assert main([*arguments, "--out", str(tmp_path)]) == 2
     heard = capsys.readouterr().err

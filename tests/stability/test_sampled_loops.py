@@ -116,6 +116,20 @@ def test_the_sampled_pid_comes_to_rest_as_the_continuous_one_the_more_the_faster
     assert errors[1] == pytest.approx(errors[0] / 2, rel=0.3)
 
 
+def test_a_watch_changes_nothing_and_hears_how_far_the_exponents_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("ballscrew.stability.lyapunov.TOLD", 0.0)
+    monkeypatch.setattr("ballscrew.solver.spectrum.PIECE", 3)
+    said: list[str] = []
+    plain = loop_lyapunov("pid_sampled", 0.5, tolerance=1e-9)
+    watched = loop_lyapunov("pid_sampled", 0.5, tolerance=1e-9, progress=said.append, budget=1e6)
+    assert watched.exponents[:-1] == pytest.approx(plain.exponents[:-1], rel=1e-9)
+    assert watched.exponents[-1] == plain.exponents[-1] == -np.inf
+    assert watched.motion.kind is plain.motion.kind
+    assert any("t = 0.25 s, first exponents" in text for text in said)
+
+
 def test_quantized_loops_have_the_exponents_of_the_average_and_the_verdict_of_the_staircase() -> (
     None
 ):

@@ -15,7 +15,7 @@ from dask_cluster import cluster
 from scipy.integrate import solve_ivp
 
 from ballscrew.orchestration.workers import Processes
-from ballscrew.stability import cell, stability_map, store
+from ballscrew.stability import budget, stability_map, store
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.cell import model_at, run_cell, stuck_growth
 from ballscrew.stability.map_pictures import save_map_picture
@@ -114,8 +114,8 @@ def test_a_sampled_loop_is_followed_on_until_it_rests():
 
 
 def test_an_undecided_cell_says_why_when_its_budget_is_used_up(tmp_path, monkeypatch):
-    monkeypatch.setattr(cell, "FOLLOWED", 1.0)
-    monkeypatch.setattr(cell, "CREPT", 1.0)
+    monkeypatch.setattr(budget, "FOLLOWED", 1.0)
+    monkeypatch.setattr(budget, "CREPT", 1.0)
     x = read_axis("plant.x_start=-0.2:0.2:3", "plant", "nctf")
     y = read_axis("plant.v_start=-0.1:0.1:2", "plant", "nctf")
     study = MapStudy("nctf", x, y, stop=2.0, tolerance=1e-6)

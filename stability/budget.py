@@ -1,0 +1,42 @@
+"""What a motion becomes, within a budget: of a cell of a map, and where exponents take too long."""
+
+from __future__ import annotations
+
+from ..solver.core import ACCEPTED, REACHED
+from ..solver.kernel import Model
+from .attractor import EXPONENTS, LONGER, LONGER_RUN, Attractor, Kind, classify_attractor
+
+FOLLOWED, CREPT = 90.0, 22.0  # run lengths for which what is undecided, or creeps, is looked at
+MOST_STEPS = 500_000  # of the solver: what took as many is looked at no longer
+BUDGET = (
+    f"budget of a cell: its motion is followed on for {FOLLOWED:g} run lengths ({CREPT:g} where it "
+    f"creeps), or until its solver has taken {MOST_STEPS} steps"
+)
+BUDGET_OVER_FMUS = "budget of a cell: the run until --stop, nothing beyond"
+
+
+def becomes(model: Model, time: float, stop: float) -> Attractor:
+    """What a motion becomes, looked at longer and longer while that is undecided.
+
+    What creeps is looked at once more, since it may come to rest; another verdict than undecided
+    takes the place of creeping. Returns that do not close are told by their exponents.
+
+    Parameters
+    ----------
+    model : Model
+        Its state and mode are moved on.
+    time, stop : float
+        The present, and the run's length, in which the budget is counted [s].
+    """
+    motion = classify_attractor(model, time, stop, exponents=False, rounds=1)
+    span = stop
+    while motion.would_decide in (LONGER_RUN, EXPONENTS) and model.info[ACCEPTED] < MOST_STEPS:
+        creeps, now = motion.kind is Kind.CREEPING, float(model.info[REACHED])
+        span = min(LONGER * span, FOLLOWED * stop)
+        if now >= (CREPT if creeps else FOLLOWED) * stop:
+            break
+        does_not_close = motion.would_decide == EXPONENTS
+        onward = classify_attractor(model, now, span, exponents=does_not_close, rounds=1)
+        if not (creeps and onward.kind is Kind.UNDECIDED):
+            motion = onward
+    return motion
