@@ -40,9 +40,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "--budget",
         default=BUDGET,
         metavar="S",
-        help="seconds of processor time for the exponents of equations; where they take longer, they "
-        "are those until there, and the verdict comes from the motion alone, for which half as "
-        f"much is given (default {BUDGET})",
+        help="seconds of processor time for the exponents of equations; where they take longer, "
+        "they are those until there, and the verdict comes from the motion alone, for which half "
+        f"as much is given (default {BUDGET})",
     )
     parser.set_defaults(action=_lyapunov)
 
@@ -56,7 +56,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
     from .results.exponents import Exponents
     from .solver.files import finite_or_null
     from .stability.loop_lyapunov import loop_lyapunov
-    from .stability.lyapunov import NoExponents
+    from .stability.lyapunov import NoExponents, Watching
 
     stop = asked.stop
     loop: dict[str, Any] = {
@@ -75,7 +75,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
             step = asked.step
             result = guarded(lambda: loop_lyapunov_over_fmus(over, stop, step, stages))
         else:
-            loop |= {"tolerance": asked.tolerance, "progress": stages, "budget": budget}
+            loop |= {"tolerance": asked.tolerance, "watching": Watching(stages, budget)}
             result = guarded(lambda: loop_lyapunov(asked.controller, stop, **loop))
     except NoExponents as error:
         raise BadRequest(str(error)) from error

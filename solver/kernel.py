@@ -175,11 +175,6 @@ class Trajectory:
     events: int
 
 
-Watch = Callable[[float, Vector | None], bool]
-"""Told of the time that a long computation has reached and of its tangents' growth; whether it ends
-there."""
-
-
 class Model:
     """A kernel with values: parameters, state, held inputs, and a clock-less stiff solver.
 
@@ -198,7 +193,7 @@ class Model:
     stiff : bool
         Whether its rates have been found too far apart for an explicit solver.
     watch : function or None
-        Asked on the way of long computations, see `Watch`.
+        See `spectrum.Watch`.
 
     Raises
     ------
@@ -240,7 +235,7 @@ class Model:
         self.tolerance = tolerance
         self.atol = tolerance * kernel.nominal
         self.info = np.zeros(core.INFO_SIZE)
-        self.watch: Watch | None = None
+        self.watch: Callable[[float, Vector | None], bool] | None = None
 
     def set_input(self, name: str, value: float) -> None:
         self.u[[i.name for i in self.kernel.inputs].index(name)] = value

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from . import core
 from .core import at
-from .kernel import MAX_STEPS, Model, Watch, describe_failure
+from .kernel import MAX_STEPS, Model, describe_failure
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -18,6 +18,9 @@ Matrix = npt.NDArray[np.float64]
 RUNAWAY = 1e6  # times a state's nominal value
 APART = 1000.0  # ratio of rates up to which the explicit pair is tried
 ZERO = 1e-9  # share of the fastest rate below which one is none
+Watch = Callable[[float, Vector | None], bool]
+"""Told of the time that a long computation has reached and of its tangents' growth; whether it ends
+there."""
 PIECE = 2000  # samples between two looks at the watch
 WATCHED = "the time for computing is used up"
 SLOW = 0.3  # change in a step, over its length, of a tangent that is collocated

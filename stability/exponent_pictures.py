@@ -28,6 +28,8 @@ def convergence_figure(run: LyapunovRun) -> Any:
 
     time, rates, _ = run.running()
     rates = rates * _BITS
+    if not len(time):  # the time for computing was used up before the first estimate
+        time, rates = np.zeros(1), np.full((1, rates.shape[1]), np.nan)
     with mpl.rc_context(STYLE):
         figure, ((axes,), (drift,)) = new_figure(2, 1, (8, 7.5))
         for k in range(rates.shape[1]):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,16 @@ from ..solver.tape import UnsupportedComponent
 
 if TYPE_CHECKING:
     from ..solver.component import Component
-from .lyapunov import FIRST, LAST, TOLERANCE, LyapunovRun, Maker, NoExponents, lyapunov
+from .lyapunov import (
+    FIRST,
+    LAST,
+    TOLERANCE,
+    LyapunovRun,
+    Maker,
+    NoExponents,
+    Watching,
+    lyapunov,
+)
 
 
 def loop_maker(
@@ -72,8 +81,7 @@ def loop_lyapunov(
     plant_values: Mapping[str, float] | None = None,
     controller_values: Mapping[str, float] | None = None,
     tolerance: float = TOLERANCE,
-    progress: Callable[[str], None] | None = None,
-    budget: float | None = None,
+    watching: Watching | None = None,
 ) -> LyapunovRun:
     """Exponents of a closed loop of two parts; parameters as in `run_loop` and `lyapunov`.
 
@@ -92,7 +100,7 @@ def loop_lyapunov(
     order = loop_order(kernel)
     alone = isinstance(controller, str) and controller in ALONE
     label = name_of(plant) if alone else f"{name_of(controller)} on {name_of(plant)}"
-    run = lyapunov(make, stop, tolerance, None, order, label, progress, average, budget)
+    run = lyapunov(make, stop, tolerance, None, order, label, watching, average)
     if loop_kernel(plant, controller).delays:
         text = f"{run.method}; {NODES} nodes along each delay, whose own exponents come last"
         return replace(run, method=text)

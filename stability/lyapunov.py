@@ -191,6 +191,43 @@ class LyapunovRun:
         write_json(folder / "lyapunov.json", self.figures())
 
 
+class Watching:
+    """Tells how far a computation is, and ends it when its time is used up.
+
+    Parameters
+    ----------
+    progress : function of a text, optional
+        Told what is being done.
+    budget : float, optional
+        Processor time [s]; no limit if left out.
+    """
+
+    def __init__(
+        self, progress: Callable[[str], None] | None = None, budget: float | None = None
+    ) -> None:
+        self.budget, self.progress = budget, progress
+        self.end = math.inf if budget is None else time.process_time() + budget
+        self.doing, self.told = "", 0.0
+        self.over = False
+
+    def says(self, model: Model, doing: str) -> None:
+        """Say what is done next, by this model."""
+        self.doing, model.watch = doing, self
+        if self.progress:
+            self.progress(doing)
+
+    def __call__(self, reached: float, growth: Vector | None) -> bool:
+        self.over = time.process_time() >= self.end
+        now = time.monotonic()
+        if self.progress and growth is not None and reached > 0.0 and now >= self.told + TOLD:
+            self.told = now
+            so_far = np.sort(growth / reached * _BITS)[:-4:-1]
+            values = ", ".join(f"{value:.4g}" for value in so_far)
+            self.progress(f"{self.doing}: t = {reached:.4g} s, first exponents {values} bits/s")
+        return self.over
+
+
+# Long: two tolerances, each of exponents and what the motion becomes, within one budget.
 def lyapunov(
     make: Maker,
     stop: float,
@@ -198,9 +235,8 @@ def lyapunov(
     count: int | None = None,
     order: Sequence[int] | None = None,
     label: str = "",
-    progress: Callable[[str], None] | None = None,
+    watching: Watching | None = None,
     average: Maker | None = None,
-    budget: float | None = None,
 ) -> LyapunovRun:
     """Exponents of a model's motion from its start, and what the motion becomes.
 
@@ -216,15 +252,12 @@ def lyapunov(
         Only the so many largest.
     order : sequence of int, optional
         Order of the states in the first frame; their own if left out.
-    progress : function of a text, optional
-        Told what is being done.
+    watching : Watching, optional
+        When its time is used up, the exponents are those of the time that was reached, and the
+        verdict is drawn from the motion alone, as in maps, for which half as much time is given.
     average : Maker, optional
         Of a quantized model: its dithered average. The exponents are the average's. What the motion
         becomes, and what it does to finite perturbations, is that of the exact staircase.
-    budget : float, optional
-        Processor time [s]; no limit if left out. When it is used up, the exponents are those of
-        the time that was reached, and the verdict is drawn from the motion alone, as in maps, for
-        which half as much time is given.
 
     Raises
     ------
@@ -237,7 +270,7 @@ def lyapunov(
         raise ValueError(f"the tolerance is {tolerance:g}, expected 1e-13 to 1e-3")
     runs: list[Spectrum] = []
     motions: list[Attractor] = []
-    watch = _Watch(budget, stop, progress)
+    watch = watching or Watching()
     onward: Model | None = None  # where the motion has become what it becomes
     for share in (1.0, TIGHTER):
         maker = average or make
@@ -286,40 +319,12 @@ def lyapunov(
     )
 
 
-class _Watch:
-    """Tells how far a computation is, and ends it when its time is used up."""
-
-    def __init__(
-        self, budget: float | None, stop: float, progress: Callable[[str], None] | None
-    ) -> None:
-        self.budget, self.stop, self.progress = budget, stop, progress
-        self.end = math.inf if budget is None else time.process_time() + budget
-        self.doing, self.told = "", 0.0
-        self.over = False
-
-    def says(self, model: Model, doing: str) -> None:
-        """Say what is done next, by this model."""
-        self.doing, model.watch = doing, self
-        if self.progress:
-            self.progress(doing)
-
-    def __call__(self, reached: float, growth: Vector | None) -> bool:
-        self.over = time.process_time() >= self.end
-        now = time.monotonic()
-        if self.progress and growth is not None and reached > 0.0 and now >= self.told + TOLD:
-            self.told = now
-            so_far = np.sort(growth / reached * _BITS)[:-4:-1]
-            values = ", ".join(f"{value:.4g}" for value in so_far)
-            self.progress(f"{self.doing}: t = {reached:.4g} s, first exponents {values} bits/s")
-        return self.over
-
-
-def _by_motion(make: Maker, stop: float, run: Spectrum, watch: _Watch) -> Attractor:
+def _by_motion(make: Maker, stop: float, run: Spectrum, watch: Watching) -> Attractor:
     """The verdict from the motion alone, at two tolerances, where exponents take too long."""
     assert watch.budget is not None
     spent = f"the exponents were followed until t = {run.time[-1]:.4g} s of {stop:g} s, when "
     spent += f"{watch.budget:g} s of computing were used up"
-    more = _Watch(0.5 * watch.budget, stop, watch.progress)
+    more = Watching(watch.progress, 0.5 * watch.budget)
     motions: list[Attractor] = []
     for share in (1.0, TIGHTER):
         model = make(COARSEST * share)

@@ -16,7 +16,7 @@ from ..solver.tape import UnsupportedComponent
 from .fmu_parts import ALL, FmuLoop, opened_parts
 from .fmu_with_tangents import TangentsImpossible
 from .loop_lyapunov import loop_lyapunov
-from .lyapunov import SAMPLES, LyapunovRun, NoExponents
+from .lyapunov import SAMPLES, LyapunovRun, NoExponents, Watching
 from .signal_motion import signal_motion
 from .tangents_over_fmus import ACCURACY, TangentRun
 
@@ -56,7 +56,7 @@ def loop_lyapunov_over_fmus(
                 "part; use the equations, --via model"
             )
         given = loop.setpoint, loop.plant, loop.plant_values, loop.controller_values
-        known = loop_lyapunov(loop.controller, stop, *given, progress=progress)
+        known = loop_lyapunov(loop.controller, stop, *given, watching=Watching(progress))
     try:
         with opened_parts(*parts_of_loop, ALL) as parts:
             if progress:

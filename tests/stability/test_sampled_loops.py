@@ -13,7 +13,7 @@ from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.finite_perturbations import perturbation_growth
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
-from ballscrew.stability.lyapunov import LyapunovRun, lyapunov
+from ballscrew.stability.lyapunov import LyapunovRun, Watching, lyapunov
 
 PERIOD = 0.05
 
@@ -123,7 +123,8 @@ def test_a_watch_changes_nothing_and_hears_how_far_the_exponents_are(
     monkeypatch.setattr("ballscrew.solver.spectrum.PIECE", 3)
     said: list[str] = []
     plain = loop_lyapunov("pid_sampled", 0.5, tolerance=1e-9)
-    watched = loop_lyapunov("pid_sampled", 0.5, tolerance=1e-9, progress=said.append, budget=1e6)
+    watching = Watching(said.append, 1e6)
+    watched = loop_lyapunov("pid_sampled", 0.5, tolerance=1e-9, watching=watching)
     assert watched.exponents[:-1] == pytest.approx(plain.exponents[:-1], rel=1e-9)
     assert watched.exponents[-1] == plain.exponents[-1] == -np.inf
     assert watched.motion.kind is plain.motion.kind
