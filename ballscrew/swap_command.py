@@ -8,11 +8,12 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .console import Progress, comparison_table
+from .console import Progress, comparison_table, complain
 from .controllers import CONTROLLERS
 from .instruments import INSTRUMENTS
 from .loop_options import add_closed_loop_options, read_studies
 from .options import (
+    BAD_REQUEST,
     NOT_TRUSTED,
     PART,
     TRUSTED,
@@ -115,4 +116,8 @@ def swap_controllers(options: argparse.Namespace) -> int:
                 f"{figures['controller']}: {figures['verdict']}: {figures['verdict_reason']}",
                 file=sys.stderr,
             )
+    for label, why in result.failures:
+        complain(f"{label} was left out: {why}")
+    if result.failures:
+        return BAD_REQUEST
     return TRUSTED if result.trusted else NOT_TRUSTED

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import shutil
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -48,8 +49,9 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
     compiler = compiler_for(name) if name else []
     if not compiler:
         raise NotCompiled("no C compiler was found; install one, or the package ziglang")
+    identifier = str(configuration.modelIdentifier)
     try:
-        made = _library(folder, name, _arguments(folder, configuration), compiler)
+        made = _library(folder, name, _arguments(folder, configuration), compiler, identifier)
         (folder / binary).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(made, folder / binary)
     except CompilerFailed as error:
@@ -60,16 +62,32 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
         raise NotCompiled(f"the library cannot be written: {error}") from error
 
 
-def _library(folder: Path, name: str, arguments: list[str], compiler: list[str]) -> Path:
+def _library(
+    folder: Path, name: str, arguments: list[str], compiler: list[str], identifier: str
+) -> Path:
     """The library in the cache, made if it is not there."""
-    digest = hashlib.sha256(repr((compiler, arguments)).encode())
+    digest = hashlib.sha256(repr((compiler, arguments, identifier)).encode())
     for file in sorted(p for p in (folder / "sources").rglob("*") if p.is_file()):
         digest.update(str(file.relative_to(folder)).encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     made = kernel_cache.entry(kernel_cache.COMPILED, digest.hexdigest())
     if not kernel_cache.is_whole(made):
-        kernel_cache.write(made, compiled_in(folder, name, arguments, "compiled"))
+        library = compiled_in(folder, name, arguments, "compiled")
+        if names := _with_prefix(library, identifier):
+            named = [f"-Wl,--defsym={plain}={identifier}_{plain}" for plain in names]
+            library = compiled_in(folder, name, [*arguments, *named], "compiled")
+        kernel_cache.write(made, library)
     return made
+
+
+def _with_prefix(library: bytes, identifier: str) -> list[str]:
+    """FMI's functions that a library has with its model's name before theirs, and not without.
+
+    The headers of FMI 2.0 to 2.0.1 know no way to switch off a prefix that sources define.
+    """
+    found = re.findall(rb"\0(?:%s_)(fmi[23][A-Z]\w+)(?=\0)" % identifier.encode(), library)
+    names = dict.fromkeys(name.decode() for name in found)
+    return [n for n in names if b"\0" + n.encode() + b"\0" not in library]
 
 
 def _arguments(folder: Path, configuration: Any) -> list[str]:

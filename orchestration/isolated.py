@@ -1,7 +1,7 @@
 """An FMU in a process of its own, so that its crash, its hang or its modules are not ours.
 
 The master's side. The other side is `isolated_host.py`, a fresh interpreter that runs an
-`FmuInstance` and answers over a socket; what it prints goes to a file, of which a failure shows
+`FmuInstance` and answers over a socket; of what it prints the end is kept, of which a failure shows
 the last line. Requests that need no answer wait for the next one that does, so that a communication
 step costs few exchanges.
 """
@@ -18,7 +18,7 @@ import socket
 import struct
 import subprocess
 import sys
-import tempfile
+import threading
 import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -44,6 +44,7 @@ from .isolated_host import DISCARDED, OK, REFUSED, Request, receive, send
 Vector = npt.NDArray[np.float64]
 
 TIME_LIMIT = 60.0  # s, for any one call
+_KEPT = 4096  # bytes of what it prints
 _FAREWELL = 5.0  # s, to end in good order
 
 
@@ -82,10 +83,10 @@ class IsolatedInstance(AnyFmu):
         self._bound = self._saved = 0
         self._stepping = False
         self._dead = ""
-        self._printed = tempfile.TemporaryFile()  # noqa: SIM115 (closed by _ended)
+        self._printed = _Printed()
         self._socket, self._process, held = _started(self._printed, self._fmu.folder)
         self._socket.settimeout(time_limit)
-        self._end = weakref.finalize(self, _ended, self._process, self._socket, held, self._printed)
+        self._end = weakref.finalize(self, _ended, self._process, self._socket, held)
         request = {
             "path": str(self._fmu.path),
             "folder": str(self._fmu.folder),
@@ -94,6 +95,12 @@ class IsolatedInstance(AnyFmu):
         }
         try:
             self._ask(Request.OPEN, json.dumps(request).encode())
+        except FmuError as error:
+            self._end()
+            self._clean()
+            words = self._printed.last_line()
+            told = f"{error}; its last words: {words}" if words else str(error)
+            raise FmuError(told) from error
         except StepFailed as error:
             self._end()
             self._clean()
@@ -240,10 +247,29 @@ class IsolatedInstance(AnyFmu):
                 how = f"was ended by signal {-code}"
         else:
             how = f"ended with exit code {code}"
-        self._printed.seek(max(0, self._printed.seek(0, 2) - 4096))
-        lines = self._printed.read().decode("utf-8", "replace").split("\n")
-        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
-        return f"{how}; its last words: {last[:200]}" if last else how
+        last = self._printed.last_line()
+        return f"{how}; its last words: {last}" if last else how
+
+
+class _Printed:
+    """The end of what a process prints, read as it comes: it fills neither disk nor pipe."""
+
+    def __init__(self) -> None:
+        self._end = b""
+        reading, self.descriptor = os.pipe()
+        self._reader = threading.Thread(target=self._read, args=(reading,), daemon=True)
+        self._reader.start()
+
+    def _read(self, descriptor: int) -> None:
+        with open(descriptor, "rb", buffering=0) as stream:
+            while data := stream.read(1 << 16):
+                self._end = (self._end + data)[-_KEPT:]
+
+    def last_line(self) -> str:
+        """The last line of a process that has ended."""
+        self._reader.join(_FAREWELL)
+        lines = self._end.decode("utf-8", "replace").split("\n")
+        return next((line.strip()[:200] for line in reversed(lines) if line.strip()), "")
 
 
 def open_fmu(
@@ -261,7 +287,7 @@ def open_fmu(
 
 
 def _started(
-    printed: Any, folder: Path
+    printed: _Printed, folder: Path
 ) -> tuple[socket.socket, subprocess.Popen[bytes], io.FileIO]:
     """A host process, what it is talked to through, and what it lives as long as.
 
@@ -282,12 +308,12 @@ def _started(
         "from ballscrew.orchestration.isolated_host import main; "
         f"main({theirs.fileno()})"
     )
-    with theirs, open(until, "rb"):
+    with theirs, open(until, "rb"), open(printed.descriptor, "wb") as prints:
         process = subprocess.Popen(
             [sys.executable, "-P", "-c", code],
             stdin=subprocess.DEVNULL,
-            stdout=printed,
-            stderr=printed,
+            stdout=prints,
+            stderr=prints,
             cwd=folder,
             pass_fds=[theirs.fileno(), until],
             start_new_session=True,  # Ctrl-C is the master's to handle

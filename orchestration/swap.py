@@ -9,10 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..fmus.reading import FmuError
 from ..solver.files import write_atomically, write_json
 from .closed_loop import Study, run_study
 from .closed_loop_result import ClosedLoopResult
+from .fmu_instance import StepFailed
+from .loop_run import CouplingError
 from .parameter_file import ParameterFile
+from .wiring import WiringError
 
 COLUMNS = (
     "controller",
@@ -32,13 +36,21 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class SwapResult:
-    """Results of several controllers in the order asked for."""
+    """Results of several controllers in the order asked for.
+
+    Attributes
+    ----------
+    results : tuple of ClosedLoopResult
+    failures : tuple of (str, str)
+        Controllers that could not be run at all, and why.
+    """
 
     results: tuple[ClosedLoopResult, ...]
+    failures: tuple[tuple[str, str], ...] = ()
 
     @property
     def trusted(self) -> bool:
-        return all(result.trusted for result in self.results)
+        return not self.failures and all(result.trusted for result in self.results)
 
     def parameters(self) -> ParameterFile:
         """Those of the plant and of all controllers."""
@@ -84,9 +96,20 @@ def swap(
     ----------
     studies : sequence of Study
     progress : function (label, time), optional
+
+    Raises
+    ------
+    FmuError, WiringError, CouplingError, StepFailed
+        As `run_study`, where no controller can be run; one that can keeps its result.
     """
-    results = []
+    results, failures, errors = [], [], []
     for study in studies:
         told = None if progress is None else (lambda t, name=study.label: progress(name, t))
-        results.append(run_study(study, told))
-    return SwapResult(tuple(results))
+        try:
+            results.append(run_study(study, told))
+        except (FmuError, WiringError, CouplingError, StepFailed) as error:
+            failures.append((study.label, str(error)))
+            errors.append(error)
+    if not results and errors:
+        raise errors[0]
+    return SwapResult(tuple(results), tuple(failures))
