@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .console import Progress, print_figures
+from .console import Progress, print_figures, print_notes
 from .controllers import CONTROLLERS
 from .loop_options import add_closed_loop_options, read_studies, read_system_study
 from .options import NOT_TRUSTED, OWN, TRUSTED, guarded
@@ -73,10 +73,9 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(finite_or_null(figures)))
     else:
         print_figures(figures, units_of_figures(result.run.units), options.out)
-    for note in result.notes:
-        print(f"note: {note}", file=sys.stderr)
     if not result.trusted:
         print(f"{figures['verdict']}: {figures['verdict_reason']}", file=sys.stderr)
         if figures["advice"]:
             print(figures["advice"], file=sys.stderr)
+    print_notes(result.notes)
     return TRUSTED if result.trusted else NOT_TRUSTED
