@@ -86,6 +86,7 @@ class ClosedLoopResult:
         table = [run.time, *(columns[n] for n in names)]
         if not run.alone:
             names, table = [*names, "x_d"], [*table, run.reference]
+        names, table = [*names, *run.others], [*table, *run.others.values()]
         yield _csv_rows([["time", *names]])
         for first in range(0, len(run.time), ROWS):
             piece = [column[first : first + ROWS].tolist() for column in table]

@@ -25,10 +25,12 @@ GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED, NO_MEMO
 
 CONTROLLER = np.dtype(
     [
-        # inputs: n signals, references; outputs: m commands, then gains and rates if it reports
+        # inputs: n signals, references; outputs: m commands, then gains and rates if it reports,
+        # and others that are only recorded
         ("calls", CALLS),
         ("m", np.int64),
         ("n", np.int64),
+        ("others", np.int64),
         ("answer", np.int64),
         ("reports", np.int64),
         ("saves", np.int64),
@@ -109,6 +111,7 @@ COURSE = np.dtype(
         ("times", VECTOR),
         ("references", VECTOR),
         ("commands", VECTOR),  # row by row
+        ("others", VECTOR),  # the controller's other outputs, row by row
         ("bounds", VECTOR),  # of each output, beyond which the loop diverges
         ("nominal", VECTOR),  # of each output, and its range so far
         ("low", VECTOR),

@@ -103,13 +103,14 @@ class ControllerSide:
         self.m, self.n = len(wiring.commands), len(wiring.signals)
         inputs = [*(s for _, s in wiring.signals), *wiring.references]
         law = wiring.controller_law() if wiring.reports_law else []
-        outputs = [*(c for c, _ in wiring.commands), *law]
+        outputs = [*(c for c, _ in wiring.commands), *law, *wiring.others]
         calls = self._side.part("calls")
         self.bound = Bound(instance, inputs, outputs, compiled.USES, calls)
         self.answer = Answer.SAMPLED if instance.sample_time > 0 else Answer.DIRECT
         self._side.set(
             m=self.m,
             n=self.n,
+            others=len(wiring.others),
             answer=_ANSWERS[self.answer],
             reports=wiring.reports_law,
             saves=instance.can_save,
@@ -202,7 +203,7 @@ class Loop:
     ) -> None:
         self.plant, self.controller = plant, controller
         self.corrected, self.averaged = corrected, averaged
-        self._whole = whole
+        self._whole, self.other_names = whole, wiring.others
         law = wiring.plant_law() if wiring.accepts_law else []
         names = [*(theirs for _, theirs in wiring.commands), *law]
         calls = self._whole.part("plant")
@@ -239,6 +240,10 @@ class Loop:
         rooms = ("kept_outputs", "effect", "reached")
         self._whole.set(**{name: np.zeros(len(outputs)) for name in rooms})
         self._whole.set(goal=np.zeros(len(reference)))
+
+    def others(self) -> Vector:
+        """The controller's outputs beside its commands, as they stand."""
+        return self.controller.reader(self.other_names)() if self.other_names else np.empty(0)
 
     @property
     def unsolved(self) -> int:

@@ -60,6 +60,8 @@ class LoopRun:
         Why the run ended before its time; empty if it did not.
     diverged : bool
         Whether it ended because an output left every bound.
+    others : dict of str to ndarray, shape (k,)
+        The controller's other outputs, as ``controller.NAME``.
     units : dict of str to str
         Of outputs and commands, as far as the parts say them.
     sampling_period : float
@@ -82,6 +84,7 @@ class LoopRun:
     verdict: Verdict
     stopped: str = ""
     diverged: bool = False
+    others: dict[str, Vector] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     sampling_period: float = 0.0
     scale: tuple[float, float] = (1.0, 0.0)
@@ -170,6 +173,8 @@ class RunLog:
         Number of commands.
     keeps_commands : bool
         Whether the commands at the end of each step are asked for and kept.
+    others : int
+        Number of the controller's other outputs that are kept.
     """
 
     def __init__(
@@ -180,15 +185,20 @@ class RunLog:
         nominal: Vector,
         m: int,
         keeps_commands: bool = True,
+        others: int = 0,
     ) -> None:
         self._whole = struct(COURSE)
-        self._rows = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m * keeps_commands))
+        self._rows = (
+            *(np.empty(CHUNK), np.empty(CHUNK)),
+            *(np.empty((CHUNK, m * keeps_commands)), np.empty((CHUNK, others))),
+        )
         self.bounds = bounds(nominal, outputs)
         self.residual, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
         self._whole.set(
             times=self._rows[0],
             references=self._rows[1],
             commands=self._rows[2],
+            others=self._rows[3],
             nominal=nominal,
             bounds=self.bounds,
             low=outputs.copy(),
@@ -205,6 +215,7 @@ class RunLog:
         self.start = reference.at(0.0)
         self.times, self.references = [np.zeros(1)], [np.array([self.start])]
         self.commands: list[Vector] = []
+        self.others: list[Vector] = []
 
     @property
     def address(self) -> int:
@@ -213,7 +224,7 @@ class RunLog:
     def collect(self, rows: int) -> None:
         """Keep what the last chunk recorded."""
         for kept, room in zip(
-            (self.times, self.references, self.commands), self._rows, strict=True
+            (self.times, self.references, self.commands, self.others), self._rows, strict=True
         ):
             kept.append(room[:rows].copy())
 

@@ -32,7 +32,7 @@ from .reference_signal import Reference
 from .second_look import Setting, with_second_look
 from .structs import struct
 from .verdict import Verdict, verdict_of
-from .wiring import PLANT, Wiring, names_on, wire
+from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -113,9 +113,10 @@ def run_loop(
         reason = tangent_reason(main.loop, wiring)
     step, reason = _meet_samples(main.loop, step, reason)
     co_runs = parts.co_runs(corrected, not missing)
-    check_room(len(names), len(commands), 1 if not missing else 2, stop / step)
+    check_room(len(names), len(commands) + len(wiring.others), 1 if not missing else 2, stop / step)
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
-    course = RunLog(reference, wiring.orders, main.loop.outputs, nominal, len(commands))
+    m, others = len(commands), len(wiring.others)
+    course = RunLog(reference, wiring.orders, main.loop.outputs, nominal, m, others=others)
     try:
         time = Clock(stop, step, adaptive)
         why = march_on(main, co_runs, time, course, start, progress)
@@ -133,9 +134,9 @@ def run_loop(
         lambda cut: parts.loop(not missing, averaged=tangent or not missing, cut=cut),
         *(march_on, reference, wiring.orders, start, nominal, len(commands), stop, step),
     )
-    outputs, *others = (np.concatenate(pair.outputs) for pair in (main, *co_runs))
+    outputs, *finer = (np.concatenate(pair.outputs) for pair in (main, *co_runs))
     late = parts.late(main, bool(missing))
-    judged = with_second_look(first, outputs, others, _safety(main.loop), setting, late)
+    judged = with_second_look(first, outputs, finer, _safety(main.loop), setting, late)
     return with_ring_named(judged, main.loop, parts.opened, wiring, start, step)
 
 
@@ -272,6 +273,7 @@ def march_on(
         If a loop cannot go back to a state it had saved; other failures end the run.
     """
     course.commands.append(main.loop.command(0.0, clock.step_to_come, start)[None])
+    course.others.append(main.loop.others()[None])
     pairs = main, *co_runs
     nobody = struct(PAIR)
     first, second = [*(p.address for p in co_runs), nobody.address, nobody.address][:2]
@@ -349,7 +351,7 @@ def _concluded(
 ) -> LoopRun:
     main, course = ended.main, ended.course
     outputs = np.concatenate(main.outputs)
-    commands = np.concatenate(course.commands)
+    commands, others = np.concatenate(course.commands), np.concatenate(course.others)
     return LoopRun(
         time=np.concatenate(course.times),
         outputs={n: outputs[:, k] for k, n in enumerate(names)},
@@ -367,6 +369,7 @@ def _concluded(
         verdict=ended.verdict(names, coupling),
         stopped=ended.why.reason,
         diverged=ended.why.diverged,
+        others={f"{CONTROLLER}.{n}": others[:, k] for k, n in enumerate(main.loop.other_names)},
         sampling_period=main.loop.controller.sample_time,
     )
 

@@ -9,6 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from ..fmus.law_ports import gain_port
 from ..fmus.system_reading import (
     BadSystem,
@@ -39,8 +42,9 @@ from .state_trial import checked_state
 from .step_choice import FIRST, choose_step
 from .system_goal import Fmus, Goal, goal_of
 from .system_law import accepts_law, commands_of, reports_law
-from .wiring import Wiring
+from .wiring import CONTROLLER, Wiring, plain_outputs
 
+Vector = npt.NDArray[np.float64]
 STOP = 20.0
 
 
@@ -250,11 +254,18 @@ class _Loop:
         return replace(
             run,
             commands=commands,
+            others=self._others(run),
             residual_max=residual,
             reference=factor * run.reference + offset,
             scale=(factor, offset),
             units={n: units[n] for n in (*run.outputs, *run.commands)},
         )
+
+    def _others(self, run: LoopRun) -> dict[str, Vector]:
+        """The other outputs, as ``element.NAME``."""
+        own = next(e for e in self.fmus if e != self.plant_name)
+        by = "" if isinstance(self.controller, Group) else f"{own}."
+        return {by + name.removeprefix(f"{CONTROLLER}."): v for name, v in run.others.items()}
 
     def set_point(
         self, system: SystemStructure, values: Mapping[str, Mapping[str, float]], fmus: Fmus
@@ -326,6 +337,11 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
         orders=tuple(fed.values()),
         accepts_law=accepts,
         reports_law=accepts and plain and reports_law(main, measured, commands),
+        others=tuple(
+            theirs(port)
+            for port in (SystemPort(e, n) for e in rest for n in plain_outputs(fmus[e]))
+            if port not in {c.source for c in commands}
+        ),
     )
     names = {f"{plant}.{port}": port for port in fmus[plant].outputs}
     names |= {str(c.source): c.target.connector for c in main} if not alone else {}

@@ -36,6 +36,8 @@ class Wiring:
     unconnected, of_plant : tuple of str
         Inputs of the controller and of the plant that nothing drives: they stay at their start
         values, or at values that they are given.
+    others : tuple of str
+        Outputs of the controller that are only recorded.
     """
 
     commands: tuple[tuple[str, str], ...]
@@ -46,6 +48,7 @@ class Wiring:
     unconnected: tuple[str, ...] = ()
     orders: tuple[int, ...] = ()
     of_plant: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.orders:
@@ -160,14 +163,25 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     unconnected = tuple(n for n in rest if n not in goals)
     orders = (*(0 for _ in goals), *(DERIVATIVES[on_controller[n]] for n in derivatives))
     references = (*goals, *derivatives)
+    others = tuple(n for n in plain_outputs(controller) if n not in {c for c, _ in commands})
     wiring = Wiring(
-        commands, signals, references, False, False, unconnected, orders, tuple(missing)
+        commands, signals, references, False, False, unconnected, orders, tuple(missing), others
     )
     return replace(
         wiring,
         accepts_law=bool(commands) and set(wiring.plant_law()) <= set(plant.inputs),
         reports_law=set(wiring.controller_law()) <= set(controller.outputs),
     )
+
+
+def plain_outputs(instance: Instance) -> list[str]:
+    """Outputs but those of a feedback law."""
+    law = {
+        port
+        for u in instance.outputs
+        for port in (rate_port(u), *(gain_port(u, y) for y in instance.inputs))
+    }
+    return [n for n in instance.outputs if n not in law]
 
 
 def names_on(side: str, ports: Collection[str], mapping: Mapping[str, str]) -> dict[str, str]:

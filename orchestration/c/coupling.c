@@ -22,10 +22,11 @@ enum { CHECKPOINT, CORRECTION, PROBE }; /* what states are saved for */
 
 /* A controller behind one question: what would you command at these signals?
  *
- * Inputs: n signals, references; outputs: m commands, then gains and rates if it reports. */
+ * Inputs: n signals, references; outputs: m commands, then gains and rates if it reports, and others
+ * that are only recorded. */
 typedef struct {
     Calls calls;
-    int64_t m, n, answer, reports, saves, varies;
+    int64_t m, n, others, answer, reports, saves, varies;
     Vector nominal;    /* of the signals */
     Vector real;       /* of signals and references: whether they may be between whole numbers */
     Vector ahead;      /* commands after a step that cannot be taken back, */

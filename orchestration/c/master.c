@@ -24,6 +24,7 @@ typedef struct {
 typedef struct {
     Vector times, references;
     Vector commands;             /* row by row */
+    Vector others;               /* the controller's other outputs, row by row */
     Vector bounds;               /* of each output, beyond which the loop diverges */
     Vector nominal, low, high;   /* of each output, and its range so far */
     Vector residual, effect_rate;  /* largest of each command, and its effect on each output, per second */
@@ -95,6 +96,17 @@ static void step_co_run(Pair *pair, double t, double h, const double *before,
             return;
         }
     }
+}
+
+/* The controller's outputs beside its commands. */
+static int record_others(Controller *c, Course *course, int64_t row)
+{
+    if (!course->others.size)
+        return 1;
+    const int64_t all = c->calls.taken.size, count = c->others;
+    TRY(take(&c->calls, all));
+    copy(c->calls.taken.at + all - count, course->others.at + row * count, count);
+    return 1;
 }
 
 /* Record a reference co-run's row, before a step of so many seconds and parts, or the last one. */
@@ -217,6 +229,10 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
         if (!settle_row(loop, end, following, after, clock_done(clock))) {
             release_both(loop, PROBE);
             why = STEP_FAILED;
+            break;
+        }
+        if (!record_others(&loop->controller, course, row)) {
+            why = COMMAND_FAILED;
             break;
         }
         end_co_run_row(co_run, end, following, after, clock_done(clock));
