@@ -8,6 +8,8 @@ how far the work was, and exits with code 130. The child ends with it, however i
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import mmap
 import os
 import shutil
@@ -19,6 +21,7 @@ from pathlib import Path
 
 INTERRUPTED = 130
 _BY_SIGNAL = 128  # and the signal's number, as shells have it
+_SCRATCH, _NEW = "ballscrew-run-", ".new"
 _SIZE = 4096  # bytes of a told text
 
 
@@ -84,7 +87,7 @@ def supervised() -> int:
     child = os.fork()
     if child == 0:
         os.close(held)
-        return _command(until, signals)
+        return _command(until, signals, scratch)
     os.close(until)
     try:
         return _wait(child, signals, _told, began)
@@ -96,11 +99,35 @@ def supervised() -> int:
 def _scratch_folder() -> str | None:
     """Make a place for temporary files, since what is ended by a signal does not tidy up."""
     try:
-        folder = tempfile.mkdtemp(prefix="ballscrew-")
+        new = tempfile.mkdtemp(_NEW, _SCRATCH)
+        descriptor = os.open(new, os.O_RDONLY)  # locked until both processes end
+        with contextlib.suppress(OSError):  # a file system that has no locks: nobody removes it
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        folder = new.removesuffix(_NEW)
+        os.rename(new, folder)
     except OSError:  # nowhere to write: who needs a file will say so
         return None
     tempfile.tempdir = os.environ["TMPDIR"] = folder
     return folder
+
+
+def _remove_what_is_left(place: Path) -> None:
+    """Remove folders of commands that were killed; those of living ones are locked."""
+    for folder in place.glob(f"{_SCRATCH}*"):
+        if folder.suffix == _NEW:  # not locked yet
+            continue
+        try:
+            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        except OSError:
+            continue
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.fstat(descriptor).st_uid == os.geteuid():
+                shutil.rmtree(folder, ignore_errors=True)
+        except OSError:
+            pass
+        finally:
+            os.close(descriptor)
 
 
 def _wait(child: int, signals: set[signal.Signals], told: Told, began: float) -> int:
@@ -121,7 +148,7 @@ def _wait(child: int, signals: set[signal.Signals], told: Told, began: float) ->
             return INTERRUPTED
 
 
-def _command(until: int, signals: set[signal.Signals]) -> int:
+def _command(until: int, signals: set[signal.Signals], scratch: str | None) -> int:
     """What the child does."""
     from .orchestration.end_with_parent import end_when_closed
 
@@ -132,6 +159,8 @@ def _command(until: int, signals: set[signal.Signals]) -> int:
     for number in signals:
         signal.signal(number, _leave_it)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {*signals, signal.SIGCHLD})
+    if scratch is not None:
+        _remove_what_is_left(Path(scratch).parent)
     try:
         from .cli import main
     except Exception as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import shutil
 import tempfile
@@ -57,7 +58,8 @@ def unpack_archive(path: Path) -> Path:
             archive.extractall(folder)
         except OSError as error:
             shutil.rmtree(folder, ignore_errors=True)
-            raise BadArchive(f"cannot be unpacked: {error.strerror or error}") from error
+            where = f" into {folder.parent}" if error.errno == errno.ENOSPC else ""
+            raise BadArchive(f"cannot be unpacked{where}: {error.strerror or error}") from error
         except BaseException as error:
             shutil.rmtree(folder, ignore_errors=True)
             if not isinstance(error, Exception):

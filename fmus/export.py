@@ -13,7 +13,7 @@ from pathlib import Path
 from .. import __version__
 from ..solver.codegen import generate
 from ..solver.component import Component
-from ..solver.files import write_atomically
+from ..solver.files import naming, write_atomically
 from ..solver.kernel import Kernel
 from ..solver.kernel_cache import hashed_name
 from .accompanying import accompanying, licence
@@ -91,7 +91,10 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
         tapes=tapes,
     )
     script = hashed_name(f"slave_{kernel.name}", slave)
-    with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
+    with (
+        naming(Path(tempfile.gettempdir())),
+        tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder,
+    ):
         sources = Path(folder) / "sources"
         sources.mkdir()
         for name, text in {script: slave, **texts}.items():

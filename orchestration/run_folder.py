@@ -18,6 +18,8 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from ..solver.files import naming
+
 HIDDEN = ".ballscrew"
 KEPT = ".kept"
 _STAGE, _NEXT, _WRITTEN = "next", "next.json", "written.json"
@@ -54,16 +56,17 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
         stage = hidden / _STAGE
         stage.mkdir()
         try:
-            write(stage)
-            files = {
-                path.relative_to(stage).as_posix(): _digest(path) or ""
-                for path in sorted(stage.rglob("*"))
-                if path.is_file()
-            }
-            if adds:
-                files = written_files(folder) | files
-            listed = hidden / (_NEXT + ".part")
-            listed.write_text(json.dumps(files, indent=1), encoding="utf-8")
+            with naming(folder):
+                write(stage)
+                files = {
+                    path.relative_to(stage).as_posix(): _digest(path) or ""
+                    for path in sorted(stage.rglob("*"))
+                    if path.is_file()
+                }
+                if adds:
+                    files = written_files(folder) | files
+                listed = hidden / (_NEXT + ".part")
+                listed.write_text(json.dumps(files, indent=1), encoding="utf-8")
         except Exception:
             shutil.rmtree(stage, ignore_errors=True)
             raise

@@ -1,0 +1,120 @@
+"""What killed commands left is removed by the next one; a full disk is told with its folder."""
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from ballscrew.solver import files
+
+BALLSCREW = Path(sys.executable).with_name("ballscrew")
+LONG = ["run", "--controller", "nctf", "--stop", "4000"]
+SHORT = ["run", "--controller", "pid", "--stop", "0.05"]
+
+
+def begin(temporary, out):
+    """A long command, and its folder for temporary files."""
+    before = set(temporary.iterdir())
+    process = subprocess.Popen(
+        [BALLSCREW, *LONG, "--isolate", "--out", out],
+        env=os.environ | {"TMPDIR": str(temporary)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + 60
+    while True:  # until something is unpacked
+        new = [f for f in set(temporary.iterdir()) - before if list(f.iterdir())]
+        if new:
+            return process, new[0]
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_folders_of_killed_commands_are_removed_and_those_of_living_ones_never(tmp_path):
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    others = [temporary / name for name in ("ballscrew-run-link", "ballscrew-mine", "mine")]
+    others[0].symlink_to(tmp_path)
+    others[1].mkdir()
+    others[2].touch()
+    killed, left = begin(temporary, tmp_path / "killed")
+    living, used = begin(temporary, tmp_path / "living")
+    try:
+        killed.send_signal(signal.SIGKILL)
+        killed.wait()
+        held = set(used.rglob("*"))
+        deadline = time.monotonic() + 10  # its child ends with it, and frees the folder
+        while left.exists():
+            assert time.monotonic() < deadline
+            assert left.is_dir()
+            done = subprocess.run(
+                [BALLSCREW, "gallery"],
+                env=os.environ | {"TMPDIR": str(temporary)},
+                capture_output=True,
+            )
+            assert done.returncode == 0
+        assert held <= set(used.rglob("*"))
+        assert held
+        assert living.poll() is None
+        assert sorted(temporary.iterdir()) == sorted([*others, used])
+    finally:
+        living.terminate()
+        living.wait()
+    assert sorted(temporary.iterdir()) == sorted(others)
+
+
+def test_what_cannot_be_written_to_a_full_disk_is_told_with_its_file(tmp_path, monkeypatch):
+    def full(_descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    with pytest.raises(OSError, match=str(tmp_path / "file")) as caught:
+        files.write_atomically(tmp_path / "file", b"data")
+    assert caught.value.errno == errno.ENOSPC
+    assert list(tmp_path.iterdir()) == []
+
+
+@contextmanager
+def full_disk(place, free):
+    place.mkdir()
+    told = ["mount", "-t", "tmpfs", "-o", "size=1M,mode=0755", "tmpfs", place]
+    if os.getuid() or not shutil.which("mount") or subprocess.run(told).returncode:
+        pytest.skip("a small disk needs root, and a system that lets it mount one")
+    try:
+        (place / "filler").write_bytes(bytes(1024 * (1024 - free)))
+        yield
+    finally:
+        subprocess.run(["umount", "-l", place], check=True)
+
+
+@pytest.mark.parametrize(
+    ("full", "free"),  # KiB; with nothing at all in the folder for temporary files, /tmp is taken
+    [("out", 0), ("out", 40), ("temporary", 40), ("cache", 0), ("cache", 40)],
+)
+def test_a_full_disk_is_told_with_its_folder(full, free, tmp_path):
+    folders = {name: tmp_path / name for name in ("out", "temporary", "cache")}
+    for name, folder in folders.items():
+        if name != full:
+            folder.mkdir()
+    with full_disk(folders[full], free):
+        variables = {"TMPDIR": str(folders["temporary"])}
+        if full == "cache":
+            variables["BALLSCREW_CACHE"] = str(folders["cache"])
+        done = subprocess.run(
+            [BALLSCREW, *SHORT, "--out", folders["out"]],
+            env=os.environ | variables,
+            capture_output=True,
+            text=True,
+        )
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert str(folders[full]) in done.stderr
+    assert "No space left on device" in done.stderr
