@@ -500,7 +500,7 @@ def _closed(
     kind, would = Kind.CYCLE, ""
     if zeros > alone and limit[0] <= 1e-3 / period:
         kind = Kind.UNDECIDED
-        text += f"; {zeros} of them are zero: the orbit closes but is one of many side by side"
+        text += f"; {zeros} cannot be told from zero: it closes but may be one of many side by side"
         would = "whether a disturbed motion returns to the same orbit"
     return Attractor(
         kind,
