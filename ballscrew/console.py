@@ -137,6 +137,9 @@ class Progress:
         self.bar.close()
 
 
+OF_A_STEP, OF_A_MOTION = ("settling_time_2pct", "overshoot"), ("rms_error", "largest_error")
+
+
 def print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Path) -> None:
     """Print the figures of a run, whose units are those of `units_of_figures`."""
     labels = {
@@ -146,10 +149,14 @@ def print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Pat
         "overshoot": "overshoot",
         "steady_state_error": "steady-state error",
         "iae": "integral of |error|",
+        "rms_error": "rms error",
+        "largest_error": "largest error",
         "coupling_residual_max": "coupling residual",
     }
-    shown = labels if "peak_voltage" in figures else ["coupling_residual_max"]
-    for name in shown:
+    shown = list(labels) if "peak_voltage" in figures else ["coupling_residual_max"]
+    # of a step and of a motion: only one of the two pairs says anything
+    other = OF_A_STEP if figures.get("rms_error") is not None else OF_A_MOTION
+    for name in (n for n in shown if n not in other):
         value = figures.get(name)
         text = "-" if value is None else f"{value:.6g} {units[name]}"
         print(f"{labels[name]:<22}{text}")
@@ -173,10 +180,15 @@ def comparison_table(rows: list[dict[str, Any]], units: Mapping[str, str]) -> st
         "overshoot": (f"overshoot [{units['overshoot']}]", "{:.3g}"),
         "steady_state_error": (f"final error [{units['steady_state_error']}]", "{:.3g}"),
         "iae": (f"IAE [{units['iae']}]", "{:.5f}"),
+        "rms_error": (f"rms error [{units['rms_error']}]", "{:.3g}"),
+        "largest_error": (f"largest error [{units['largest_error']}]", "{:.3g}"),
         "sampling_period": ("sampled [s]", "{:g}"),
         "coupling": ("coupling", "{}"),
         "verdict": ("verdict", "{}"),
     }
+    moving = any(row.get("rms_error") is not None for row in rows)
+    for name in OF_A_STEP if moving else OF_A_MOTION:
+        del columns[name]
     cells = [[title for title, _ in columns.values()]]
     for row in rows:
         cells.append(

@@ -31,6 +31,9 @@ class Metrics:
         Set-point less position at the end [m].
     iae : float
         Integral of the absolute error [m*s], trapezoidal.
+    rms_error, largest_error : float or None
+        Root mean square over the run and largest magnitude of set-point less position [m]; None if
+        the set-point is constant.
     """
 
     peak_voltage: float
@@ -39,6 +42,8 @@ class Metrics:
     overshoot: float | None
     steady_state_error: float
     iae: float
+    rms_error: float | None
+    largest_error: float | None
 
     def to_dict(self) -> dict[str, float | None]:
         return asdict(self)
@@ -60,6 +65,8 @@ def units_of_figures(units: Mapping[str, str]) -> dict[str, str]:
         "overshoot": x,
         "steady_state_error": x,
         "iae": f"{x}*s",
+        "rms_error": x,
+        "largest_error": x,
         "coupling_residual_max": u,
     }
 
@@ -79,6 +86,8 @@ def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
     error = goal - x
     constant = bool(np.all(goal == goal[0]))
     step = float(goal[0] - x[0])
+    duration = max(float(time[-1] - time[0]), np.finfo(float).tiny)
+    mean_square = float(np.trapezoid(error**2, time)) / duration
     return Metrics(
         peak_voltage=float(voltage[peak]),
         peak_voltage_time=float(time[peak]),
@@ -86,6 +95,8 @@ def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
         overshoot=float(max(0.0, np.max(-error * np.sign(step)))) if constant and step else None,
         steady_state_error=float(error[-1]),
         iae=float(np.trapezoid(np.abs(error), time)),
+        rms_error=None if constant else float(np.sqrt(mean_square)),
+        largest_error=None if constant else float(np.max(np.abs(error))),
     )
 
 

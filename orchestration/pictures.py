@@ -42,6 +42,7 @@ STYLE: Any = {
     "svg.hashsalt": "ballscrew",
     "figure.dpi": 110,
 }
+RESTING = 5e-3  # share of a signal's range within which it stays at rest
 # margins of a run's pictures, and the room between two rows [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM, _BETWEEN = 0.95, 0.2, 0.4, 0.6, 0.2
 # name and unit of the signal: label, factor to the unit shown, unit shown
@@ -213,17 +214,31 @@ def _draw_course(axes: Any, run: LoopRun, name: str, colour: int, label: str) ->
     unit = run.units.get(name, "")
     _, factor, _ = _axis(name, unit)
     values = {**run.outputs, **run.commands}[name]
-    shown = rows_over_time(run.time, values)
+    end = until_rest(run)
+    moving = run.time <= end
+    shown = rows_over_time(run.time[moving], values[moving])
     style = {"color": COLOURS[colour % len(COLOURS)], "label": label}
     axes.plot(run.time[shown], values[shown] * factor, **style)
-    axes.set_xlabel("time [s]")
+    rest = f", at rest from here to {run.time[-1]:g} s" if end < run.time[-1] else ""
+    axes.set_xlabel(f"time [s]{rest}")
     axes.set_ylabel(_label(name, unit))
     axes.margins(x=0.01)
 
 
+def until_rest(run: LoopRun) -> float:
+    """Where a picture of a run ends [s]: soon after all signals rest, or where the run ends."""
+    last = 0.0
+    for values in (*run.outputs.values(), *run.commands.values(), run.reference):
+        with np.errstate(over="ignore"):
+            away = np.flatnonzero(np.abs(values - values[-1]) > RESTING * np.ptp(values))
+        last = max(last, run.time[away[-1]] if len(away) else 0.0)
+    return float(1.25 * last if 0.0 < 1.5 * last < run.time[-1] else run.time[-1])
+
+
 def _draw_set_point(axes: Any, run: LoopRun, **style: Any) -> None:
     _, factor, _ = _axis("x", run.units.get("x", ""))
-    shown = rows_over_time(run.time, run.reference)
+    moving = run.time <= until_rest(run)
+    shown = rows_over_time(run.time[moving], run.reference[moving])
     axes.plot(
         run.time[shown], run.reference[shown] * factor, color="#555555", lw=1, ls=":", **style
     )

@@ -26,6 +26,8 @@ COLUMNS = (
     "overshoot",
     "steady_state_error",
     "iae",
+    "rms_error",
+    "largest_error",
     "coupling_residual_max",
     "macro_steps",
     "sampling_period",

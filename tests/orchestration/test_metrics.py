@@ -45,10 +45,18 @@ def test_overshoot_has_the_direction_of_the_step(sign):
     assert m.overshoot == pytest.approx(-np.exp(-turn) * np.cos(3 * turn), abs=1e-6)
 
 
+def test_the_errors_along_a_motion_are_those_of_a_sine_in_closed_form():
+    t = np.linspace(0, 10, 100_001)
+    m = metrics(course(t, 0.0 * t, 0.0 * t, 0.03 * np.sin(2 * np.pi * t)))
+    assert m.rms_error == pytest.approx(0.03 / np.sqrt(2), rel=1e-8)
+    assert m.largest_error == pytest.approx(0.03, rel=1e-6)
+
+
 def test_what_a_run_does_not_define_is_none():
     t = np.linspace(0, 1, 11)
     never = metrics(course(t, 0 * t, t, 1.0))
     assert never.settling_time_2pct is None
+    assert (never.rms_error, never.largest_error) == (None, None)
     moving = metrics(course(t, t, t, t))
     assert moving.settling_time_2pct is None
     assert moving.overshoot is None

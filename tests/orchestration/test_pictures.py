@@ -45,6 +45,17 @@ def result(name="pid", steps=2000, stop=20.0, spike=0.0, noise=0.0):
     return ClosedLoopResult(Study(name), run)
 
 
+def test_a_picture_ends_soon_after_the_motion_and_says_so():
+    figures = pictures.run_figures(result())  # within 0.5 % of its range after 2.65 s
+    for name in ("position", "voltage", "states"):
+        axes = figures[name].axes[-1]
+        assert 5.0 < axes.get_xlim()[1] < 7.5  # the voltage takes 5.3 s
+        assert "at rest from here to 20 s" in axes.get_xlabel()
+    shaking = pictures.run_figures(result(noise=1.0))["position"].axes[0]
+    assert shaking.get_xlim()[1] >= 20.0
+    assert shaking.get_xlabel() == "time [s]"
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(500, 3000), st.integers(2, 50))
 @settings(max_examples=50, deadline=None)
 def test_thinned_courses_keep_their_ends_and_the_extremes_of_every_column(seed, count, columns):
