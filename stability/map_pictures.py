@@ -60,17 +60,16 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
     verdict = verdict.reshape(shape)
     xs, ys = study.x.values(), study.y.values()
     unit = position_unit(study)
-    factor, shown = (1e6, " [µm]") if unit == "m" else (1.0, f" [{unit}]" if unit != "1" else "")
+    factor, shown = (1e6, "[µm]") if unit == "m" else (1.0, f"[{unit}]" if unit != "1" else "")
     goal = "zero" if study.controller in ALONE else "the set-point"
-    distance = f"distance of x to {goal} at the end{shown}"
-    swing = f"swing of x at the end{shown}"
-    panels: list[tuple[str, Any]] = [
-        (distance, np.abs(column("final_error")) * factor),
-        (swing, column("oscillation_amplitude") * factor),
+    distance, swing = f"Distance to {goal} at the end", "Swing at the end"
+    panels: list[tuple[str, str, Any]] = [
+        (distance, f"|error of x| {shown}", np.abs(column("final_error")) * factor),
+        (swing, f"amplitude of x {shown}", column("oscillation_amplitude") * factor),
     ]
     rate = column("lambda1_bits_per_s")
     if np.isfinite(rate).any():
-        panels.append((r"largest exponent $\lambda_1$ [bits/s]", rate))
+        panels.append(("Largest Lyapunov exponent", r"$\lambda_1$ [bits/s]", rate))
     with mpl.rc_context({**STYLE, "axes.grid": False}):
         figure, (axes,) = new_figure(1, 1 + len(panels), (5.6 * (1 + len(panels)), 5.4))
         axes[0].pcolormesh(
@@ -83,13 +82,13 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
             rasterized=True,
         )
         met = [Patch(color=COLOUR[k], label=k.value) for n, k in enumerate(kinds) if n in verdict]
-        axes[0].set_title(f"{loop_label(study.plant, study.controller)}: what becomes of the loop")
+        axes[0].set_title(f"{loop_label(study.plant, study.controller)}: how the motion ends")
         line = _draw_boundary(axes[0], study)
         figure.legend(handles=met + line, loc="outside lower center", ncols=len(met) + len(line))
-        for place, (label, values) in zip(axes[1:], panels, strict=True):
+        for place, (title, label, values) in zip(axes[1:], panels, strict=True):
             norm = None
             style: dict[str, Any] = {"cmap": "viridis"}
-            if label in (distance, swing):
+            if title in (distance, swing):
                 least = 1e-10 * factor  # a tenth of a nanometre is no motion
                 finite = values[np.isfinite(values) & (values > 0)]
                 if len(finite):
@@ -101,7 +100,8 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
                 values = np.maximum(values, -bound)  # minus infinity, too
                 style = {"cmap": "PuOr", "vmin": -bound, "vmax": bound}
             image = place.pcolormesh(xs, ys, values, norm=norm, rasterized=True, **style)
-            figure.colorbar(image, ax=place, label=label)
+            figure.colorbar(image, ax=place, label=label.strip())
+            place.set_title(title)
             _draw_boundary(place, study)
         for place in axes:
             place.set_xlabel(_label(study, study.x.name))
@@ -136,7 +136,7 @@ def _draw_boundary(axes: Any, study: MapStudy) -> list[Any]:
     xs = np.linspace(study.x.low, study.x.high, _BOUNDARY_POINTS)
     ys = np.linspace(study.y.low, study.y.high, _BOUNDARY_POINTS)
     growth = np.array([[stuck_growth(study, float(x), float(y)) for x in xs] for y in ys])
-    label = "growth zero while stuck (Routh-Hurwitz)"
+    label = "limit of stability while the block is stuck (Routh-Hurwitz)"
     if not (growth.min() < 0.0 < growth.max()):
         return []
     axes.contour(xs, ys, growth, levels=[0.0], colors="black", linewidths=1.6, linestyles="--")
