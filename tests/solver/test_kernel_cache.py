@@ -7,6 +7,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -42,7 +43,17 @@ def get(kernel, tmp_path_factory):
     folder = tmp_path_factory.mktemp("fmu")
     (folder / "sources").mkdir()
     (folder / "sources" / "model.c").write_text("int answer(void) { return 42; }\n")
-    flags = ["-shared", "-fPIC", "./sources/model.c"]
+    files = SimpleNamespace(
+        language="C99",
+        preprocessorDefinitions=[],
+        includeDirectories=[],
+        sourceFiles=["model.c"],
+    )
+    build = SimpleNamespace(modelIdentifier="model", sourceFileSets=[files])
+
+    def sources():
+        source_fmu.compile_sources(folder, build, "binaries/model")
+        return (folder / "binaries" / "model").read_bytes()
 
     def equations():
         assert compiled_equations.compile_equations(kernel.module, kernel.source, 1)
@@ -57,12 +68,7 @@ def get(kernel, tmp_path_factory):
         "component": lambda: stored.stored_kernel("motion", motion, "ballscrew.plant.lugre"),
         "equations": equations,
         "reference": lambda: reference_files.reference_files(kernel),
-        "sources": lambda: source_fmu._library(
-            folder,
-            compilers.own_platform(),
-            flags,
-            compilers.compiler_for(compilers.own_platform()),
-        ).read_bytes(),
+        "sources": sources,
         "fmu": fmu,
         "note": fmu,
     }
