@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+import numpy.typing as npt
+
 from .compiled import CLOCK, library
+from .reference_signal import ROUND_OFF
 from .structs import struct
 
 FINEST = 12  # adaptive steps go down to 2^-12 of the given one
@@ -18,15 +22,24 @@ class Clock:
     stop, step : float
         [s]
     adaptive : bool
+    breaks : array_like, shape (m,)
+        Rising times at which a step ends, too [s].
     """
 
-    def __init__(self, stop: float, step: float, adaptive: bool) -> None:
+    def __init__(
+        self, stop: float, step: float, adaptive: bool, breaks: npt.ArrayLike = ()
+    ) -> None:
         size = 2**FINEST if adaptive else 1
         tick = step / size
         last = max(1, math.ceil(stop / tick - 1e-9))
         self._whole = struct(CLOCK)
         self._whole.set(tick=tick, stop=stop, last=last, longest=size, stride=size)
         self._whole.set(adaptive=adaptive, shortest_used=math.inf)
+        close = max(ROUND_OFF * step, 1e-14 * stop)
+        times = np.asarray(breaks, dtype=float)
+        times = times[(times > close) & (times < stop - close)]
+        times = times[np.diff(times, prepend=0.0) > close]
+        self._whole.set(close=close, breaks=times)
         self.address = self._whole.address
 
     @property

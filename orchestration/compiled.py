@@ -21,7 +21,7 @@ DIRECT, STEPPED, SAMPLED = range(3)
 USES = 3  # what states are saved for
 RAMP_SHARE = 2 / 3  # of a defect, that a ramp makes up for
 RUNAWAY = 1e4  # times an output's nominal value, beyond which a loop diverges
-GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED, NO_MEMORY = range(7)
+GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED = range(6)
 
 CONTROLLER = np.dtype(
     [
@@ -122,10 +122,10 @@ COURSE = np.dtype(
         ("contraction", float),  # sums of contraction by weight and of weight
         ("contraction_weight", float),
         ("apart", VECTOR),  # run and reference co-run after the last step
-        # the reference's points, a row each: what is recorded, then what each input takes;
-        # room for what the inputs take at two times
+        # the reference's points; polynomials in the time since each, and before them a constant:
+        # what is recorded, then what each input takes; room for what the inputs take at two times
         ("goal_times", VECTOR),
-        ("goal_values", VECTOR),
+        ("goal_pieces", VECTOR),
         ("before", VECTOR),
         ("after", VECTOR),
     ]
@@ -144,6 +144,10 @@ CLOCK = np.dtype(
         ("stride", np.int64),  # ticks of the step to come
         ("shortest_used", float),  # [s]
         ("longest_used", float),  # [s]
+        ("close", float),  # times that are closer to each other are one [s]
+        ("breaks", VECTOR),  # rising times at which a step has to end, too [s]
+        ("passed", np.int64),  # how many of them are gone,
+        ("broken", np.int64),  # and whether time stands at the last one
     ]
 )
 """Where a run stands."""

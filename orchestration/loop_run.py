@@ -207,7 +207,7 @@ class RunLog:
             effect_rate=self.effect_rate,
             apart=np.zeros(len(outputs)),
             goal_times=np.ascontiguousarray(reference.times, dtype=float),
-            goal_values=np.column_stack([reference.derivative(k) for k in (0, *orders)]).ravel(),
+            goal_pieces=np.stack([reference.pieces(k) for k in (0, *orders)], axis=1).ravel(),
             accuracy=ACCURACY,
             before=np.zeros(len(orders)),
             after=np.zeros(len(orders)),

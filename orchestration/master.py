@@ -17,7 +17,6 @@ from .compiled import (
     COMMAND_FAILED,
     DIVERGES,
     GOES_ON,
-    NO_MEMORY,
     NOT_FINITE,
     PAIR,
     STEP_FAILED,
@@ -112,13 +111,16 @@ def run_loop(
     if coupling is None and tangent:
         reason = tangent_reason(main.loop, wiring)
     step, reason = _meet_samples(main.loop, step, reason)
-    co_runs = parts.co_runs(corrected, not missing)
-    check_room(len(names), len(commands) + len(wiring.others), 1 if not missing else 2, stop / step)
+    varies = all(getattr(side, "steps_vary", True) for side in (plant, controller))
+    breaks = reference.jumps(wiring.orders) if varies else np.zeros(0)
+    curved = not missing and reference.bends_within(step, stop, wiring.orders, breaks)
+    co_runs = parts.co_runs(main.loop, not missing, curved)
+    check_room(len(names), len(commands) + len(wiring.others), len(co_runs), stop / step)
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
     m, others = len(commands), len(wiring.others)
     course = RunLog(reference, wiring.orders, main.loop.outputs, nominal, m, others=others)
     try:
-        time = Clock(stop, step, adaptive)
+        time = Clock(stop, step, adaptive, breaks)
         why = march_on(main, co_runs, time, course, start, progress)
     finally:
         for co_run in co_runs:
@@ -132,9 +134,10 @@ def run_loop(
         return with_ring_named(first, main.loop, parts.opened, wiring, start, step)
     setting = Setting(
         lambda cut: parts.loop(not missing, averaged=tangent or not missing, cut=cut),
-        *(march_on, reference, wiring.orders, start, nominal, len(commands), stop, step),
+        *(march_on, reference, wiring.orders, breaks, start, nominal, len(commands), stop, step),
     )
-    outputs, *finer = (np.concatenate(pair.outputs) for pair in (main, *co_runs))
+    compared = co_runs[:1] if not missing else co_runs
+    outputs, *finer = (np.concatenate(pair.outputs) for pair in (main, *compared))
     late = parts.late(main, bool(missing))
     judged = with_second_look(first, outputs, finer, _safety(main.loop), setting, late)
     return with_ring_named(judged, main.loop, parts.opened, wiring, start, step)
@@ -177,11 +180,17 @@ class _Parts:
         )
         return RecordedLoop(whole, loop, cut)
 
-    def co_runs(self, corrected: bool, reversible: bool) -> list[RecordedLoop]:
-        """What the run is judged by: the other scheme, or shorter steps where none is saved."""
+    def co_runs(self, main: Loop, reversible: bool, curved: bool) -> list[RecordedLoop]:
+        """What the run is judged by: the other scheme, or shorter steps where none is saved.
+
+        The other scheme sees a set-point that is `curved` within the steps no better; half of the
+        step does, beside it.
+        """
         tangent = self.coupling is Coupling.INTERFACE_JACOBIAN
         if reversible:
-            return [self.loop(not corrected, averaged=not tangent)]
+            other = self.loop(not main.corrected, averaged=not tangent)
+            half = [self.loop(main.corrected, main.averaged, cut=2)] if curved else []
+            return [other, *half]
         return [self.loop(False, averaged=tangent, cut=cut) for cut in (2, 4)]
 
     def late(self, main: RecordedLoop, blind: bool) -> Callable[[], RecordedLoop] | None:
@@ -285,8 +294,6 @@ def march_on(
         )
         if why == CALL_FAILED:  # even going back to a saved state failed
             raise next(p.error() for p in pairs if p.loop.failure())
-        if why == NO_MEMORY:
-            raise MemoryError("no room for the set-points of one step")
         course.collect(main.record.rows)
         for pair in pairs:
             pair.collect()
@@ -328,7 +335,7 @@ class _Ended:
         others = [np.concatenate(pair.outputs) for pair in self.co_runs]
         contraction = self.course.contraction
         if not self.reversible:
-            contraction = _grid_contraction(outputs, *others)
+            contraction, others = _grid_contraction(outputs, *others), others[:1]
         smaller = "use a smaller --step"
         if coupling is not Coupling.INTERFACE_JACOBIAN:
             smaller += ", or --coupling interface-jacobian where both sides support it"
@@ -337,7 +344,7 @@ class _Ended:
         return verdict_of(
             names,
             outputs,
-            others[0],
+            others,
             contraction,
             smaller,
             safety=_safety(loop),

@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .reference_signal import BadReference, Reference
+from .reference_signal import TERMS, BadReference, Matrix, Reference, Vector
 
-SPACING = 2.5e-4  # s, between the points of a curved set-point
+PIECES = 128  # of each period of a sine
 MOST_POINTS = 4_000_000
 
 
@@ -22,8 +22,7 @@ def step(size: float = 0.08, at: float = 0.0) -> Reference:
     """A step from 0 to `size` [m] at a time [s]."""
     if not at > 0:
         return Reference.constant(size)
-    zero = np.zeros(3)
-    return Reference(np.array([0.0, at, at]), np.array([0.0, 0.0, size]), zero, zero)
+    return Reference.of_pieces([0.0, at], [[0.0], [size]])
 
 
 def move(
@@ -96,21 +95,22 @@ def _of_jerks(legs: list[tuple[list[tuple[float, float]], float]]) -> Reference:
     """The motion from rest to rest over each leg: phases of constant jerk [m/s^3] and their lengths
     [s], and the position where they end [m], which is told since round-off would leave it creeping.
     """
-    rows, state, now = [np.zeros((1, 4))], np.zeros(3), 0.0
+    times, curve, now, state = [], [], 0.0, (0.0, 0.0, 0.0)
     for phases, end in legs:
         for jerk, length in phases:
             if not length > 0:
                 continue
-            curved = bool(jerk or state[2])
-            t = np.linspace(0.0, length, (_points(length) if curved else 1) + 1)[1:]
             x, v, a = state
-            acceleration = a + jerk * t
-            velocity = v + a * t + jerk * t**2 / 2
-            position = x + v * t + a * t**2 / 2 + jerk * t**3 / 6
-            rows.append(np.column_stack([now + t, position, velocity, acceleration]))
-            state, now = rows[-1][-1, 1:], now + length
-        state[:] = end, 0.0, 0.0
-    return Reference(*np.concatenate(rows).T)
+            times.append(now)
+            curve.append([x, v, a / 2, jerk / 6])
+            now += length
+            state = (
+                x + v * length + a * length**2 / 2 + jerk * length**3 / 6,
+                v + a * length + jerk * length**2 / 2,
+                a + jerk * length,
+            )
+        state = end, 0.0, 0.0
+    return Reference.of_pieces([*times, now], [*curve, [*state, 0.0]])
 
 
 def sine(
@@ -128,15 +128,15 @@ def sine(
         [s]
     """
     _positive("sine", frequency=frequency, duration=duration)
-    omega = 2 * math.pi * frequency
-    t = np.linspace(0.0, duration, _points(duration, 1 / (400 * frequency)) + 1)
-    half = amplitude / 2
-    table = [
-        half * (1 - np.cos(omega * t)),
-        half * omega * np.sin(omega * t),
-        half * omega**2 * np.cos(omega * t),
-    ]
-    return _after(start, Reference(t, *table))
+    count = math.ceil(duration * frequency * PIECES - 1e-9)
+    _check_count(count)
+    times = np.append(np.arange(count) / (PIECES * frequency), duration)
+    phase = 2 * math.pi * np.append(np.arange(count) % PIECES / PIECES, duration * frequency % 1.0)
+    powers = np.arange(TERMS)
+    sizes = (2 * math.pi * frequency) ** powers / np.array([math.factorial(p) for p in powers])
+    curve = -0.5 * amplitude * sizes * np.cos(phase[:, None] + powers * math.pi / 2)
+    curve[:, 0] += 0.5 * amplitude
+    return _after(start, times, curve)
 
 
 def triangle(
@@ -144,32 +144,23 @@ def triangle(
 ) -> Reference:
     """To and fro at constant speed between 0 and `amplitude` [m], `period` [s] for both ways.
 
-    Its velocity jumps at the turning points, where two points share a time; the acceleration there
-    is left out of what is fed forward.
+    Its velocity jumps at the turning points; the acceleration there is left out of what is fed
+    forward.
     """
     _positive("triangle", period=period, duration=duration)
     count = math.ceil(2 * duration / period - 1e-9)
     _check_count(count)
     turns = np.arange(count + 1)
-    speed = 2 * amplitude / period
-    t = np.repeat(turns * period / 2, 2)[1:-1]
-    x = np.repeat(amplitude * (turns % 2), 2)[1:-1]
-    v = np.where(np.repeat(turns[:-1], 2) % 2 == 0, speed, -speed)
-    return _after(start, Reference(t, x, v, np.zeros(len(t))))
+    rest = amplitude * (turns % 2)
+    speed = 2 * amplitude / period * np.where(turns % 2 == 0, 1.0, -1.0)
+    return _after(start, turns * period / 2, np.column_stack([rest, speed]))
 
 
-def _after(start: float, motion: Reference) -> Reference:
+def _after(start: float, times: Vector, curve: Matrix) -> Reference:
     if not start > 0:
-        return motion
-    rest = np.zeros(2)
-    columns = (np.concatenate([rest, motion.derivative(order)]) for order in range(3))
-    return Reference(np.concatenate([[0.0, start], start + motion.times]), *columns)
-
-
-def _points(length: float, spacing: float = SPACING) -> int:
-    count = max(4, math.ceil(length / min(spacing, SPACING)))
-    _check_count(count)
-    return count
+        return Reference.of_pieces(times, curve)
+    rest = np.zeros((1, curve.shape[1]))
+    return Reference.of_pieces(np.append(0.0, start + times), np.vstack([rest, curve]))
 
 
 def _check_count(count: int) -> None:

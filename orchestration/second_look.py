@@ -50,6 +50,8 @@ class Setting:
     reference : Reference
     orders : tuple of int
         As in `Wiring`.
+    breaks : ndarray
+        Times at which steps end, too [s].
     start : ndarray
         Set-points at the start.
     nominal : ndarray
@@ -64,6 +66,7 @@ class Setting:
     march: March
     reference: Reference
     orders: tuple[int, ...]
+    breaks: Vector
     start: Vector
     nominal: Vector
     commands: int
@@ -127,7 +130,7 @@ def _marched(
 ) -> list[Vector] | None:
     try:
         log = setting.log(loop)
-        clock = Clock(setting.stop, step, adaptive=False)
+        clock = Clock(setting.stop, step, False, setting.breaks)
         setting.march(loop, [*others], clock, log, setting.start)
     finally:
         _close(loop, *others)
@@ -208,7 +211,7 @@ def _seen_within(
     setting: Setting, loop: RecordedLoop, points: int, last: int, rows: dict[int, list[int]]
 ) -> dict[int, Vector]:
     """Outputs at the given rows of each step, or nothing where the loop fails."""
-    clock = Clock(setting.stop, setting.step / PARTS, adaptive=False)
+    clock = Clock(setting.stop, setting.step / PARTS, False, setting.breaks)
     log, nobody = setting.log(loop), struct(PAIR)
     all_rows = [min(k * PARTS, last) for k in range(points)]
     all_rows = sorted({*all_rows, *(row for within in rows.values() for row in within)})

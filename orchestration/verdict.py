@@ -4,7 +4,9 @@ A reference co-run goes beside the run: the same FMUs in another coupling. Where
 its steps the co-run does not, and the other way round, and their controllers see the signals of a
 step in different ways. What the two differ by is the effect of the coupling residual, which the
 loop itself carries along; divided by one less the measured contraction of the correction it
-estimates the error. Where states cannot be saved, co-runs with a half and a quarter of the step do.
+estimates the error. Where the set-point is curved within the steps, which both see alike, a co-run
+with half of the step goes beside them. Where states cannot be saved, co-runs with a half and a
+quarter of the step do.
 
 Where this says neither clearly yes nor hopelessly no, or an output jumps, there is a second look:
 corrected co-runs with a half and a quarter of the step, and the outputs close before and after the
@@ -15,6 +17,7 @@ The verdict follows from these numbers alone, never from who is coupled how.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,6 +37,9 @@ HOPELESS, OFTEN = 10.0, 0.1
 STEP_RATIO_ERROR = 2.0
 """What the run with a quarter of the step may be off by: twice what it differs by from that with a
 half. Of a coupling of first order that is double its error."""
+HALVING = 2.5
+"""What a run may be off by, over what it differs by from that with half of the step. Of a coupling
+of first order that is a quarter more than its error."""
 
 
 @dataclass(frozen=True)
@@ -70,21 +76,24 @@ class Verdict:
 def verdict_of(
     names: list[str],
     run: Vector,
-    co_run: Vector,
+    co_runs: Sequence[Vector],
     contraction: float,
     smaller: str,
     safety: float = 2.0,
     failure: str = "",
     advice: str = "",
 ) -> Verdict:
-    """The verdict on a run, from it and its reference co-run.
+    """The verdict on a run, from it and its reference co-runs.
 
     Parameters
     ----------
     names : list of str
         The plant outputs.
-    run, reference co-run : ndarray, shape (k, n)
+    run : ndarray, shape (k, n)
         Outputs at the communication points; rows may end early where something failed.
+    co_runs : sequence of ndarray, shape (k, n)
+        Those of the reference co-run and, where the set-point is curved within the steps, those
+        with half of the step.
     contraction : float
     smaller : str
         What to do about a defect that is too large.
@@ -96,11 +105,18 @@ def verdict_of(
     advice : str
         What to do about the failure.
     """
+    co_run, *half = co_runs
     rows = min(len(run), len(co_run))
+    what = "the coupling residual"
     scale = scales(run[:rows])
     amplification = 1 / (1 - min(contraction, 0.999)) if np.isfinite(contraction) else 1.0
     with np.errstate(invalid="ignore", over="ignore"):
         difference = np.abs(run[:rows] - co_run[:rows]).max(axis=0) * amplification
+        if half:
+            rows = min(len(run), len(half[0]))
+            halving = np.abs(run[:rows] - half[0][:rows]).max(axis=0)
+            difference = np.maximum(difference, HALVING * halving)
+            what += ", or the set-point within the steps,"
     share = difference / scale
     estimate = dict(zip(names, difference.tolist(), strict=True))
     worst = int(np.argmax(np.where(np.isfinite(share), share, np.inf)))
@@ -118,7 +134,7 @@ def verdict_of(
     if not np.isfinite(share[worst]) or safety * share[worst] > ACCURACY:
         return Verdict(
             False,
-            f"the coupling residual may have moved {names[worst]} by {difference[worst]:.3g}, "
+            f"{what} may have moved {names[worst]} by {difference[worst]:.3g}, "
             f"{100 * share[worst]:.3g} % of its range; {100 * ACCURACY / safety:g} % is allowed",
             smaller,
             estimate,
@@ -126,7 +142,7 @@ def verdict_of(
         )
     return Verdict(
         True,
-        f"the coupling residual moved no output by more than {100 * share[worst]:.2g} % of its "
+        f"{what} moved no output by more than {100 * share[worst]:.2g} % of its "
         f"range ({names[worst]}: {difference[worst]:.2g})",
         "",
         estimate,

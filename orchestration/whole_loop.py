@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from .coupling import Coupling
 from .loop_run import LoopRun
 from .master import Progress, step_that_meets
 from .memory import check_memory
-from .reference_signal import Reference
+from .reference_signal import ROUND_OFF, TERMS, Matrix, Reference
 from .verdict import ACCURACY, Verdict
 
 if TYPE_CHECKING:
@@ -26,11 +26,13 @@ if TYPE_CHECKING:
 Vector = npt.NDArray[np.float64]
 
 TIGHT, LOOSE = 1e-10, 1e-8
-_ROUND_OFF = 1e-9
+STARTED = "t_step"  # the input that says from when on the terms count
 
 
 def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
-    """The compiled closed loop of two parts, its set-point a ramp within each step; kept on disk.
+    """The compiled closed loop of two parts, its set-point polynomials of time; kept on disk.
+
+    See `inputs_between`.
 
     Raises
     ------
@@ -41,7 +43,7 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
         from ..fmus.catalogue import component
         from ..solver.connect import connect
 
-        return _with_ramps(connect(component(plant), component(controller)))
+        return _with_curves(connect(component(plant), component(controller)))
 
     return _stored_loop("loop", make, plant, controller)
 
@@ -84,7 +86,7 @@ def held_loop_kernel(
         from ..solver.held_states import with_held_states
         from ..solver.staircase import dithered_average
 
-        loop = _with_ramps(connect(component(plant), component(controller)))
+        loop = _with_curves(connect(component(plant), component(controller)))
         if averaged:
             loop = dithered_average(loop)
         if loop.delays:
@@ -94,16 +96,25 @@ def held_loop_kernel(
     return _stored_loop(f"{'averaged' if averaged else 'held'}_loop", make, plant, controller)
 
 
-def _with_ramps(loop: Component) -> Component:
+def _with_curves(loop: Component) -> Component:
     from ..solver.component import TIME, Input, symbol
 
-    ramps = {
-        symbol(i.name): symbol(i.name) + symbol(i.name + "_rate") * (TIME - symbol("t_step"))
-        for i in loop.inputs
-    }
-    rates = tuple(Input(i.name + "_rate", f"{i.unit}/s", "rate of " + i.name) for i in loop.inputs)
-    started = Input("t_step", "s", "start of the step", role="internal")
-    return loop.substituted(ramps, inputs=(*loop.inputs, *rates, started))
+    since = TIME - symbol(STARTED)
+    curves, terms = {}, []
+    for i in (i for i in loop.inputs if i.role in ("reference", "reference_derivative")):
+        rest: Any = 0
+        for power in reversed(range(1, TERMS)):
+            name = term_name(i.name, power)
+            terms.append(Input(name, f"{i.unit}/s^{power}", f"term {power} of {i.name}"))
+            rest = since * (symbol(name) + rest)
+        curves[symbol(i.name)] = symbol(i.name) + rest
+    started = Input(STARTED, "s", "time that the terms count from", role="internal")
+    return loop.substituted(curves, inputs=(*loop.inputs, *terms, started))
+
+
+def term_name(name: str, power: int) -> str:
+    """What an input's coefficient of this power of time is called."""
+    return f"{name}_t{power}" if power else name
 
 
 def reference_orders(kernel: Kernel) -> dict[str, int]:
@@ -111,6 +122,35 @@ def reference_orders(kernel: Kernel) -> dict[str, int]:
     orders = {i.name: 0 for i in kernel.inputs if i.role == "reference"}
     derived = (i.name for i in kernel.inputs if i.role == "reference_derivative")
     return orders | {name: DERIVATIVES[name] for name in derived}
+
+
+def inputs_between(
+    kernel: Kernel, reference: Reference, grid: Vector
+) -> tuple[Vector, Matrix, npt.NDArray[np.bool_]]:
+    """What a loop's inputs are from each time to the next, solver steps ending where it changes.
+
+    Parameters
+    ----------
+    grid : ndarray, shape (m,)
+        Rising times [s].
+
+    Returns
+    -------
+    times : ndarray, shape (k,)
+        The grid, and the points of the set-point between its times [s].
+    inputs : ndarray, shape (k, n)
+        Of the kernel, from each of them on.
+    on_grid : ndarray, shape (k,)
+        Which of them are of the grid.
+    """
+    orders = reference_orders(kernel)
+    times, pieces = reference.between(grid, list(orders.values()))
+    columns = {i.name: k for k, i in enumerate(kernel.inputs)}
+    inputs = np.tile([i.start for i in kernel.inputs], (len(times), 1))
+    for name, piece in zip(orders, pieces, strict=True):
+        inputs[:, [columns[term_name(name, power)] for power in range(TERMS)]] = piece
+    inputs[:, columns[STARTED]] = times
+    return times, inputs, np.isin(times, grid)
 
 
 def run_monolithic(
@@ -154,7 +194,7 @@ def run_monolithic(
         time=tight.time,
         outputs={n: tight.outputs[n] for n in signals},
         commands={n: tight.outputs[n] for n in commands},
-        reference=np.interp(tight.time, reference.times, reference.values),
+        reference=reference.on(tight.time, 0),
         coupling=Coupling.MONOLITHIC,
         coupling_reason="as asked",
         corrected=False,
@@ -191,41 +231,37 @@ def _simulate(
     model = Model(kernel, values, tolerance)
     period = model.sample_time
     step = step_that_meets(period, step)
-    points = int(np.ceil(stop / step - _ROUND_OFF))
-    times = np.minimum(np.arange(points + 1) * step, stop)
+    points = int(np.ceil(stop / step - ROUND_OFF))
+    grid = np.minimum(np.arange(points + 1) * step, stop)
+    times, inputs, on_grid = inputs_between(kernel, reference, grid)
     table = np.empty((points + 1, len(kernel.outputs)))
     nominal = np.array([o.nominal for o in kernel.outputs])
-    orders = reference_orders(kernel)
-    driven = {name: reference.on(times, order) for name, order in orders.items()}
-    stopped = ""
+    row, stopped = -1, ""
     for k, t in enumerate(times):
-        end = times[min(k + 1, points)]
-        for name, signal in driven.items():
-            value, later = signal[k], signal[min(k + 1, points)]
-            model.set_input(name, value)
-            model.set_input(name + "_rate", (later - value) / (end - t) if end > t else 0.0)
-        model.set_input("t_step", t)
-        if period > 0 and abs(t / period - round(t / period)) < _ROUND_OFF:
-            model.sample(t)
-        table[k] = list(model.outputs(t, model.x).values())
-        left = np.abs(table[k]) > RUNAWAY * nominal
-        if not np.isfinite(table[k]).all() or left.any():
-            name = kernel.outputs[int(np.argmax(np.abs(table[k]) / nominal))].name
-            stopped = f"the loop diverges: {name} leaves every bound at t = {t:.6g} s"
-            break
-        if k == points:
-            break
+        model.u[: inputs.shape[1]] = inputs[k]
+        if on_grid[k]:
+            row += 1
+            if period > 0 and abs(t / period - round(t / period)) < ROUND_OFF:
+                model.sample(t)
+            table[row] = list(model.outputs(t, model.x).values())
+            left = np.abs(table[row]) > RUNAWAY * nominal
+            if not np.isfinite(table[row]).all() or left.any():
+                name = kernel.outputs[int(np.argmax(np.abs(table[row]) / nominal))].name
+                stopped = f"the loop diverges: {name} leaves every bound at t = {t:.6g} s"
+                break
+            if row == points:
+                break
+            if progress and row % max(1, points // 100) == 0:
+                progress(float(t))
         try:
-            model.advance(t, end)
+            model.advance(t, times[k + 1])
         except IntegrationError as error:
             stopped = str(error)
             break
-        if progress and k % max(1, points // 100) == 0:
-            progress(float(t))
-    table = table[: k + 1]
+    table = table[: row + 1]
     names = [o.name for o in kernel.outputs]
     outputs = {n: table[:, k] for k, n in enumerate(names)}
-    return _Course(times[: len(table)], outputs, stopped, period)
+    return _Course(grid[: row + 1], outputs, stopped, period)
 
 
 def _verdict(tight: _Course, loose: _Course, names: list[str]) -> Verdict:

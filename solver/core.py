@@ -132,7 +132,7 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "step": (_At, _NUMBER, _NUMBER, _NUMBER, _WHOLE),
     "output": (_At, _NUMBER),
     "trajectory": (
-        *(_At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _WHOLE, _WHOLE, _WHOLE, _WHOLE),
+        *(_At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _WHOLE, _At, _WHOLE, _WHOLE),
         *(_At, _At, _At),
         *(_NUMBER, _At, _At, _WHOLE),
     ),
@@ -374,7 +374,7 @@ class System:
         states: Any,
         outputs: Any,
         given: tuple[Any, Any] | None,
-        samples: tuple[int, int, int],
+        samples: tuple[Any, int, int],
         u: Any,
         p: Any,
         atol: Any,
@@ -391,11 +391,12 @@ class System:
             The first state is given.
         given : tuple of two ndarrays, shape (m, k), or None
             What the first `k` of `u` are before each time, and at it.
-        samples : tuple of int
-            Every how many rows the discrete states are updated (0: never), where in `u` they begin,
-            and how many there are.
+        samples : tuple of (ndarray of bool, shape (m,), without gaps, or None), int, int
+            At which times the discrete states are updated, where in `u` they begin, and how many
+            there are.
         """
         within, after = given or (None, None)
+        sampled, first, count = samples
         return int(
             self._core.core_trajectory(
                 self.address,
@@ -407,7 +408,9 @@ class System:
                 None if within is None else at(within),
                 None if after is None else at(after),
                 0 if within is None else within.shape[1],
-                *samples,
+                None if sampled is None else sampled.ctypes.data,
+                first,
+                count,
                 at(u),
                 at(p),
                 at(atol),

@@ -20,6 +20,7 @@ from .kernel_cache import compiled_path, is_whole
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 DEFAULT_TOLERANCE = 1e-8
 PLANT, CONTROLLER = "plant_", "controller_"
@@ -309,7 +310,7 @@ class Model:
         self,
         times: npt.ArrayLike,
         given: tuple[Matrix, Matrix] | None = None,
-        sampled_every: int = 0,
+        sampled: Flags | None = None,
     ) -> Trajectory:
         """Run from the present state over a time grid and record states and outputs.
 
@@ -320,8 +321,8 @@ class Model:
         given : tuple of two ndarrays, shape (m, k), optional
             What the first `k` inputs are before each of these times, and at it; they stay as they
             are if left out.
-        sampled_every : int
-            Every how many of the times, from the first on, discrete states change; 0: never.
+        sampled : ndarray of bool, shape (m,), optional
+            At which of the times discrete states change. Default: at none.
 
         Raises
         ------
@@ -330,11 +331,11 @@ class Model:
         """
         grid = np.ascontiguousarray(times, dtype=float)
         if self.kernel.delays:
-            return self._simulated_by_rows(grid, given, sampled_every)
+            return self._simulated_by_rows(grid, given, sampled)
         states = np.empty((len(grid), len(self.x)))
         states[0] = self.x
         outputs = np.empty((len(grid), len(self.kernel.outputs)))
-        samples = sampled_every, len(self.kernel.inputs), len(self.kernel.discrete)
+        samples = sampled, len(self.kernel.inputs), len(self.kernel.discrete)
         solver = self.u, self.p, self.atol, self.tolerance, self.info, MAX_STEPS
         done = self.system.trajectory(grid, states, outputs, given, samples, *solver)
         if done < len(grid):
@@ -346,7 +347,7 @@ class Model:
         return self._trajectory(grid, states, outputs)
 
     def _simulated_by_rows(
-        self, grid: Vector, given: tuple[Matrix, Matrix] | None, sampled_every: int
+        self, grid: Vector, given: tuple[Matrix, Matrix] | None, sampled: Flags | None
     ) -> Trajectory:
         """As `simulate`: a history may need more room between two steps."""
         states = np.empty((len(grid), len(self.x)))
@@ -358,7 +359,7 @@ class Model:
                 self.advance(grid[row - 1], t)
             if given:
                 self.u[: given[1].shape[1]] = given[1][row]
-            if sampled_every and row % sampled_every == 0:
+            if sampled is not None and sampled[row]:
                 self.sample(t)
             states[row] = self.x
             self.system.out(t, self.x, self.u, self.p, outputs[row])

@@ -1,4 +1,4 @@
-/* Communication points as multiples of one tick, so that time does not drift. */
+/* Communication points as multiples of one tick, so that time does not drift, and some between. */
 #include <math.h>
 #include <stdint.h>
 
@@ -12,30 +12,52 @@ typedef struct {
     int64_t count;    /* ticks gone */
     int64_t stride;   /* ticks of the step to come */
     double shortest_used, longest_used; /* [s] */
+    double close;   /* times that are closer to each other are one [s] */
+    Vector breaks;  /* rising times at which a step has to end, too [s] */
+    int64_t passed; /* how many of them are gone, */
+    int64_t broken; /* and whether the last one is where time stands, between two multiples */
 } Clock;
 
-API double clock_now(const Clock *c) { return fmin((double)c->count * c->tick, c->stop); }
+static double clock_place(const Clock *c, int64_t ticks)
+{
+    return fmin((double)ticks * c->tick, c->stop);
+}
+
+API double clock_now(const Clock *c)
+{
+    return c->broken ? c->breaks.at[c->passed - 1] : clock_place(c, c->count);
+}
 
 static int clock_done(const Clock *c) { return c->count >= c->last; }
 
-/* Ticks gone after the step to come. */
+/* Ticks gone at the next multiple of the step. */
 static int64_t next_place(const Clock *c)
 {
-    const int64_t place = c->count + c->stride;
+    int64_t place = c->count + c->stride;
+    while (c->broken && (double)place * c->tick <= clock_now(c) + c->close)
+        place += c->stride;
     return place < c->last ? place : c->last;
+}
+
+/* Whether the step to come has to end before that. */
+static int breaks_next(const Clock *c)
+{
+    return c->passed < c->breaks.size &&
+           c->breaks.at[c->passed] < clock_place(c, next_place(c)) - c->close;
 }
 
 static double next_time(const Clock *c)
 {
-    return fmin((double)next_place(c) * c->tick, c->stop);
+    return breaks_next(c) ? c->breaks.at[c->passed] : clock_place(c, next_place(c));
 }
 
-/* Length of the step to come [s]: a multiple of the tick, but for a last, shorter one. */
+/* Length of the step to come [s]: a multiple of the tick, but for a last, shorter one, and for those
+ * from and to a break. */
 API double clock_step_to_come(const Clock *c)
 {
     const int64_t following = next_place(c);
-    if ((double)following * c->tick > c->stop)
-        return c->stop - clock_now(c);
+    if (c->broken || breaks_next(c) || (double)following * c->tick > c->stop)
+        return next_time(c) - clock_now(c);
     return (double)(following - c->count) * c->tick;
 }
 
@@ -45,7 +67,16 @@ static void clock_accept(Clock *c)
     const double step = clock_step_to_come(c);
     c->shortest_used = fmin(c->shortest_used, step);
     c->longest_used = fmax(c->longest_used, step);
-    c->count = next_place(c);
+    if (breaks_next(c)) {
+        c->broken = 1;
+        c->passed++;
+    } else {
+        c->count = next_place(c);
+        c->broken = 0;
+    }
+    while (!c->broken && c->passed < c->breaks.size &&
+           c->breaks.at[c->passed] <= clock_now(c) + c->close)
+        c->passed++;
 }
 
 /* Halve or double the step, so that steps stay aligned with multiples of themselves; `share` is what
@@ -54,6 +85,6 @@ static void clock_adapt(Clock *c, double share)
 {
     if (share > 1.0 && c->stride > 1)
         c->stride /= 2;
-    else if (share < 0.1 && c->stride < c->longest && c->count % (2 * c->stride) == 0)
+    else if (share < 0.1 && !c->broken && c->stride < c->longest && c->count % (2 * c->stride) == 0)
         c->stride *= 2;
 }

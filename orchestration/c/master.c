@@ -3,11 +3,9 @@
 
 #include "clock.c"
 
-#include <stdlib.h>
-
 #define LEAST_SHARE 1e-3 /* of the error that is allowed in all, to any one step */
 
-enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED, OUT_OF_MEMORY };
+enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED };
 
 #include "joint_step.c"
 
@@ -31,35 +29,39 @@ typedef struct {
     double accuracy;             /* share of an output's range that may be wrong in the end */
     double contraction, contraction_weight; /* sums of contraction by weight and of weight */
     Vector apart;                /* run and reference co-run after the last step */
-    Vector goal_times, goal_values; /* the reference's points, a row each: what is recorded, then
-                                       what each input takes */
-    Vector before, after;           /* room for what the inputs take at two times */
+    /* the reference's points; polynomials in the time since each, and before them a constant: what is
+     * recorded, then what each input takes */
+    Vector goal_times, goal_pieces;
+    Vector before, after; /* room for what the inputs take at two times */
 } Course;
 
-/* The set-point at a time [s] and, in `inputs`, what each input takes of it: linear between the
- * reference's points, held outside of them. */
-static double set_points(const Course *c, double t, double *inputs)
+enum { FROM_BEFORE, FROM_THEN_ON }; /* on which side of a jump */
+
+/* The set-point at a time [s] and, in `inputs`, what each input takes of it. Points of the reference
+ * that are `close` are there at this time. */
+static double set_points(const Course *c, double t, int side, double close, double *inputs)
 {
     const double *const times = c->goal_times.at;
-    const int64_t count = c->goal_times.size, width = c->before.size, row = 1 + width;
-    int64_t low = 0, high = count; /* the first point after t */
+    const int64_t count = c->goal_times.size, row = 1 + c->before.size;
+    const int64_t terms = c->goal_pieces.size / ((count + 1) * row);
+    const double bound = side == FROM_BEFORE ? t - close : t + close;
+    int64_t low = 0, high = count; /* the first point after the bound */
     while (low < high) {
         const int64_t middle = (low + high) / 2;
-        if (times[middle] <= t)
+        if (times[middle] <= bound)
             low = middle + 1;
         else
             high = middle;
     }
-    const int outside = low == 0 || low == count;
-    const int64_t k = low == 0 ? 0 : low - 1; /* the last point that is not after t */
-    const double *const here = c->goal_values.at + k * row, *const next = here + row;
-    double recorded = here[0];
-    for (int64_t j = 0; j < row; j++) {
-        double value = here[j];
-        if (!outside) {
-            const double slope = (next[j] - here[j]) / (times[low] - times[k]);
-            value = slope * (t - times[k]) + here[j];
-        }
+    double since = low > 0 ? fmax(t - times[low - 1], 0.0) : 0.0;
+    if (low > 0 && low < count)
+        since = fmin(since, times[low] - times[low - 1]);
+    const double *piece = c->goal_pieces.at + low * row * terms;
+    double recorded = 0.0;
+    for (int64_t j = 0; j < row; j++, piece += terms) {
+        double value = 0.0;
+        for (int64_t k = terms - 1; k >= 0; k--)
+            value = value * since + piece[k];
         *(j ? &inputs[j - 1] : &recorded) = value;
     }
     return recorded;
@@ -77,25 +79,16 @@ static void record_outputs(Pair *pair)
     pair->rows++;
 }
 
-/* Move a reference co-run over the same step, in as many parts as it has, until it fails. */
-static void step_co_run(Pair *pair, double t, double h, const double *before,
-                           const double *after, int64_t width, double *room)
+/* Put what the set-points are after a time into `before`; what a loop has from before a jump of them
+ * counts no longer. */
+static void begin_step_at(Loop *l, Course *course, double t, double close)
 {
-    if (!runs(pair))
-        return;
-    const int64_t parts = pair->parts;
-    double *const start = room, *const end = room + width;
-    for (int64_t j = 0; j < parts; j++) {
-        for (int64_t k = 0; k < width; k++) {
-            start[k] = before[k] + (after[k] - before[k]) * (double)j / (double)parts;
-            end[k] = before[k] + (after[k] - before[k]) * (double)(j + 1) / (double)parts;
-        }
-        if (!stepped(&pair->loop, t + (double)j * h / (double)parts, h / (double)parts, start,
-                     end)) {
-            pair->failed = t;
-            return;
-        }
-    }
+    double *const before = course->before.at, *const after = course->after.at;
+    set_points(course, t, FROM_BEFORE, close, after);
+    set_points(course, t, FROM_THEN_ON, close, before);
+    for (int64_t k = 0; k < course->before.size; k++)
+        if (before[k] != after[k])
+            l->has_following = 0;
 }
 
 /* The controller's outputs beside its commands. */
@@ -109,16 +102,34 @@ static int record_others(Controller *c, Course *course, int64_t row)
     return 1;
 }
 
-/* Record a reference co-run's row, before a step of so many seconds and parts, or the last one. */
-static void end_co_run_row(Pair *pair, double t, double h, const double *reference, int last)
+/* Move a loop over a step of a length and to an end, in as many parts as it has. */
+static int stepped_along(Pair *pair, Course *course, double t, double h, double end, double close)
 {
+    const double parts = (double)pair->parts;
+    for (int64_t j = 0; j < pair->parts; j++) {
+        const double begin = t + (double)j * h / parts;
+        begin_step_at(&pair->loop, course, begin, close);
+        set_points(course, j + 1 < pair->parts ? t + (double)(j + 1) * h / parts : end, FROM_BEFORE,
+                   close, course->after.at);
+        if (!stepped(&pair->loop, begin, h / parts, course->before.at, course->after.at))
+            return 0;
+    }
+    return 1;
+}
+
+/* End a step of a reference co-run, before one of so many seconds and parts, or the last one. */
+static void end_co_run_step(Pair *pair, Course *course, const Clock *clock, double following)
+{
+    const double t = clock_now(clock);
     if (!runs(pair))
         return;
-    if (settle_row(&pair->loop, t, h / (double)pair->parts, reference, last)) {
-        record_outputs(pair);
-    } else {
+    begin_step_at(&pair->loop, course, t, clock->close);
+    if (!settle_row(&pair->loop, t, following / (double)pair->parts, course->before.at,
+                    clock_done(clock))) {
         release_both(&pair->loop, PROBE);
         pair->failed = t;
+    } else if (!clock->broken) {
+        record_outputs(pair);
     }
 }
 
@@ -154,52 +165,58 @@ static Judged judge_step(const Pair *main, const Pair *co_run, const Clock *cloc
     return (Judged){corrected, weight, fmax(weight, worst) / allowed};
 }
 
-/* Do up to `most` accepted steps, recorded from row 0 on; GOES_ON, or why the run ended. */
+/* Do up to `most` accepted steps, recorded from row 0 on; GOES_ON, or why the run ended. Steps that
+ * end at breaks of the clock are not recorded. */
 API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Course *course,
                      int64_t most)
 {
     Loop *const loop = &main->loop;
-    const int64_t n = loop->outputs.size, m = loop->controller.m, width = course->before.size;
-    double *const before = course->before.at, *const after = course->after.at;
+    Pair *const pairs[] = {main, co_run, second};
+    const int64_t n = loop->outputs.size, m = loop->controller.m;
+    const double close = clock->close;
     double *const outputs = loop->outputs.at;
-    double *const room = malloc((size_t)(2 * width + 1) * sizeof *room);
-    if (!room)
-        return OUT_OF_MEMORY;
     int why = GOES_ON;
     main->rows = co_run->rows = second->rows = 0;
-    set_points(course, clock_now(clock), before);
     while (why == GOES_ON && !clock_done(clock) && main->rows < most) {
         const double t = clock_now(clock), h = clock_step_to_come(clock), end = next_time(clock);
-        const double goal = set_points(course, end, after);
-        const int kept = clock->adaptive && runs(co_run);
-        if ((clock->adaptive && !keep(loop)) || (kept && !keep(&co_run->loop))) {
-            why = CALL_FAILED;
+        int kept[] = {0, 0, 0};
+        for (int k = 0; k < 3 && why == GOES_ON; k++) {
+            kept[k] = clock->adaptive && runs(pairs[k]);
+            if (kept[k] && !keep(&pairs[k]->loop))
+                why = CALL_FAILED;
+        }
+        if (why != GOES_ON)
+            break;
+        for (int k = 0; k < 3 && why == GOES_ON; k++) {
+            if (!runs(pairs[k]) || stepped_along(pairs[k], course, t, h, end, close))
+                continue;
+            if (k == 0)
+                why = STEP_FAILED;
+            else
+                pairs[k]->failed = t;
+        }
+        if (why != GOES_ON) {
+            for (int k = 0; k < 3; k++)
+                if (kept[k])
+                    drop(&pairs[k]->loop);
             break;
         }
-        if (!stepped(loop, t, h, before, after)) {
-            drop(loop);
-            drop(&co_run->loop);
-            why = STEP_FAILED;
-            break;
-        }
-        step_co_run(co_run, t, h, before, after, width, room);
-        step_co_run(second, t, h, before, after, width, room);
         const Judged judged = judge_step(main, co_run, clock, course, h);
         if (clock->adaptive) {
             if (judged.share > 1.0 && clock->stride > 1) {
-                if (!take_back(loop) || (kept && !take_back(&co_run->loop))) {
-                    why = CALL_FAILED;
-                    break;
-                }
-                if (kept) {
-                    co_run->rows = main->rows;
-                    co_run->failed = NAN;
+                for (int k = 0; k < 3 && why == GOES_ON; k++) {
+                    if (!kept[k])
+                        continue;
+                    if (!take_back(&pairs[k]->loop))
+                        why = CALL_FAILED;
+                    pairs[k]->failed = NAN;
                 }
                 clock_adapt(clock, judged.share);
                 continue;
             }
-            drop(loop);
-            drop(&co_run->loop);
+            for (int k = 0; k < 3; k++)
+                if (kept[k])
+                    drop(&pairs[k]->loop);
         }
         clock_accept(clock);
         const double contraction = judged.corrected->contraction;
@@ -219,28 +236,32 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
         const double following = clock_done(clock) ? h : clock_step_to_come(clock);
         const int64_t row = main->rows;
         double *const commands = course->commands.at + row * m;
-        if (course->commands.size && /* a step of another length may follow where none are kept */
-            !command_now(loop, end, following, after, clock_done(clock), commands)) {
+        begin_step_at(loop, course, end, close);
+        /* a step of another length may follow where no commands are kept */
+        if (course->commands.size && !clock->broken &&
+            !command_now(loop, end, following, course->before.at, clock_done(clock), commands)) {
             release_both(loop, CORRECTION);
             release_both(loop, PROBE);
             why = COMMAND_FAILED;
             break;
         }
-        if (!settle_row(loop, end, following, after, clock_done(clock))) {
+        if (!settle_row(loop, end, following, course->before.at, clock_done(clock))) {
             release_both(loop, PROBE);
             why = STEP_FAILED;
             break;
         }
-        if (!record_others(&loop->controller, course, row)) {
+        if (!clock->broken && !record_others(&loop->controller, course, row)) {
             why = COMMAND_FAILED;
             break;
         }
-        end_co_run_row(co_run, end, following, after, clock_done(clock));
-        end_co_run_row(second, end, following, after, clock_done(clock));
+        end_co_run_step(co_run, course, clock, following);
+        end_co_run_step(second, course, clock, following);
+        if (clock->broken)
+            continue;
         course->times.at[row] = end;
-        course->references.at[row] = goal;
+        course->references.at[row] =
+            set_points(course, end, FROM_THEN_ON, close, course->before.at);
         record_outputs(main);
-        copy(after, before, width);
         for (int64_t k = 0; k < n; k++) {
             if (!isfinite(outputs[k]))
                 why = NOT_FINITE;
@@ -248,7 +269,6 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
                 why = DIVERGES;
         }
     }
-    free(room);
     return why;
 }
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ...solver import core
 from ...solver.kernel import IntegrationError, Kernel, Model
 from ..reference_signal import Reference
-from ..whole_loop import reference_orders
+from ..whole_loop import inputs_between
 
 Vector = npt.NDArray[np.float64]
 
@@ -56,11 +56,6 @@ class StudyLoop:
 
     kernel: Kernel = field(repr=False)
 
-    @property
-    def sampled(self) -> bool:
-        """Whether the controller is."""
-        return bool(self.kernel.sample_time)
-
     def run(
         self,
         values: Mapping[str, float],
@@ -81,8 +76,7 @@ class StudyLoop:
         tolerance : float
             Relative, of the solver.
         step : float
-            Of the grid [s], between whose times a controller that is not sampled sees the set-point
-            as a ramp. A sampled one has the grid of its samples.
+            Of the grid [s]. A sampled controller has the grid of its samples.
 
         Raises
         ------
@@ -94,29 +88,15 @@ class StudyLoop:
         step = period or step
         time = np.arange(math.ceil(stop / step - 1e-9) + 1, dtype=np.float64) * step
         x_d, v_d = reference.on(time, 0), reference.on(time, 1)
-        at = _inputs(self.kernel, time, reference, ramps=not period)
+        times, at, on_grid = inputs_between(self.kernel, reference, time)
         before = np.vstack([at[:1], at[:-1]])
         try:
-            run = model.simulate(time, (before, at), sampled_every=1 if period else 0)
+            run = model.simulate(times, (before, at), sampled=on_grid if period else None)
         except IntegrationError as error:
             empty = np.zeros(0)
             return Course(time, *(empty,) * 4, x_d, v_d, str(error))
-        y = run.outputs
+        y = {name: values[on_grid] for name, values in run.outputs.items()}
         return Course(time, y["x"], y["v"], y["i"], y["u"], x_d, v_d)
-
-
-def _inputs(kernel: Kernel, time: Vector, reference: Reference, ramps: bool) -> Vector:
-    """Each input at each time; a controller that is not sampled sees ramps in between."""
-    names = [i.name for i in kernel.inputs]
-    table = np.zeros((len(time), len(names)))
-    for name, order in reference_orders(kernel).items():
-        values = reference.on(time, order)
-        table[:, names.index(name)] = values
-        if ramps:
-            rates = np.diff(values, append=values[-1:]) / (time[1] - time[0])
-            table[:, names.index(f"{name}_rate")] = rates
-    table[:, names.index("t_step")] = time
-    return table
 
 
 _SYSTEMS: dict[str, core.System] = {}  # a process runs a loop many times, one run after another

@@ -21,7 +21,6 @@ SHARE = 20  # every so many runs, drawn at random
 ALLOWED = 10.0  # times what units in the last place, or a tenth of the tolerance, move the run
 TRUSTED = "trusted"  # of the master's verdicts, that on a coupling that converged
 ROUND_OFF = 1e-13  # m, of positions in the size of a metre
-SECOND_ORDER = 4 / 3  # of what half the step changes, is the error of a step
 COMPARED = ("rms_error", "peak_error", "failed")
 """Figures of a run that the table has; two runs' errors differ by no more than their positions."""
 TOLERANCES = 40  # with which a run that seems to differ is done again
@@ -38,9 +37,8 @@ class FmuCheck:
     allowed : float
         Ten times what the study's own run is uncertain by: the most that one unit in the last place
         of any parameter of the plant, a tenth of the solver's tolerance, or that of the FMUs' own
-        solvers, moves it [m]; where that is less than `apart`, also tolerances in between. Where
-        the controller is not sampled, at least the master's own estimate of its coupling error, and
-        what the grid of the study's run takes from the set-point, by a run with half its step.
+        solvers, moves it [m]; where that is less than `apart`, also tolerances in between. At least
+        the master's own estimate of its coupling error.
     agrees : bool
         Whether the position over FMUs is that near, and the figures of the table are those of the
         study's run and of that over FMUs.
@@ -113,11 +111,8 @@ def check_over_fmus(
         between = np.geomspace(finest, tolerance, TOLERANCES)
         uncertain = max(uncertain, moved((values, float(t)) for t in between))
     allowed = ALLOWED * max(uncertain, ROUND_OFF)
-    if not loop.sampled:
-        halved = loop.run(values, reference, stop, tolerance, 0.5 * step).position[::2]
-        own_error = SECOND_ORDER * float(np.abs(halved - own.position).max())
-        allowed = max(allowed, float(run.verdict.error_estimate["x"]) + own_error)
     verdict = run.verdict
+    allowed = max(allowed, float(verdict.error_estimate["x"]))
     error = own.reference - position
     found = {"rms_error": np.sqrt(np.mean(error**2)), "peak_error": np.abs(error).max()}
     off = max(abs(table[name] - figure) for name, figure in found.items())

@@ -67,14 +67,14 @@ API void core_output(const Instance *i, double t)
  * is given; returns the rows that were reached.
  *
  * `within` and `after`, if they are there, are what the first `given` of u are before each row and
- * at it, rows of them. Times may occur twice. Where `stride` is not 0, every so many rows, from the
- * first on, are sample instants: the `sampled` discrete states, from `first` on in u, are updated
- * there before the outputs. */
+ * at it, rows of them. Times may occur twice. `samples`, if it is there, tells which rows are sample
+ * instants: the `sampled` discrete states, from `first` on in u, are updated there before the
+ * outputs. */
 API int core_trajectory(const System *s, const double *times, int rows, double *states,
                         double *outputs, int output_count, const double *within,
-                        const double *after, int given, int stride, int first, int sampled,
-                        double *u, const double *p, const double *atol, double rtol, Work *work,
-                        Info *info, int max_steps)
+                        const double *after, int given, const unsigned char *samples, int first,
+                        int sampled, double *u, const double *p, const double *atol, double rtol,
+                        Work *work, Info *info, int max_steps)
 {
     const int n = s->states;
     double next[sampled > 0 ? sampled : 1];
@@ -94,7 +94,7 @@ API int core_trajectory(const System *s, const double *times, int rows, double *
         }
         if (given)
             memcpy(u, after + (size_t)row * given, taken);
-        if (stride && row % stride == 0) {
+        if (samples && samples[row]) {
             s->sample(s, times[row], x, u, p, next);
             memcpy(u + first, next, (size_t)sampled * sizeof *u);
         }

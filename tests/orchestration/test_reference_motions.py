@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
-from scipy.integrate import cumulative_trapezoid
 
 from ballscrew.orchestration.reference_motions import (
     KINDS,
@@ -12,31 +11,36 @@ from ballscrew.orchestration.reference_motions import (
     move_times,
     read_motion,
     sine,
+    step,
     triangle,
 )
-from ballscrew.orchestration.reference_signal import BadReference, Reference
+from ballscrew.orchestration.reference_signal import TERMS, BadReference, Reference
 
 sizes = st.floats(1e-6, 0.5)
 limits = st.floats(1e-3, 10.0)
 
 
 def integral(motion: Reference, order: int) -> np.ndarray:
-    """Of a derivative, by the trapezoidal rule."""
-    return cumulative_trapezoid(motion.derivative(order), motion.times, initial=0.0)
+    """Of a derivative up to each point, by Gauss' rule of six places: exact for the pieces."""
+    places, weights = np.polynomial.legendre.leggauss(6)
+    span = np.diff(motion.times)[:, None]
+    inside = motion.times[:-1, None] + span * (1 + places) / 2
+    parts = motion.on(inside.ravel(), order).reshape(inside.shape) @ weights * span[:, 0] / 2
+    return np.append(0.0, np.cumsum(parts))
 
 
 @settings(max_examples=40, deadline=None)
 @given(distance=sizes, speed=limits, acceleration=limits, jerk=st.floats(1.0, 1e3))
 def test_a_move_keeps_its_limits_and_arrives_at_rest(distance, speed, acceleration, jerk):
     motion = move(distance, speed, acceleration, jerk, back=0.0, dwell=0.01, start=0.0)
+    times = np.sort(np.append(motion.times, np.linspace(0.0, motion.times[-1], 1000)))
     tolerance = 1 + 1e-9
-    assert np.abs(motion.derivative(1)).max() <= speed * tolerance
-    assert np.abs(motion.derivative(2)).max() <= acceleration * tolerance
-    jerks = np.abs(np.diff(motion.derivative(2)) / np.diff(motion.times))
-    assert jerks.max() <= jerk * (1 + 1e-6)
+    assert np.abs(motion.on(times, 1)).max() <= speed * tolerance
+    assert np.abs(motion.on(times, 2)).max() <= acceleration * tolerance
+    assert np.abs(6 * motion.pieces(0)[:, 3]).max() <= jerk * tolerance
     assert motion.values[-1] == pytest.approx(distance, rel=1e-9)
-    assert np.all(np.diff(motion.values) >= -1e-12 * distance)
-    assert abs(motion.derivative(1)[-1]) <= 1e-9 * speed
+    assert np.all(np.diff(motion.on(times, 0)) >= -1e-12 * distance)
+    assert motion.derivative(1)[-1] == 0.0
 
 
 def decades(least: float, most: float) -> st.SearchStrategy[float]:
@@ -48,16 +52,21 @@ def decades(least: float, most: float) -> st.SearchStrategy[float]:
 @example(0.08, 0.1, 1.0, 1e12, 1)
 def test_every_move_arrives_and_comes_back(size, speed, acceleration, jerk, sign):
     """However short its phases are beside its length."""
-    assume(sum(move_times(size, speed, acceleration, jerk)) < 20)
+    ramp, flat, cruise = move_times(size, speed, acceleration, jerk)
+    lengths = 4 * ramp, 2 * flat, cruise, 0.5
+    assume(sum(lengths) < 20)
     distance = sign * size
     motion = move(distance, speed, acceleration, jerk)
-    dwells = np.flatnonzero((np.diff(motion.times) > 0.4) & (motion.derivative(1)[1:] == 0))
-    assert motion.values[dwells[0]] == pytest.approx(distance, rel=1e-12)
-    assert motion.values[dwells[1]] == pytest.approx(0.0, abs=1e-12 * size)
-    ends = motion.times[dwells + 1]
+    arrived, back = motion.times[[-1]] - 0.5 - sum(lengths), motion.times[[-1]] - 0.5
+    for end, place in ((arrived, distance), (back, 0.0)):
+        assert motion.on(end - 1e-9, 0) == pytest.approx(place, abs=1e-8 * speed + 1e-12 * size)
+        assert motion.on(end + 1e-9, 0) == place
+        assert motion.on(end + 1e-9, 1) == motion.on(end + 1e-9, 2) == 0.0
+    assert not len(motion.jumps((0,)))
     for order, limit in ((1, speed), (2, acceleration)):
         assert np.abs(motion.derivative(order)).max() <= limit * (1 + 1e-9)
-        assert (motion.on(ends, order) == 0).all()
+        gone = integral(motion, order) - motion.derivative(order - 1)
+        assert np.abs(gone).max() <= 1e-9 * np.abs(motion.derivative(order - 1)).max()
 
 
 @settings(max_examples=40, deadline=None)
@@ -78,15 +87,32 @@ def test_a_long_move_is_as_long_as_the_closed_form():
     assert 4 * ramp + 2 * flat + cruise == pytest.approx(0.5 / 0.2 + 0.2 / 1.0 + 1.0 / 20.0)
 
 
-@pytest.mark.parametrize(
-    "motion", [move(-0.03), sine(2e-3, 3.0, 1.0, start=0.2), triangle(1e-3, 0.5, 2.0, start=0.1)]
+@settings(max_examples=60, deadline=None)
+@given(
+    kind=st.sampled_from([sine, triangle]),
+    amplitude=decades(-6, 0),
+    rhythm=decades(-1, 2),
+    duration=st.floats(0.1, 3.0),
+    start=st.sampled_from([0.0, 0.1, 0.7]),
 )
-def test_derivatives_are_those_of_the_signal(motion):
-    size = np.ptp(motion.values)
-    assert np.abs(integral(motion, 1) - motion.values).max() <= 1e-5 * size
-    if np.ptp(motion.derivative(2)):  # a triangle's turns are left out
+def test_derivatives_are_those_of_the_signal(kind, amplitude, rhythm, duration, start):
+    motion = kind(amplitude, rhythm, duration, start)
+    assert np.abs(integral(motion, 1) - motion.values).max() <= 1e-9 * amplitude
+    assert not len(motion.jumps((0,)))
+    if kind is sine:
         speed = np.ptp(motion.derivative(1))
-        assert np.abs(integral(motion, 2) - motion.derivative(1)).max() <= 1e-5 * speed
+        assert np.abs(integral(motion, 2) - motion.derivative(1))[:-1].max() <= 1e-9 * speed
+
+
+@settings(max_examples=60, deadline=None)
+@given(decades(-6, 0), decades(-1, 2.5), st.floats(0.0, 2.99))
+def test_a_sine_is_one_to_round_off(amplitude, frequency, t):
+    motion = sine(amplitude, frequency, 3.0)
+    omega = 2 * np.pi * frequency
+    exact = np.array([1 - np.cos(omega * t), np.sin(omega * t), np.cos(omega * t)])
+    found = motion.all_at(t, (0, 1, 2))
+    scale = amplitude / 2 * omega ** np.arange(3)
+    np.testing.assert_allclose(found / scale, exact, atol=5e-11)
 
 
 def test_a_move_that_comes_back_ends_where_it_began():
@@ -102,26 +128,76 @@ def test_differences_of_a_file_are_exact_for_a_parabola():
     assert motion.all_at(0.2, (0, 1)) == pytest.approx([0.1, 0.8])
 
 
+def test_differences_of_a_file_stay_on_their_side_of_a_jump():
+    t = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0])
+    motion = Reference(t, np.array([0.0, 1.0, 2.0, 7.0, 7.0, 7.0]))
+    assert motion.derivative(1).tolist() == [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    assert motion.jumps((0,)).tolist() == [2.0]
+    assert motion.jumps((0, 1)).tolist() == [0.0, 2.0]  # it rests before its first point
+
+
 def test_a_step_is_where_it_was_asked_for():
     motion = read_motion("step:size=0.02,at=0.5")
     assert [motion.at(t) for t in (0.0, 0.5 - 1e-9, 0.5, 9.0)] == [0.0, 0.0, 0.02, 0.02]
-    with pytest.raises(BadReference, match="give its velocity"):
-        Reference(motion.times, motion.values).derivative(1)
+    at = np.array([0.5])
+    assert [*motion.on(at, 0, before=True), *motion.on(at, 0)] == [0.0, 0.02]
+    assert motion.on(at, 1, before=True) == motion.on(at, 1) == 0.0
+    assert motion.jumps((0, 1)).tolist() == [0.5]
 
 
-def test_a_motion_on_a_grid_is_interpolated_and_held_outside():
-    """A triangle of 1 mm in 0.2 s, from 0.1 s to 0.6 s; its velocity jumps between equal times."""
+def test_a_triangle_turns_where_it_should_and_rests_outside():
+    """Of 1 mm in 0.2 s, from 0.1 s to 0.6 s; its velocity jumps at each turn."""
     motion = triangle(1e-3, 0.2, 0.5, start=0.1)
     grid = np.arange(700) * 1e-3 + 5e-4
-    np.testing.assert_allclose(
-        motion.on(grid, 0), np.interp(grid, motion.times, motion.values), atol=1e-17
-    )
-    turns = np.floor((grid - 0.1) / 0.1)
-    forward = np.where(turns % 2 == 0, 0.01, -0.01)
-    expected = np.where(grid < 0.1, 0.0, np.where(grid < 0.6, forward, 0.01))
+    turns = np.arange(6) * 0.1 + 0.1
+    corners = 1e-3 * (np.arange(6) % 2)
+    np.testing.assert_allclose(motion.on(grid, 0), np.interp(grid, turns, corners), atol=1e-17)
+    forward = np.where(np.floor((grid - 0.1) / 0.1) % 2 == 0, 0.01, -0.01)
+    expected = np.where((grid < 0.1) | (grid > 0.6), 0.0, forward)
     np.testing.assert_allclose(motion.on(grid, 1), expected, atol=1e-15)
-    assert motion.on(np.array([0.2]), 1)[0] == pytest.approx(-0.01)  # of two values the later
+    at = motion.times[2:3]  # 0.2 s
+    assert motion.on(at, 1)[0] == -motion.on(at, 1, before=True)[0] == pytest.approx(-0.01)
+    assert not len(motion.jumps((0,)))
+    assert motion.jumps((0, 1)) == pytest.approx(turns)
     assert Reference.constant(0.3).on(grid, 0).tolist() == [0.3] * 700
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from(
+        [move(-0.03), sine(2e-3, 3.0, 1.0, start=0.2), triangle(1e-3, 0.5), step(0.01, 0.4)]
+    ),
+    st.lists(st.floats(1e-6, 3.0), min_size=1, max_size=20, unique=True).map(sorted),
+)
+def test_on_any_grid_it_is_the_same_function(motion, places):
+    """The pieces that solver steps follow end where it changes, and are it in between."""
+    grid = np.array([0.0, *places, 3.5])
+    grid = grid[np.diff(grid, prepend=-1.0) > 1e-6]
+    times, pieces = motion.between(grid, (0, 1, 2))
+    assert set(grid) <= set(times)
+    lengths = np.diff(times)
+    for share in (0.1, 0.9):
+        inside = times[:-1] + share * lengths
+        powers = (share * lengths)[:, None] ** np.arange(TERMS)
+        for order, rows in enumerate(pieces):
+            size = np.ptp(motion.derivative(order)) or 1.0
+            found = (rows[:-1] * powers).sum(axis=1)
+            np.testing.assert_allclose(found / size, motion.on(inside, order) / size, atol=1e-9)
+
+
+def test_what_bends_within_the_steps_is_told():
+    """And what does not: the estimate of a run depends on it."""
+    none = np.zeros(0)
+    jump = read_motion("step:at=0.1003")
+    assert not jump.bends_within(1e-3, 1.0, (0,), jump.jumps((0,)))
+    assert jump.bends_within(1e-3, 1.0, (0,), none)  # for FMUs that take no other steps
+    assert not jump.bends_within(1e-3, 0.1, (0,), none)  # which this run does not reach
+    corner = Reference(np.array([0.0, 0.3, 0.5]), np.array([0.0, 0.0, 1.0]))
+    assert not corner.bends_within(0.1, 1.0, (0,), none)
+    assert corner.bends_within(0.08, 1.0, (0,), none)
+    assert not Reference.constant(0.08).bends_within(1e-3, 1.0, (0, 1), none)
+    assert sine().bends_within(1e-3, 1.0, (0,), none)
+    assert move().bends_within(1e-3, 1.0, (0,), none)
 
 
 def test_every_kind_can_be_written_and_a_file_name_is_none():

@@ -1,5 +1,6 @@
 """Reading a reference course, and refusing what is none."""
 
+import numpy as np
 import pytest
 
 from ballscrew.orchestration.reference_signal import BadReference, Reference
@@ -14,6 +15,15 @@ def test_linear_between_points_and_held_outside(tmp_path):
     assert Reference.constant(0.08).is_constant
 
 
+def test_two_rows_at_one_time_are_a_jump(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("time,x_d\n0,0\n1,0.1\n1,0.3\n2,0.3\n")
+    reference, at = Reference.read(path), np.array([1.0])
+    assert reference.jumps((0,)).tolist() == [1.0]
+    assert [*reference.on(at, 0, before=True), *reference.on(at, 0)] == [0.1, 0.3]
+    assert [reference.at(t) for t in (0.5, 1.5)] == [0.05, 0.3]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -23,7 +33,8 @@ def test_linear_between_points_and_held_outside(tmp_path):
         ("time,x_d\n0,0\n1,abc\n", "line 3 is no pair of numbers"),
         ("time,x_d\n0,0\n1\n", "line 3 is no pair of numbers"),
         ("time,x_d\n0,0\n1,nan\n", "not finite"),
-        ("time,x_d\n0,0\n1,1\n1,2\n", "time does not rise after 1 s"),
+        ("time,x_d\n0,0\n1,1\n0.5,2\n", "time does not rise after 1 s"),
+        ("time,x_d\n0,0\n1,1\n1,2\n1,3\n", "time does not rise after 1 s"),
     ],
 )
 def test_bad_files_are_refused_with_the_place(tmp_path, text, message):
