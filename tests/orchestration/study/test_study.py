@@ -87,7 +87,7 @@ def test_runs_over_fmus_come_out_as_in_one_solver(result):
     assert len(result.checks) == 1
     assert result.disagreed == 0
     ((run, check),) = result.checks.items()
-    assert 0 < check.apart < 1e-7
+    assert 0 < check.apart <= check.allowed < 1e-6  # what the master's steps take from the curve
     rows = result.rows()
     again = [k for k, verdict in enumerate(rows["coupling"]) if verdict]
     assert [tuple(rows[name][k] for name in run._fields) for k in again] == [run]
