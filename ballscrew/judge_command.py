@@ -84,7 +84,7 @@ def table(result: Judgement) -> str:
         lines.append(row(label, [s.parts[part] for s in scores]))
     lines.append(row("position over 1 s [um]", [s.position for s in scores], 1e6))
     lines += [
-        f"noise of the position alone: {result.floor.force:.3g} N, "
+        f"noise of the instruments alone: {result.floor.force:.3g} N, "
         f"{1e6 * result.floor.position:.3g} um; behind a part: its share of the moving samples",
         "",
         f"{'gain, share of the mean square':<42}{'force [%]':>{_WIDE}}{'position [%]':>{_WIDE}}",

@@ -17,23 +17,23 @@ from ..records.identifiable import check_identifiable
 from .acceptance import SWINGS, Accepted, accepted, taken_back
 from .causes import CAUSES
 from .commanded import commanded
-from .diagnosis import EXPLAINED, NONE, PARTLY, UNEXPLAINED, Curves, Diagnosis, Level, holds
+from .diagnosis import EXPLAINED, NONE, PARTLY, UNEXPLAINED, Curves, Diagnosis, holds
 from .drive_model import DriveModel
-from .explanation import amplitudes
+from .explanation import amplitudes, nothing_in
 from .faultless import RecordKind, p_value
 from .found_cause import found_cause, level
 from .held_out import HeldOut, gained, gained_ahead, judged, laps_of, parts_of, with_values
 from .load_cell import validation_signal
 from .modelled_record import ModelledRecord, opposing
+from .noise_floor import noise_floor
 from .nonparametric import LIVES
 from .plausibility import at_ends
 from .prior_model import lead_of, prior_model_from, with_lead
-from .problem import Candidate, Problem
+from .problem import Candidate, Problem, values_alone
 from .regression import Added
-from .remaining import AT_FLOOR, above_floor, next_experiment, out_of_reach, where_residual_is
-from .residuals import Residual, floor, repetition, residual
-from .search import Found, Situation, added_by, only_first, search
-from .search import adjusted as values_adjusted
+from .remaining import above_floor, next_experiment, out_of_reach, where_residual_is
+from .residuals import Residual, residual, rms
+from .search import Found, Situation, added_by, adjusted, only_first, search
 from .selection import strongest_alone
 
 
@@ -149,18 +149,29 @@ def _concluded(
     courses, noise = situation.courses, situation.noise
     holds_up, held, baseline = judgement.holds_up, judgement.held, judgement.baseline
     kind = _kind(situation, problem)
+    corrected = _corrected(situation, problem, holds_up)
+    if not held.order:  # values leave the least force then: nothing else is claimed of the model
+        situation, left = _least_force(prior_model, found, judgement)
+        courses, held = situation.courses, replace(held, none=left, all=left)
+        nothing = Added.nothing(courses)
+        baseline = residual(courses, prior_model, nothing)
+        found_at_last = residual(courses, situation.model, nothing)
+        corrected = corrected._replace(model=situation.model, residual=found_at_last)
     causes = tuple(
         found_cause(situation, problem, holds_up, held, kind, name) for name in held.order
     )
     whole = gained(held.none, held.all, held.limits)
-    adjusted, final = level(held.none), level(held.all)
-    corrected = _corrected(situation, problem, holds_up)
+    fitted, final = level(held.none), level(held.all)
     model, free = corrected.model, corrected.free
-    lowest = _lowest(situation, corrected, judgement.laps)
-    verdict = _verdict(bool(causes), bool(free), holds(whole.interval, adjusted, final))
-    if verdict == EXPLAINED and final.force > AT_FLOOR * lowest.force:
-        verdict = PARTLY
-        notes.append(above_floor(final, lowest, bool(judgement.laps)))
+    lowest = noise_floor(
+        courses, situation.model, situation.noise, corrected.residual, judgement.laps
+    )
+    at_floor = lowest.has(held.all)
+    better = holds(whole.interval, fitted, final)
+    verdict = _verdict(bool(causes), at_floor, better and not free)
+    notes += above_floor(held.all, lowest, bool(judgement.laps))
+    if verdict == NONE:
+        free = []
     notes += _of_the_fit(problem, holds_up, courses)
     cell = validation_signal(courses, prior_model, model, corrected.on_block.force)
     if cell is None and any("force" in r.signals for r in records):
@@ -168,11 +179,13 @@ def _concluded(
     strongest = strongest_alone(problem)
     return Diagnosis(
         verdict=verdict,
-        where=where_residual_is(found, verdict, level(baseline), lowest),
-        floor=lowest,
+        where=where_residual_is(found.first_alone, verdict, level(baseline), lowest.level),
+        floor=lowest.level,
         baseline_residual=level(baseline),
-        adjusted_residual=adjusted,
+        adjusted_residual=fitted,
         final_residual=final,
+        left_of_friction=max(final.force, held.all.by_current_rms)
+        / _friction(courses, model, held),
         gain_interval=whole.interval,
         held_out=held.parts,
         causes=causes,
@@ -202,6 +215,19 @@ def _concluded(
         seconds=time.perf_counter() - began,
         notes=tuple(notes),
     )
+
+
+def _least_force(
+    prior_model: DriveModel, found: Found, judgement: _Judgement
+) -> tuple[Situation, Residual]:
+    """Values that leave the least force, and what those of other data leave of each part."""
+    before = found.situation
+    nothing = Added.nothing(before.courses)
+    after = adjusted(before.courses, before.model, prior_model, nothing, coloured=False)
+    problem = values_alone(found.problem, after.courses, after.model, after.noise.white)
+    folds = parts_of(after.courses, judgement.laps)
+    held = judged(after, problem, nothing_in(problem), folds, bool(judgement.laps))
+    return after, held.none
 
 
 def _standing(prior_model: DriveModel, found: Found) -> tuple[Found, _Judgement]:
@@ -255,15 +281,6 @@ def _corrected(situation: Situation, problem: Problem, holds_up: Accepted) -> _C
     )
 
 
-def _lowest(situation: Situation, corrected: _Corrected, laps: list[float]) -> Level:
-    """The least that any model could leave; equal laps tell it by their differences, too."""
-    lowest = level(floor(situation.courses, situation.model))
-    if not laps:
-        return lowest
-    repeated = repetition(corrected.residual, situation.courses, laps)
-    return Level(max(lowest.force, repeated), lowest.position)
-
-
 def _of_the_fit(
     problem: Problem, holds_up: Accepted, courses: Sequence[ModelledRecord]
 ) -> list[str]:
@@ -290,7 +307,7 @@ def _adjusted(
     """The prior model with its own values fitted, without any cause."""
     if not holds_up.explanation.members:
         return corrected.model
-    return values_adjusted(courses, prior_model, prior_model, Added.nothing(courses)).model
+    return adjusted(courses, prior_model, prior_model, Added.nothing(courses)).model
 
 
 def _curves(
@@ -317,11 +334,17 @@ def _curves(
     )
 
 
-def _verdict(causes: bool, structure: bool, better: bool) -> str:
-    """By whether there are causes, structure beside them, and a gain on data held out."""
+def _friction(courses: Sequence[ModelledRecord], model: DriveModel, held: HeldOut) -> float:
+    """Root mean square of the friction where samples tell anything [N]."""
+    along = np.concatenate([opposing(c, model) for c in courses])
+    return max(rms(along[held.all.telling]), 1e-300)
+
+
+def _verdict(causes: bool, at_floor: bool, enough: bool) -> str:
+    """By whether there are causes, whether noise is all that is left, and whether they do."""
     if not causes:
-        return UNEXPLAINED if structure else NONE
-    return EXPLAINED if better and not structure else PARTLY
+        return NONE if at_floor else UNEXPLAINED
+    return EXPLAINED if enough and at_floor else PARTLY
 
 
 def _kind(situation: Situation, problem: Problem) -> RecordKind:

@@ -181,6 +181,9 @@ class Diagnosis:
     floor, baseline_residual, adjusted_residual, final_residual : Level
         Of noise; of the prior model; with its values adjusted within their tolerances; with
         the causes. The last two on data that neither choice nor fit has seen.
+    left_of_friction : float
+        What is left on those data at last, as share of the friction along the records: force by
+        the voltage, or what voltage and current differ by, whichever is more.
     gain_interval : tuple of float
         95 % of the share of the adjusted residual's mean square in force that goes.
     held_out : str
@@ -223,6 +226,7 @@ class Diagnosis:
     baseline_residual: Level
     adjusted_residual: Level
     final_residual: Level
+    left_of_friction: float
     gain_interval: tuple[float, float]
     held_out: str
     causes: tuple[FoundCause, ...]
@@ -260,6 +264,7 @@ class Diagnosis:
             "baseline_residual": level(self.baseline_residual),
             "adjusted_residual": level(self.adjusted_residual),
             "final_residual": level(self.final_residual),
+            "left_of_friction": self.left_of_friction,
             "gain_interval": list(self.gain_interval),
             "held_out": self.held_out,
             "causes": [

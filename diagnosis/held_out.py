@@ -168,15 +168,16 @@ def judged(
     def with_causes(allowed: Sequence[str]) -> Residual:
         part = restricted_to(problem, best, set(allowed))
         samples = limits[-1]
-        whole = Residual(np.zeros(samples), np.zeros(samples), np.zeros(samples, dtype=bool))
+        whole = Residual(
+            np.zeros(samples), np.zeros(samples), np.zeros(samples), np.zeros(samples, bool)
+        )
         for fold in folds:
             test = np.repeat(fold_of == fold, np.diff(limits))
             fitted = amplitudes(problem, part, fold_of != fold)
             added = added_by(part.members, fitted, courses)
             found = residual(courses, with_values(problem, fitted), added)
-            whole.force[test] = found.force[test]
-            whole.position[test] = found.position[test]
-            whole.telling[test] = found.telling[test]
+            for name, values in vars(whole).items():
+                values[test] = getattr(found, name)[test]
         return whole
 
     none = with_causes(())

@@ -23,7 +23,7 @@ from .drive_model import DriveModel
 from .modelled_record import ModelledRecord, lay_along, with_law_force
 from .motion_parts import PARTS, motion_parts
 from .prior_model import prior_model_from
-from .regression import Added
+from .regression import Added, check_motion
 from .residuals import AHEAD, Residual, floor, residual
 
 PRIOR, ADJUSTED, CORRECTED = "prior", "adjusted", "corrected"
@@ -74,7 +74,7 @@ class Judgement:
     shares : dict of str to float
         Of the samples that count, those of each part of the motion.
     floor : Level
-        What noise of the position alone would leave.
+        What noise of the instruments alone would leave.
     scores : dict of str to Score
         Of the models ``prior``, ``adjusted`` and ``corrected``.
     gains : tuple of ModelGain
@@ -170,6 +170,7 @@ def judge_records(records: Sequence[DriveRecord], file: ParameterFile) -> Judgem
     records = [_commanded(r, told) for r in records]
     notes = check_identifiable(records)
     courses = [_laid(r, models[PRIOR], told) for r in records]
+    check_motion(courses)
     nothing = Added.nothing(courses)
     named = _named(courses, models[CORRECTED], file, told)
     left = {

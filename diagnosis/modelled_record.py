@@ -246,6 +246,22 @@ def lay_along(record: DriveRecord, model: DriveModel) -> ModelledRecord:
     )
 
 
+def read_anew(
+    course: ModelledRecord, model: DriveModel, random: np.random.Generator
+) -> ModelledRecord:
+    """The course as its instruments, each with its noise, would have read it another time.
+
+    The smoothed motion, along which the law is followed, stays: its error is `force_variance`.
+    """
+    record = course.record
+    white = random.standard_normal((2, len(record.x)))
+    read = {"x": record.x + position_noise(record) * white[0]}
+    if course.has_current:
+        read["i"] = record.signals["i"] + _current_noise(course) * white[1]
+    record = replace(record, signals={**record.signals, **read})
+    return replace(course, record=record, i=_current(record, course.v, model))
+
+
 def _rough(record: DriveRecord, width: int, model: DriveModel) -> float:
     """Force that no motion has, from one window to the next, relative to the friction.
 
@@ -277,10 +293,15 @@ def _current_share(course: ModelledRecord, model: DriveModel, noise: float) -> f
     if not course.has_current:
         return 1.0
     of_average, of_rate = noise_gains(course.width)
-    step = float(np.median(np.abs(np.diff(np.unique(course.i))))) if len(course.i) > 1 else 0.0
-    current = course.resistance * of_average * max(fast_noise(course.i), step / math.sqrt(12.0))
+    current = course.resistance * of_average * _current_noise(course)
     velocity = model.back_emf * of_rate * noise / course.step
     return current**2 / max(current**2 + velocity**2, 1e-300)
+
+
+def _current_noise(course: ModelledRecord) -> float:
+    """Standard deviation of a current's reading [A]."""
+    step = float(np.median(np.abs(np.diff(np.unique(course.i))))) if len(course.i) > 1 else 0.0
+    return max(fast_noise(course.i), step / math.sqrt(12.0))
 
 
 def driven_by_current(course: ModelledRecord, model: DriveModel) -> ModelledRecord:

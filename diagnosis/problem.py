@@ -156,6 +156,27 @@ def state_problem(
     )
 
 
+def values_alone(
+    problem: Problem, courses: Sequence[ModelledRecord], model: DriveModel, noise: Noise
+) -> Problem:
+    """The problem of a model's own values, without candidates, around other values of it."""
+    nothing = Added.nothing(courses)
+    left = [y[:, :, None] for y in leftovers(courses, model, nothing)]
+    made = filters(courses, noise)
+    parts = [left, sensitivities(courses, model, nothing)]
+    low, high = bounds(problem.prior_model, model, (), courses)
+    return replace(
+        problem,
+        columns=Columns(tuple(whitened(made, part) for part in parts), tuple(edges(courses))),
+        model=model,
+        prior=_prior(courses, model, problem.prior_model),
+        low=low,
+        high=high,
+        candidates=[],
+        noise=noise,
+    )
+
+
 def _prior(courses: Sequence[ModelledRecord], model: DriveModel, prior_model: DriveModel) -> Prior:
     """Of relative changes of values, and of calibrations, around a model."""
     mean = prior_changes(prior_model, model, courses)
@@ -183,7 +204,7 @@ def _least_noise(
     causes : sequence of Candidate
         Those with columns of their own.
     """
-    plain = filters(courses, replace(noise, weights=np.zeros_like(noise.weights)))
+    plain = filters(courses, noise.white)
     columns = np.column_stack([whitened(plain, part) for part in parts])
     products = columns.T @ columns
     values = len(model.adjustable)

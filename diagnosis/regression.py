@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
+from ..records.bad_record import BadRecord
 from .causes.cause import Shape
 from .drive_model import DriveModel
 from .modelled_record import (
@@ -33,9 +34,12 @@ Matrix = npt.NDArray[np.float64]
 
 STRETCH = 0.5  # what is weighed and held out together [s]
 _STEP = 1e-3  # of differences, relative to a value
-_ORDER = 8  # of the autoregression
+ORDER = 8
+"""Of the autoregression: so many windows at the start of a record count for nothing."""
 _ROUNDS = 3
-_EXACT = 3e-3  # of the friction: noise that is always there, laws are not exact
+_FEWEST = 50  # windows in motion, that an autoregression and a model's values are fitted to
+EXACT = 3e-3
+"""Of the friction: noise that is always there, laws are not exact."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,11 @@ class Noise:
     weights: Matrix
     sizes: Vector
     growth: float
+
+    @property
+    def white(self) -> Noise:
+        """What drives it alone, as if nothing were predicted."""
+        return replace(self, weights=np.zeros_like(self.weights))
 
 
 @dataclass(frozen=True)
@@ -180,12 +189,31 @@ class Filter:
         return np.asarray(out * self.telling.reshape(-1, 1, *extra))
 
 
-def telling(course: ModelledRecord, order: int = _ORDER) -> Vector:
+def telling(course: ModelledRecord, order: int = ORDER) -> Vector:
     """Weights of the windows, shape (windows,): zero where one rests, or remembers a rest."""
     rests = course.resting > 0.0
     remembered = np.convolve(rests, np.ones(order + 1))[: len(rests)] > 0.0
     remembered[:order] = True
     return (~remembered).astype(float)
+
+
+def check_motion(courses: Sequence[ModelledRecord]) -> None:
+    """Refuse records that show next to no motion.
+
+    Raises
+    ------
+    BadRecord
+    """
+    count, all_there = (
+        int(sum(telling(c).sum() for c in courses)),
+        sum(len(c.resting) for c in courses),
+    )
+    if count < _FEWEST:
+        names = ", ".join(c.record.name for c in courses)
+        raise BadRecord(
+            f"{names}: only {count} of {all_there} parts of {courses[0].width} samples show a "
+            f"motion, expected {_FEWEST} at least: x rests, jumps from sample to sample or is noise"
+        )
 
 
 def filters(courses: Sequence[ModelledRecord], noise: Noise) -> list[Filter]:
@@ -330,7 +358,7 @@ def fitted_noise(
     courses: Sequence[ModelledRecord], model: DriveModel, left: Sequence[Matrix]
 ) -> Noise:
     """The autoregression that is most likely, given what is left of each record's balances."""
-    exact = _EXACT * model.friction_scale
+    exact = EXACT * model.friction_scale
     size, growth = exact, 0.0
     for _ in range(_ROUNDS):  # the weights of doubtful windows need the size
         each = [force_weights(c, size, growth) for c in courses]
@@ -366,12 +394,12 @@ def _autoregression(
     rows, goals, scales = [], [], []
     for c, y, w in zip(courses, left, weights, strict=True):
         counts = np.flatnonzero(telling(c) > 0.0)
-        rows.append(y[counts[:, None] - np.arange(1, _ORDER + 1)])
+        rows.append(y[counts[:, None] - np.arange(1, ORDER + 1)])
         goals.append(y[counts])
         scales.append(w[counts])
     past, now, scale = np.vstack(rows), np.concatenate(goals), np.concatenate(scales)
     weighted = past * scale[:, None] ** 2
-    inner = past.T @ weighted + float(scale @ scale) * exact**2 * np.eye(_ORDER)
+    inner = past.T @ weighted + float(scale @ scale) * exact**2 * np.eye(ORDER)
     found = np.asarray(np.linalg.solve(inner, weighted.T @ now), dtype=np.float64)
     return found, [goal - row @ found for row, goal in zip(rows, goals, strict=True)]
 

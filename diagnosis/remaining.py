@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from .causes import CAUSES
-from .diagnosis import NONE, Level, NextExperiment, NotNamed, OutOfReach
+from .diagnosis import NONE, UNEXPLAINED, Level, NextExperiment, NotNamed, OutOfReach
 from .drive_model import DriveModel
 from .evidence import Conditioned, conditioned
 from .experiment_motions import UNNAMED
@@ -16,36 +16,47 @@ from .found_cause import FREED_SHOWN, SEEN, SMALLEST, whole_force
 from .machine_reach import reach_of
 from .modelled_record import ModelledRecord
 from .next_experiment import motion_for, trial_for
+from .noise_floor import AT_FLOOR, NoiseFloor
 from .nonparametric import LIVES
 from .problem import Candidate, Problem
-from .search import Found
-
-AT_FLOOR = 2.0  # times the floor: more is not explained
+from .residuals import Residual
 
 
-def above_floor(final: Level, lowest: Level, repeated: bool) -> str:
-    known = "its laps differ by" if repeated else "the instruments show"
-    more = "" if repeated else "; laps of one motion would show what of it repeats"
-    return (
-        f"what is left, {final.force:.3g} N, is more than {lowest.force:.3g} N, which is what "
-        f"{known}: a part of it may have a cause{more}"
-    )
-
-
-def where_residual_is(found: Found, verdict: str, baseline: Level, lowest: Level) -> str:
-    """Where the residual lives, and how large it is, in one sentence."""
-    size = (
-        f"{baseline.force:.3g} N rms in force (noise alone: {lowest.force:.3g} N) and "
-        f"{_length(baseline.position)} in position over a second ({_length(lowest.position)})"
-    )
-    alone = {n: g for n, g in found.first_alone.items() if n in LIVES}
-    if verdict == NONE or not alone:
-        return (
-            f"The prior model leaves {size}; none of it has a structure beyond noise and "
-            "values within their tolerances."
+def above_floor(left: Residual, lowest: NoiseFloor, repeated: bool) -> list[str]:
+    """What to say of more than noise that is left on data held out."""
+    notes = []
+    if left.force_rms > AT_FLOOR * lowest.force:
+        known = "its laps differ by" if repeated else "instruments and white noise make"
+        more = "" if repeated else "; laps of one motion would show what of it repeats"
+        notes.append(
+            f"what is left, {left.force_rms:.3g} N, is more than twice {lowest.force:.3g} N, which "
+            f"is what {known}: a part of it may have a cause{more}"
         )
+    if not lowest.has_current(left):
+        notes.append(
+            "the motor's force by the voltage and by the current differ by "
+            f"{left.by_current_rms:.3g} N, where noise makes {lowest.by_current:.3g} N: look at "
+            "the units and signs of u and i, at R and at ke"
+        )
+    return notes
+
+
+def where_residual_is(
+    first_alone: Mapping[str, float], verdict: str, baseline: Level, lowest: Level
+) -> str:
+    """How large the residual is, and where that lives which causes explain, in one sentence."""
+    size = (
+        f"The prior model leaves {baseline.force:.3g} N rms in force (noise alone: "
+        f"{lowest.force:.3g} N) and {_length(baseline.position)} in position over a second "
+        f"({_length(lowest.position)})"
+    )
+    if verdict == NONE:
+        return f"{size}; values within their tolerances leave no more than twice the noise."
+    alone = {n: g for n, g in first_alone.items() if n in LIVES}
+    if verdict == UNEXPLAINED or not alone:
+        return f"{size}."
     best = max(alone, key=lambda n: alone[n])
-    return f"The prior model leaves {size}; what noise does not explain of it lives {LIVES[best]}."
+    return f"{size}; before anything was named, it lives {LIVES[best]}."
 
 
 def _length(metres: float) -> str:

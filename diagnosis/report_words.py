@@ -19,8 +19,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     lives = " and ".join(diagnosis.unnamed)
     if diagnosis.verdict == NONE:
         return (
-            "Nothing is wrong with the model that these records could show: noise, and values "
-            "within their tolerances, explain what it leaves."
+            "Nothing is wrong with the model that these records could show: with values within "
+            "their tolerances it leaves no more than twice the noise."
         )
     if diagnosis.verdict == EXPLAINED:
         return f"{named} what the model gets wrong; no structure beyond noise is left."
@@ -35,12 +35,14 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         return (
             f"{named} part of what the model gets wrong: on data held out "
             f"{diagnosis.final_residual.force:.3g} N of "
-            f"{diagnosis.adjusted_residual.force:.3g} N is left, more than the "
-            f"{diagnosis.floor.force:.3g} N that is noise."
+            f"{diagnosis.adjusted_residual.force:.3g} N is left, more than twice "
+            f"the {diagnosis.floor.force:.3g} N that is noise."
         )
+    lives = f" It lives {lives}." if lives else ""
     return (
-        "The model gets something wrong that no cause of the catalogue explains; the structure "
-        f"lives {lives}."
+        f"{percent(diagnosis.left_of_friction)} of the friction is left, and no cause of the "
+        f"catalogue explains it: {diagnosis.final_residual.force:.3g} N on data held out, where "
+        f"noise makes {diagnosis.floor.force:.3g} N.{lives}"
     )
 
 

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from .drive_model import DriveModel
-from .modelled_record import ModelledRecord, position_noise
-from .regression import Added, balance
-from .weak_form import acceleration, centres
+from .modelled_record import ModelledRecord, read_anew, sluggishness, voltage_scale
+from .regression import ORDER, Added, balance
+from .weak_form import centres
 
 Vector = npt.NDArray[np.float64]
 
@@ -28,6 +28,9 @@ class Residual:
     ----------
     force : ndarray, shape (n,)
         Force that acts against motion in +x and that the model does not have [N].
+    by_current : ndarray, shape (n,)
+        By how much the motor's force by the voltage is more than by the current [N]; zero where
+        no current is known.
     position : ndarray, shape (n,)
         By how much a position predicted from the state at the start of each second is wrong [m].
     telling : ndarray of bool, shape (n,)
@@ -35,12 +38,17 @@ class Residual:
     """
 
     force: Vector
+    by_current: Vector
     position: Vector
     telling: npt.NDArray[np.bool_]
 
     @property
     def force_rms(self) -> float:
         return rms(self.force[self.telling])
+
+    @property
+    def by_current_rms(self) -> float:
+        return rms(self.by_current[self.telling])
 
     @property
     def position_rms(self) -> float:
@@ -62,37 +70,40 @@ def residual(courses: Sequence[ModelledRecord], model: DriveModel, added: Added)
     added : Added
         What is in the model beside its own equations.
     """
-    forces, positions, telling = [], [], []
+    parts = []
     for c, force, command in zip(courses, added.force, added.command, strict=True):
         law = model.friction(c.x, c.v, c.step)
         left = balance(c, model, law, force, command)
-        whole = left[:, 0]
+        # as a force, not as what it moves the prior model by
+        whole = left[:, 0] * sluggishness(c, model) / c.inertia
+        between = np.zeros(len(whole))
+        if c.has_current:
+            between = model.per_command * left[:, 1] / voltage_scale(c, model)
         if c.by_current:  # a simulation is given the voltage
-            whole = whole + model.per_command * left[:, 1]
+            whole = whole + between
         found = at_samples(c, whole)
-        forces.append(found)
-        positions.append(_ahead(model, found, c.step))
-        rests = np.interp(
-            np.arange(len(c.x)),
-            centres(len(c.x), c.width),
-            c.resting,
-        )
-        telling.append(rests == 0.0)
-    return Residual(np.concatenate(forces), np.concatenate(positions), np.concatenate(telling))
+        moves = at_samples(c, c.resting) == 0.0
+        # what went on in the winding before the record is not known
+        moves[: (ORDER + 2) * c.width] = False
+        parts.append((found, at_samples(c, between), _ahead(model, found, c.step), moves))
+    return Residual(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def floor(courses: Sequence[ModelledRecord], model: DriveModel) -> Residual:
-    """What rounding and noise of the position leave by themselves."""
+    """What rounding and noise of the instruments leave by themselves: what reading anew changes.
+
+    The law's error along a motion that is not known better, see `force_variance`, is not in it.
+    """
     random = np.random.default_rng(0)
-    forces, positions, telling = [], [], []
-    for c in courses:
-        n = len(c.x)
-        read = position_noise(c.record) * random.standard_normal(n)
-        found = at_samples(c, model.inertia * acceleration(read, c.step, c.width))
-        forces.append(found)
-        positions.append(_ahead(model, found, c.step))
-        telling.append(~c.rests)
-    return Residual(np.concatenate(forces), np.concatenate(positions), np.concatenate(telling))
+    nothing = Added.nothing(courses)
+    once = residual(courses, model, nothing)
+    again = residual([read_anew(c, model, random) for c in courses], model, nothing)
+    return Residual(
+        again.force - once.force,
+        again.by_current - once.by_current,
+        again.position - once.position,
+        once.telling,
+    )
 
 
 def repetition(found: Residual, courses: Sequence[ModelledRecord], laps: Sequence[float]) -> float:

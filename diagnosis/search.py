@@ -26,6 +26,7 @@ from .regression import (
     Added,
     Noise,
     calibrated,
+    check_motion,
     filters,
     fitted_noise,
     leftovers,
@@ -64,8 +65,13 @@ def adjusted(
     added: Added,
     freed: Sequence[str] = (),
     rounds: int = _ADJUSTMENTS,
+    coloured: bool = True,
 ) -> Situation:
-    """The prior values, each within its tolerance (or free), and the noise, fitted."""
+    """The prior values, each within its tolerance (or free), and the noise, fitted.
+
+    Values leave the least that noise does not predict of itself, or, unless it is `coloured`, the
+    least force.
+    """
     names = model.adjustable
     priors = calibrated(courses)
     spread = np.array([prior_model.tolerance[n] for n in names]) / math.sqrt(3.0)
@@ -75,7 +81,8 @@ def adjusted(
     spread = np.append(spread, [d.spread for d in priors.values()])
     for _ in range(rounds):  # Gauss-Newton
         left = leftovers(courses, model, added)
-        made = filters(courses, fitted_noise(courses, model, left))
+        noise = fitted_noise(courses, model, left)
+        made = filters(courses, noise if coloured else noise.white)
         parts = [
             np.concatenate([y[:, :, None], s], axis=2)
             for y, s in zip(left, sensitivities(courses, model, added), strict=True)
@@ -152,6 +159,7 @@ class Found:
 def search(records: Sequence[DriveRecord], prior_model: DriveModel) -> Found:
     """Look for causes; values, noise and causes are found in turn until they agree."""
     courses = with_own_offsets([lay_along(r, prior_model) for r in records], prior_model)
+    check_motion(courses)
     situation = _first_situation(courses, prior_model)
     first: Mapping[str, float] = {}
     best: Step | None = None

@@ -321,6 +321,7 @@ def found(**changes) -> Diagnosis:
         "baseline_residual": Level(1.0, 2e-6),
         "adjusted_residual": Level(1.0, 2e-6),
         "final_residual": Level(0.75, 1e-6),
+        "left_of_friction": 0.6,
         "gain_interval": (0.4, 0.46),
         "held_out": "5 parts",
         "causes": (cause,),

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from ballscrew.diagnosis.diagnose import diagnose
+from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.diagnosis.prior_model import read_prior_model
+from ballscrew.records.drive_record import read_drive_records
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
@@ -32,6 +33,17 @@ def test_three_causes_of_a_real_machine_gain_on_laps_held_out_and_the_rest_is_sa
     assert found.final_residual.position < 0.6 * found.adjusted_residual.position
     assert 0.3 < found.floor.force < 0.45
     assert found.held_out == "4 laps"
+
+
+def test_half_the_coulomb_friction_of_a_real_machine_is_not_nothing():
+    file = DATA / "DATA_EMPS.mat"
+    if not file.is_file():
+        pytest.skip("DATA_EMPS.mat is not here: get it from nonlinearbenchmark.org")
+    model = read_prior_model(ROOT / "docs" / "emps.toml")
+    model = model.changed({"Fc": 0.5 * model.values["Fc"]})
+    found = diagnose_records(read_drive_records([file], COLUMNS), model)
+    assert found.verdict != "none"
+    assert found.final_residual.force > 10.0 * found.floor.force
 
 
 def test_the_published_values_are_read():

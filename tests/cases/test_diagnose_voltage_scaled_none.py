@@ -1,0 +1,55 @@
+"""A signal at a wrong scale leaves far more than noise, and is never called nothing."""
+
+from __future__ import annotations
+
+import pytest
+from cases import ballscrew, case
+
+from ballscrew.diagnosis.diagnose import diagnose_records
+from ballscrew.diagnosis.prior_model import lead_of, prior_model_from, with_lead
+from ballscrew.orchestration.parameter_reading import read_parameters
+from ballscrew.records.drive_record import checked, read_drive_records
+
+LEAD = 0.001
+
+
+def right(folder):
+    """The record with the right voltage, and its model."""
+    told = with_lead(read_parameters(folder / "axis.toml"), LEAD)
+    (record,) = read_drive_records([folder / "right.csv"], lead=lead_of(told, LEAD))
+    return record, prior_model_from(told, None)
+
+
+def test_the_line_to_line_voltage_taken_for_the_phases_is_unexplained_with_exit_code_one(tmp_path):
+    folder = case("diagnose_voltage_scaled_none", tmp_path)
+    done = ballscrew(folder, "diagnose run.csv --params axis.toml --lead 0.001 --out out")
+    assert done.returncode == 1
+    share, words = done.stdout.removeprefix("unexplained: ").split(" % ", 1)
+    assert float(share) > 300
+    assert words.startswith("of the friction is left, and no cause of the catalogue explains it")
+    assert "by the voltage and by the current differ" in done.stderr
+    assert (folder / "out" / "report.html").is_file()
+
+
+def test_the_right_voltage_is_nothing(tmp_path):
+    record, model = right(case("diagnose_voltage_scaled_none", tmp_path))
+    found = diagnose_records([record], model)
+    assert found.verdict == "none"
+    assert found.final_residual.force < 2.0 * found.floor.force < 0.2 * model.friction_scale
+
+
+@pytest.mark.parametrize(
+    ("column", "factor"),
+    [("u", 0.1), ("u", 0.5), ("u", 1.2), ("u", 10.0), ("i", 10.0), ("R", 1 / 3)],
+)
+def test_neither_a_scale_nor_a_resistance_that_is_wrong_is_nothing(tmp_path, column, factor):
+    record, model = right(case("diagnose_voltage_scaled_none", tmp_path))
+    signals = dict(record.signals)
+    if column == "R":
+        model = model.changed({"R": factor * model.values["R"]})
+    else:
+        signals[column] = factor * signals[column]
+    found = diagnose_records([checked("scaled", signals)], model)
+    assert found.verdict == "unexplained"
+    assert found.final_residual.force > 10.0 * found.floor.force
+    assert found.left_of_friction > 0.5
