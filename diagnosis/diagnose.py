@@ -29,10 +29,10 @@ from .noise_floor import noise_floor
 from .nonparametric import LIVES
 from .plausibility import at_ends
 from .prior_model import lead_of, prior_model_from, with_lead
-from .problem import Candidate, Problem, values_alone
+from .problem import Candidate, Problem, driven_by, values_alone
 from .regression import Added
 from .remaining import above_floor, next_experiment, out_of_reach, where_residual_is
-from .residuals import Residual, residual, rms
+from .residuals import Residual, after_the_start, residual, rms
 from .search import Found, Situation, added_by, adjusted, only_first, search
 from .selection import strongest_alone
 
@@ -224,10 +224,10 @@ def _least_force(
     before = found.situation
     nothing = Added.nothing(before.courses)
     after = adjusted(before.courses, before.model, prior_model, nothing, coloured=False)
-    problem = values_alone(found.problem, after.courses, after.model, after.noise.white)
+    problem = values_alone(found.problem, after.courses, after.model, driven_by(after.noise))
     folds = parts_of(after.courses, judgement.laps)
     held = judged(after, problem, nothing_in(problem), folds, bool(judgement.laps))
-    return after, held.none
+    return after, after_the_start(held.none, after.courses)
 
 
 def _standing(prior_model: DriveModel, found: Found) -> tuple[Found, _Judgement]:

@@ -13,7 +13,7 @@ from .drive_model import DriveModel
 from .explanation import Explanation, amplitudes, restricted_to
 from .modelled_record import ModelledRecord
 from .problem import Problem
-from .regression import ends_of_stretches, stretches
+from .regression import calibrated, ends_of_stretches, recalibrated, stretches
 from .residuals import Residual, residual
 from .search import Situation, added_by
 
@@ -175,7 +175,8 @@ def judged(
             test = np.repeat(fold_of == fold, np.diff(limits))
             fitted = amplitudes(problem, part, fold_of != fold)
             added = added_by(part.members, fitted, courses)
-            found = residual(courses, with_values(problem, fitted), added)
+            laid = courses if names else with_calibration(problem, fitted, courses)
+            found = residual(laid, with_values(problem, fitted), added)
             for name, values in vars(whole).items():
                 values[test] = getattr(found, name)[test]
         return whole
@@ -199,6 +200,15 @@ def with_values(problem: Problem, fitted: Vector) -> DriveModel:
             for j, n in enumerate(problem.names)
         }
     )
+
+
+def with_calibration(
+    problem: Problem, fitted: Vector, courses: Sequence[ModelledRecord]
+) -> list[ModelledRecord]:
+    """The courses with the instruments off by what all amplitudes, shape (c,), say."""
+    first = 1 + len(problem.names)
+    priors = calibrated(courses)
+    return recalibrated(courses, dict(zip(priors, fitted[first:].tolist(), strict=False)))
 
 
 def gained(before: Residual, after: Residual, limits: npt.NDArray[np.int64]) -> Gain:

@@ -23,8 +23,8 @@ from .drive_model import DriveModel
 from .modelled_record import ModelledRecord, lay_along, with_law_force
 from .motion_parts import PARTS, motion_parts
 from .prior_model import prior_model_from
-from .regression import Added, check_motion
-from .residuals import AHEAD, Residual, floor, residual
+from .regression import Added
+from .residuals import AHEAD, Residual, check_motion, floor, residual
 
 PRIOR, ADJUSTED, CORRECTED = "prior", "adjusted", "corrected"
 _COMPARED = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))

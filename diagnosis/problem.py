@@ -156,6 +156,11 @@ def state_problem(
     )
 
 
+def driven_by(noise: Noise) -> Noise:
+    """What drives a noise alone, as if nothing were predicted."""
+    return replace(noise, weights=np.zeros_like(noise.weights))
+
+
 def values_alone(
     problem: Problem, courses: Sequence[ModelledRecord], model: DriveModel, noise: Noise
 ) -> Problem:
@@ -204,7 +209,7 @@ def _least_noise(
     causes : sequence of Candidate
         Those with columns of their own.
     """
-    plain = filters(courses, noise.white)
+    plain = filters(courses, driven_by(noise))
     columns = np.column_stack([whitened(plain, part) for part in parts])
     products = columns.T @ columns
     values = len(model.adjustable)

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
-from ..records.bad_record import BadRecord
 from .causes.cause import Shape
 from .drive_model import DriveModel
 from .modelled_record import (
@@ -34,10 +33,8 @@ Matrix = npt.NDArray[np.float64]
 
 STRETCH = 0.5  # what is weighed and held out together [s]
 _STEP = 1e-3  # of differences, relative to a value
-ORDER = 8
-"""Of the autoregression: so many windows at the start of a record count for nothing."""
+ORDER = 8  # of the autoregression: so many windows count for nothing at first
 _ROUNDS = 3
-_FEWEST = 50  # windows in motion, that an autoregression and a model's values are fitted to
 EXACT = 3e-3
 """Of the friction: noise that is always there, laws are not exact."""
 
@@ -59,11 +56,6 @@ class Noise:
     weights: Matrix
     sizes: Vector
     growth: float
-
-    @property
-    def white(self) -> Noise:
-        """What drives it alone, as if nothing were predicted."""
-        return replace(self, weights=np.zeros_like(self.weights))
 
 
 @dataclass(frozen=True)
@@ -195,25 +187,6 @@ def telling(course: ModelledRecord, order: int = ORDER) -> Vector:
     remembered = np.convolve(rests, np.ones(order + 1))[: len(rests)] > 0.0
     remembered[:order] = True
     return (~remembered).astype(float)
-
-
-def check_motion(courses: Sequence[ModelledRecord]) -> None:
-    """Refuse records that show next to no motion.
-
-    Raises
-    ------
-    BadRecord
-    """
-    count, all_there = (
-        int(sum(telling(c).sum() for c in courses)),
-        sum(len(c.resting) for c in courses),
-    )
-    if count < _FEWEST:
-        names = ", ".join(c.record.name for c in courses)
-        raise BadRecord(
-            f"{names}: only {count} of {all_there} parts of {courses[0].width} samples show a "
-            f"motion, expected {_FEWEST} at least: x rests, jumps from sample to sample or is noise"
-        )
 
 
 def filters(courses: Sequence[ModelledRecord], noise: Noise) -> list[Filter]:

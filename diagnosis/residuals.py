@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 
+from ..records.bad_record import BadRecord
 from .drive_model import DriveModel
 from .modelled_record import ModelledRecord, read_anew, sluggishness, voltage_scale
-from .regression import ORDER, Added, balance
+from .regression import ORDER, Added, balance, telling
 from .weak_form import centres
 
 Vector = npt.NDArray[np.float64]
 
+_FEWEST = 50  # windows in motion, that an autoregression and a model's values are fitted to
 AHEAD = 1.0  # over which a position is predicted from a known state [s]
 
 
@@ -60,6 +62,25 @@ def rms(values: Vector) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
+def check_motion(courses: Sequence[ModelledRecord]) -> None:
+    """Refuse records that show next to no motion.
+
+    Raises
+    ------
+    BadRecord
+    """
+    count, all_there = (
+        int(sum(telling(c).sum() for c in courses)),
+        sum(len(c.resting) for c in courses),
+    )
+    if count < _FEWEST:
+        names = ", ".join(c.record.name for c in courses)
+        raise BadRecord(
+            f"{names}: only {count} of {all_there} parts of {courses[0].width} samples show a "
+            f"motion, expected {_FEWEST} at least: x rests, jumps from sample to sample or is noise"
+        )
+
+
 def residual(courses: Sequence[ModelledRecord], model: DriveModel, added: Added) -> Residual:
     """The unknown force that each record asks for, and what it does to a prediction.
 
@@ -83,10 +104,14 @@ def residual(courses: Sequence[ModelledRecord], model: DriveModel, added: Added)
             whole = whole + between
         found = at_samples(c, whole)
         moves = at_samples(c, c.resting) == 0.0
-        # what went on in the winding before the record is not known
-        moves[: (ORDER + 2) * c.width] = False
         parts.append((found, at_samples(c, between), _ahead(model, found, c.step), moves))
     return Residual(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def after_the_start(found: Residual, courses: Sequence[ModelledRecord]) -> Residual:
+    """The residual without each record's start: what went on in the winding before is not known."""
+    known = [np.arange(len(c.x)) >= (ORDER + 2) * c.width for c in courses]
+    return replace(found, telling=found.telling & np.concatenate(known))
 
 
 def floor(courses: Sequence[ModelledRecord], model: DriveModel) -> Residual:

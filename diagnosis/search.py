@@ -20,13 +20,20 @@ from .modelled_record import (
     with_law_force,
     with_own_offsets,
 )
-from .problem import Candidate, Problem, bounds, free_spreads, prior_changes, state_problem
+from .problem import (
+    Candidate,
+    Problem,
+    bounds,
+    driven_by,
+    free_spreads,
+    prior_changes,
+    state_problem,
+)
 from .refinement import refine
 from .regression import (
     Added,
     Noise,
     calibrated,
-    check_motion,
     filters,
     fitted_noise,
     leftovers,
@@ -35,7 +42,7 @@ from .regression import (
     sensitivities,
     whitened,
 )
-from .residuals import at_samples
+from .residuals import at_samples, check_motion
 from .selection import LOG_PRIOR_ODDS, Choice, again, choose, pruned, with_one_value
 
 Vector = npt.NDArray[np.float64]
@@ -82,7 +89,7 @@ def adjusted(
     for _ in range(rounds):  # Gauss-Newton
         left = leftovers(courses, model, added)
         noise = fitted_noise(courses, model, left)
-        made = filters(courses, noise if coloured else noise.white)
+        made = filters(courses, noise if coloured else driven_by(noise))
         parts = [
             np.concatenate([y[:, :, None], s], axis=2)
             for y, s in zip(left, sensitivities(courses, model, added), strict=True)
