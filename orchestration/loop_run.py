@@ -138,11 +138,12 @@ class RecordedLoop:
 def bounds(nominal: Vector, start: Vector) -> Vector:
     """How large outputs may become before a loop is said to diverge.
 
-    A nominal value of 1 says nothing: it stands for one that is missing. Counts, pascals and
-    absolute encoders lie far beyond it at rest.
+    A nominal value of 1 stands for one that is missing, unless most of the others are told.
+    Counts, pascals and absolute encoders lie far beyond it at rest.
     """
     size = np.maximum(np.maximum(nominal, 1.0), np.abs(np.nan_to_num(start)))
-    return np.where(nominal == 1.0, UNKNOWN, RUNAWAY) * size
+    told = nominal != 1.0
+    return np.where(told | (np.mean(told) > 0.5), RUNAWAY, UNKNOWN) * size
 
 
 def check_room(outputs: int, commands: int, co_runs: int, steps: float) -> None:
