@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .orchestration.coupling import Coupling
     from .orchestration.parameter_file import ParameterFile
     from .orchestration.reference_signal import Reference
+    from .orchestration.workers import Processes
     from .records.drive_record import DriveRecord
     from .records.force_record import Record
     from .results.comparison import Comparison
@@ -293,9 +294,10 @@ def run(
     """
     from .loop_options import read_coupling
     from .orchestration.closed_loop import Study, run_study
+    from .orchestration.coupling import Coupling
     from .results.run_result import RunResult
 
-    if isinstance(coupling, str):
+    if coupling is not None and not isinstance(coupling, Coupling):
         coupling = read_coupling("coupling", coupling)
     study = Study(
         _controller(controller),
@@ -303,8 +305,8 @@ def run(
         _over_time(reference),
         *_lengths(stop, step),
         coupling,
-        plant_values=plant_values,
-        controller_values=controller_values,
+        plant_values=_numbers("plant_values", plant_values),
+        controller_values=_numbers("controller_values", controller_values),
         mapping=mapping,
     )
     return RunResult.of(run_study(study))
@@ -369,13 +371,19 @@ def swap(
     if sampled is not None and not sampled > 0:
         raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
     on, goal = _plant(plant), _over_time(reference)
-    given = [_controller(c) for c in controllers]
-    values_of = _of_each(given, "controller_values", controller_values)
+    given = [_controller(c) for c in _paths(controllers)]
+    if not given:
+        raise ValueError("controllers is empty, expected one or more")
+    values_of = [
+        _numbers("controller_values", own)
+        for own in _of_each(given, "controller_values", controller_values)
+    ]
+    values_on = _numbers("plant_values", plant_values)
     ports_of = _of_each(given, "mapping", mapping)
     studies = []
     for name, own, ports in zip(given, values_of, ports_of, strict=True):
         named, values, notes = _in_practice(name, sampled, noise)
-        study = Study(named, on, goal, *_lengths(stop, step), plant_values=plant_values)
+        study = Study(named, on, goal, *_lengths(stop, step), plant_values=values_on)
         studies.append(
             replace(study, controller_values={**own, **values}, mapping=ports, notes=notes)
         )
@@ -436,22 +444,23 @@ def lyapunov(
     >>> result.exponents.shape
     (4,)
     """
+    from .options import read_number
     from .results.exponents import Exponents
 
     over_fmus = step is not None
     law, on = _controller(controller, over_fmus), _plant(plant, over_fmus)
     stop, step = _lengths(stop, step)
+    setpoint = read_number("setpoint", setpoint)
+    values = _values("plant", on, plant_values), _values("controller", law, controller_values)
     if step is None:
         from .stability.loop_lyapunov import loop_lyapunov
 
         if mapping:
             raise ValueError("mapping is for FMUs; give their communication step, too")
-        given = setpoint, on, plant_values, controller_values
-        return Exponents.of(loop_lyapunov(law, stop, *given))
+        return Exponents.of(loop_lyapunov(law, stop, setpoint, on, *values))
     from .stability.fmu_parts import FmuLoop
     from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 
-    values = dict(plant_values or {}), dict(controller_values or {})
     loop = FmuLoop(law, on, setpoint, *values, mapping=dict(mapping or {}))
     return Exponents.of(loop_lyapunov_over_fmus(loop, stop, step))
 
@@ -524,8 +533,7 @@ def stability_map(
     >>> sum(found.summary.verdicts.values())
     4
     """
-    from .orchestration.closed_loop import check_part_values
-    from .orchestration.workers import Processes
+    from .options import read_number
     from .results.map_result import StabilityMap
     from .stability.stability_map import make_map
     from .stability.study import MapStudy, read_axis
@@ -533,9 +541,11 @@ def stability_map(
     controller, plant = _controller(controller, step is not None), _plant(plant, step is not None)
     stop, step = _lengths(stop, step)
     across, along = (read_axis(text, plant, controller) for text in (x, y))
-    given = dict(plant_values or {}), dict(controller_values or {})
-    check_part_values("plant", plant, given[0])
-    check_part_values("controller", controller, given[1])
+    given = (
+        _values("plant", plant, plant_values),
+        _values("controller", controller, controller_values),
+    )
+    processes = _processes(workers)
     tolerance = 1e-8 if exponents else 1e-6
     if mapping and step is None:
         raise ValueError("mapping is for FMUs; give their communication step, too")
@@ -550,14 +560,14 @@ def stability_map(
         along,
         plant,
         *given,
-        setpoint=setpoint,
+        setpoint=read_number("setpoint", setpoint),
         stop=stop,
         exponents=exponents,
         tolerance=tolerance,
         fmus=fmus,
     )
     study.check()
-    summary = make_map(study, Path(folder), Processes(workers), resume, refine)
+    summary = make_map(study, Path(folder), processes, resume, refine)
     return StabilityMap(summary, Path(folder))
 
 
@@ -615,13 +625,12 @@ def swap_study(
     """
     from .orchestration.study.plan import read_plan
     from .orchestration.study.study import discard_parts, do_study
-    from .orchestration.workers import Processes
     from .results.swap_study import SwapStudy
 
     plan = read_plan(study)
     for part in (plan.plant, *(e.component for e in plan.entrants)):
         _as_it_is_now(part)
-    result = SwapStudy.of(do_study(plan, Path(folder), Processes(workers), resume))
+    result = SwapStudy.of(do_study(plan, Path(folder), _processes(workers), resume))
     discard_parts(Path(folder))
     return result
 
@@ -792,8 +801,11 @@ def identify(
     """
     from .identification.identify import check_held
     from .identification.identify import identify as identified
+    from .identify_command import NAMES
+    from .options import check_name
     from .results.identified_law import IdentifiedLaw
 
+    check_name("law", law, NAMES)
     check_held(law, dict(fixed or {}), offset)
     found: list[Record] = []
     for record in _paths(records):
@@ -834,8 +846,12 @@ def diagnose(
         With one line that says what cannot be used and why.
     """
     from .diagnosis.diagnose import diagnose as diagnosed
+    from .identify_command import NAMES
+    from .options import check_name
     from .results.diagnosis_result import DiagnosisResult
 
+    if law is not None:
+        check_name("law", law, NAMES)
     return DiagnosisResult.of(diagnosed(_paths(data), params, law, mapping, units=units, lead=lead))
 
 
@@ -864,6 +880,30 @@ def _over_time(reference: float | str | Reference) -> Reference:
     return Reference.constant(read_number("reference", reference))
 
 
+def _numbers(argument: str, values: Values | None) -> dict[str, float]:
+    """Values of parameters, each checked to be a number."""
+    from .options import read_number
+
+    return {n: read_number(f"{argument}[{n!r}]", v) for n, v in (values or {}).items()}
+
+
+def _values(side: str, part: str, values: Values | None) -> dict[str, float]:
+    """Values of parameters of a part that has them, checked."""
+    from .orchestration.closed_loop import check_part_values
+
+    given = _numbers(f"{side}_values", values)
+    check_part_values(side, part, given)
+    return given
+
+
+def _processes(workers: int) -> Processes:
+    from .options import read_whole_number
+    from .orchestration.workers import Processes
+    from .worker_options import MOST_WORKERS
+
+    return Processes(read_whole_number("workers", workers, 1, MOST_WORKERS))
+
+
 def _lengths(stop: float, step: float | None) -> tuple[float, float | None]:
     """The length of a motion and its communication step [s], checked as the command does."""
     from .options import read_length, read_step
@@ -888,11 +928,14 @@ def _plant(part: Part, fmus: bool = True) -> str:
 
 def _named(argument: str, part: Part, known: Sequence[str], fmus: bool) -> str:
     """A part by a name, checked; a Python file's is read again, a component is kept in memory."""
-    from .options import check_part
+    from .options import BadRequest, check_part
+    from .solver.component import Component
     from .solver.component_file import name_in_memory
 
-    if not isinstance(part, str | Path):
+    if isinstance(part, Component):
         return name_in_memory(part)
+    if not isinstance(part, str | Path):
+        raise BadRequest(f"{argument} is {part!r}, expected a name, a path or a Component")
     check_part(argument, str(part), known, fmus)
     return str(part)
 

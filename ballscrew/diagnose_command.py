@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Stages
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, check_name, out_folder
 from .params_option import add_params, bad_parameters, read_params
 from .record_options import add_record_options, read_record_options
 from .results_folder import prepare_folder, save_results
@@ -203,12 +203,8 @@ def _records(options: argparse.Namespace) -> int:
 def _check_law(law: str | None) -> None:
     from .identify_command import NAMES
 
-    if law is not None and law not in NAMES:
-        import difflib
-
-        near = difflib.get_close_matches(law, NAMES, n=1, cutoff=0.5)
-        hint = f", did you mean {near[0]}?" if near else ""
-        raise BadRequest(f"--law {law!r} is none of {', '.join(NAMES)}{hint}")
+    if law is not None:
+        check_name("--law", law, NAMES)
 
 
 def _check_overwritten(options: argparse.Namespace) -> None:

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from .options import TRUSTED, BadRequest, out_folder
+from .options import TRUSTED, BadRequest, did_you_mean, out_folder
 from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
@@ -47,10 +47,7 @@ def gallery(options: argparse.Namespace) -> int:
             raise BadRequest("--out is for one system; expected its NAME, too")
         return _list(systems, options.json)
     if options.name not in systems:
-        import difflib
-
-        near = difflib.get_close_matches(options.name, list(systems), n=1, cutoff=0.5)
-        hint = f", did you mean {near[0]}?" if near else ""
+        hint = did_you_mean(options.name, systems)
         raise BadRequest(f"no system {options.name!r}; there are {', '.join(systems)}{hint}")
     if options.out is None:
         raise BadRequest(f"--out is missing, expected a folder for what {options.name} gives")

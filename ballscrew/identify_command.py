@@ -9,7 +9,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder, read_named, read_number
+from .options import (
+    NOT_TRUSTED,
+    TRUSTED,
+    BadRequest,
+    check_name,
+    out_folder,
+    read_named,
+    read_number,
+)
 from .params_option import add_params, bad_parameters, read_params
 from .record_options import add_record_options, read_record_options
 from .results_folder import prepare_folder, save_results
@@ -89,12 +97,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 def _identify(options: argparse.Namespace) -> int:
 
-    if options.law not in NAMES:
-        import difflib
-
-        near = difflib.get_close_matches(options.law, NAMES, n=1, cutoff=0.5)
-        hint = f", did you mean {near[0]}?" if near else ""
-        raise BadRequest(f"--law {options.law!r} is none of {', '.join(NAMES)}{hint}")
+    check_name("--law", options.law, NAMES)
     columns = read_record_options(options)
     mass = None if options.mass is None else read_number("--mass", options.mass)
     from .diagnosis.prior_model import prior_model_from

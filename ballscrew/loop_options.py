@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from .options import (
     BadRequest,
     check_part,
     check_steps,
+    did_you_mean,
     out_folder,
     read_length,
     read_named,
@@ -188,9 +190,16 @@ def read_coupling(option: str, name: str) -> Coupling:
 
 def read_set_point(text: str) -> Reference:
     """A set-point over time, as a motion in words or as a file of this path."""
-    from .orchestration.reference_motions import read_motion
+    from .orchestration.reference_motions import KINDS, read_motion
     from .orchestration.reference_signal import BadReference, Reference
 
+    kind, colon, _ = text.partition(":")
+    if colon and kind not in KINDS and not os.path.exists(text):
+        near = did_you_mean(kind, KINDS)
+        raise BadRequest(
+            f"{text!r}: there is no such file and no motion {kind!r}; motions are "
+            f"{', '.join(KINDS)}{near}"
+        )
     try:
         return read_motion(text) or Reference.read(text)
     except BadReference as error:

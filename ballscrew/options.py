@@ -77,8 +77,6 @@ def check_part(option: str, name: str, known: Iterable[str], fmus: bool = True) 
         return
     if base in known or (fmus and (Path(name).suffix == ".fmu" or os.path.exists(name))):
         return
-    import difflib
-
     first, *rest = name.split("+")
     if rest and first in known:
         wrong = next((part for part in rest if part not in INSTRUMENTS), "")
@@ -87,10 +85,24 @@ def check_part(option: str, name: str, known: Iterable[str], fmus: bool = True) 
         raise BadRequest(
             f"{option} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}"
         )
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    hint = f", did you mean {near[0]}?" if near else ""
+    hint = did_you_mean(name, known)
     files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
     raise BadRequest(f"{option} {name!r} is neither one of {', '.join(known)} nor {files}{hint}")
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The end of a line on a name that is not known; empty where none is near."""
+    import difflib
+
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f", did you mean {near[0]}?" if near else ""
+
+
+def check_name(option: str, name: str, known: Iterable[str]) -> None:
+    """Refuse what is none of the `known` names."""
+    if name not in known:
+        near = did_you_mean(name, known)
+        raise BadRequest(f"{option} {name!r} is none of {', '.join(known)}{near}")
 
 
 def read_pair(option: str, text: str, form: str) -> tuple[str, str]:
@@ -111,7 +123,7 @@ def read_named(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
     return named
 
 
-def read_whole_number(option: str, text: str, least: int, most: int | None = None) -> int:
+def read_whole_number(option: str, text: str | int, least: int, most: int | None = None) -> int:
     try:
         value = int(text)
     except ValueError:

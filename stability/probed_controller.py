@@ -50,7 +50,8 @@ class ProbedController:
         if self.side.answer is not Answer.DIRECT:
             raise TangentsImpossible(
                 f"{name} answers {self.side.answer.value}; tangents need a controller whose output "
-                "follows its inputs at once"
+                "follows its inputs at once: compute it where it is read, or give its equations as "
+                "FILE.py:FUNCTION"
             )
         if self.side.m != 1:
             raise TangentsImpossible(f"{name} has {self.side.m} commands; one can be probed")

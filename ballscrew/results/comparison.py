@@ -23,8 +23,11 @@ class Comparison(Result, SwapResult):
     def headline(self) -> str:
         doubtful = [r.study.label for r in self.results if not r.trusted]
         names = ", ".join(r.study.label for r in self.results)
-        return f"{names} on one plant" + (
-            f"; not trusted: {', '.join(doubtful)}" if doubtful else ""
+        failed = [name for name, _ in self.failures]
+        return (
+            f"{names or 'none'} on one plant"
+            + (f"; not trusted: {', '.join(doubtful)}" if doubtful else "")
+            + (f"; failed: {', '.join(failed)}" if failed else "")
         )
 
     def facts(self) -> Iterable[tuple[str, str]]:
@@ -33,6 +36,7 @@ class Comparison(Result, SwapResult):
             peak = with_unit(figures.get("peak_voltage"), units["peak_voltage"])
             settled = with_unit(figures.get("settling_time_2pct"), "s")
             yield result.study.label, f"peak {peak}, settled in {settled}, {figures['verdict']}"
+        yield from ((name, f"failed: {why}") for name, why in self.failures)
 
     def to_pandas(self) -> Any:
         """A row for each controller, with the columns of ``comparison.csv``."""

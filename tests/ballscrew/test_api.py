@@ -190,11 +190,58 @@ def test_a_coupling_and_a_set_point_are_given_as_the_command_takes_them(tmp_path
         ({"step": 0.0}, "step is 0.0 s, expected more than 0 and at most stop"),
         ({"step": 30.0}, "step is 30.0 s, expected more than 0 and at most stop"),
         ({"reference": float("inf")}, "reference is inf, expected a finite number"),
+        ({"reference": "mvoe:distance=1"}, r"no motion 'mvoe'; .* did you mean move"),
+        ({"controller": 3}, "controller is 3, expected a name, a path or a Component"),
+        ({"coupling": 3}, "coupling is 3, expected one of jacobi"),
+        (
+            {"controller_values": {"Kp": "a"}},
+            r"controller_values\['Kp'\] is 'a', expected a number",
+        ),
+        ({"plant_values": {"m": float("nan")}}, r"plant_values\['m'\] is nan, expected a finite"),
     ],
 )
 def test_a_run_refuses_what_the_command_refuses(given, said):
     with pytest.raises(ValueError, match=said):
         ballscrew.run(**{"controller": "pid", **given})
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            {"controller_values": {"Kp": "a"}},
+            r"controller_values\['Kp'\] is 'a', expected a number",
+        ),
+        ({"controller_values": {"Kp": float("nan")}}, "is nan, expected a finite number"),
+        ({"controller_values": {"Kpp": 1.0}}, "controller has no parameter 'Kpp'; nearest: Kp"),
+        ({"plant_values": {"m": "a"}}, r"plant_values\['m'\] is 'a', expected a number"),
+        ({"setpoint": "a"}, "setpoint is 'a', expected a number"),
+    ],
+)
+def test_exponents_and_maps_refuse_what_the_commands_refuse(given, said, tmp_path):
+    axes = {"x": "Ki=300:400:2", "y": "plant.Fs=2:3:2"}
+    with pytest.raises(ValueError, match=said):
+        ballscrew.lyapunov("pid", stop=0.2, **given)
+    with pytest.raises(ValueError, match=said):
+        ballscrew.stability_map("pid", **axes, folder=tmp_path / "no", stop=0.2, **given)
+    with pytest.raises(ValueError, match="workers is 0, expected a whole number from 1"):
+        ballscrew.stability_map("pid", **axes, folder=tmp_path / "no", stop=0.2, workers=0)
+    assert not (tmp_path / "no").exists()
+
+
+@pytest.mark.parametrize("ask", [ballscrew.identify, ballscrew.diagnose])
+def test_a_friction_law_that_is_misspelt_is_told(ask):
+    with pytest.raises(ValueError, match=r"law 'lugree' is none of .* did you mean lugre"):
+        ask("nowhere.csv", law="lugree")
+
+
+def test_a_swap_names_what_failed_and_refuses_no_controllers(tmp_path):
+    (tmp_path / "hand.fmu").write_bytes(b"no archive")
+    found = ballscrew.swap(["pid", tmp_path / "hand.fmu"], stop=0.1)
+    assert repr(found).endswith("failed: hand>")
+    assert dict(found.facts())["hand"].startswith("failed: ")
+    with pytest.raises(ValueError, match="controllers is empty"):
+        ballscrew.swap([])
 
 
 def test_each_controller_of_a_swap_takes_its_own_values():
