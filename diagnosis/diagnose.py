@@ -172,6 +172,7 @@ def _concluded(
     notes += above_floor(held.all, lowest, bool(judgement.laps))
     if verdict == NONE:
         free = []
+    unnamed = tuple(LIVES[m.name] for m in free)
     notes += _of_the_fit(problem, holds_up, courses)
     cell = validation_signal(courses, prior_model, model, corrected.on_block.force)
     if cell is None and any("force" in r.signals for r in records):
@@ -179,7 +180,7 @@ def _concluded(
     strongest = strongest_alone(problem)
     return Diagnosis(
         verdict=verdict,
-        where=where_residual_is(found.first_alone, verdict, level(baseline), lowest.level),
+        where=where_residual_is(found.first_alone, verdict, unnamed, level(baseline), lowest.level),
         floor=lowest.level,
         baseline_residual=level(baseline),
         adjusted_residual=fitted,
@@ -190,7 +191,7 @@ def _concluded(
         held_out=held.parts,
         causes=causes,
         not_named=holds_up.refused,
-        unnamed=tuple(LIVES[m.name] for m in free),
+        unnamed=unnamed,
         out_of_reach=out_of_reach(courses, situation.model, problem, holds_up.explanation),
         next_experiment=next_experiment(holds_up.refused, bool(free), courses, model),
         prior=prior_model,

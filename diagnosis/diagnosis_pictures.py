@@ -80,7 +80,7 @@ def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
         _residual_over_position(diagnosis.curves, corrected),
         _residual_over_velocity(diagnosis.curves, corrected),
         _position_residual(diagnosis, time, corrected),
-        _force_of_causes(diagnosis.curves, time),
+        *_force_of_causes(diagnosis.curves, time),
     ]
 
 
@@ -179,20 +179,16 @@ def _position_residual(diagnosis: Diagnosis, time: Vector, corrected: str) -> Pi
     )
 
 
-def _force_of_causes(c: Curves, time: Vector) -> Picture:
+def _force_of_causes(c: Curves, time: Vector) -> list[Picture]:
+    """Nothing where no force was found, as of an instrument that is off."""
     lines = []
-    if np.any(c.cause) or not np.any(c.shape):
+    if np.any(c.cause):
         lines.append(Line("named causes", "cause", time, c.cause))
     if np.any(c.shape):
         lines.append(Line("without a name", "shape", time, c.shape))
-    return Picture(
-        "causes",
-        "Force of the causes",
-        "What the named causes add to the model, and what is left without a name.",
-        _TIME,
-        "force [N]",
-        tuple(lines),
-    )
+    says = "What the named causes add to the model, and what is left without a name."
+    causes = Picture("causes", "Force of the causes", says, _TIME, "force [N]", tuple(lines))
+    return [causes] if lines else []
 
 
 def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:

@@ -42,9 +42,16 @@ def above_floor(left: Residual, lowest: NoiseFloor, repeated: bool) -> list[str]
 
 
 def where_residual_is(
-    first_alone: Mapping[str, float], verdict: str, baseline: Level, lowest: Level
+    first_alone: Mapping[str, float],
+    verdict: str,
+    unnamed: Sequence[str],
+    baseline: Level,
+    lowest: Level,
 ) -> str:
-    """How large the residual is, and where that lives which causes explain, in one sentence."""
+    """How large the residual is, and where that lives which causes explain, in one sentence.
+
+    Where structure is left without a name, the verdict alone says where.
+    """
     size = (
         f"The prior model leaves {baseline.force:.3g} N rms in force (noise alone: "
         f"{lowest.force:.3g} N) and {_length(baseline.position)} in position over a second "
@@ -53,7 +60,7 @@ def where_residual_is(
     if verdict == NONE:
         return f"{size}; values within their tolerances leave no more than twice the noise."
     alone = {n: g for n, g in first_alone.items() if n in LIVES}
-    if verdict == UNEXPLAINED or not alone:
+    if verdict == UNEXPLAINED or unnamed or not alone:
         return f"{size}."
     best = max(alone, key=lambda n: alone[n])
     return f"{size}; before anything was named, it lives {LIVES[best]}."

@@ -26,6 +26,7 @@ from ballscrew.diagnosis.faultless import RecordKind
 from ballscrew.diagnosis.load_cell import ValidationSignal
 from ballscrew.diagnosis.next_experiment import TRIALS_FOR
 from ballscrew.diagnosis.page_pictures import MOST, plotly_figure, thinned
+from ballscrew.diagnosis.remaining import where_residual_is
 from ballscrew.diagnosis.report_words import rig_command
 
 pytestmark = pytest.mark.xdist_group("diagnosis")
@@ -210,6 +211,20 @@ def test_the_browser_refuses_what_a_script_of_the_page_would_ask_of_a_network(di
             "var refused = ''; fetch('http://127.0.0.1:9/').catch(() => 0); 0"
         )
         wait_until(lambda: other.evaluate("refused") == "connect-src")
+
+
+@browser
+def test_a_model_has_one_colour_in_all_pictures(page):
+    colours = {"before": set(), "after": set()}
+    for name in ("force", "residual_time", "position_residual", "residual_position"):
+        traces = page.evaluate(
+            f"JSON.stringify(document.querySelector('#{name} .plot')._fullData"
+            ".map(t => [t.meta, t.line.color]))"
+        )
+        for what, colour in json.loads(traces):
+            colours.setdefault(what, set()).add(colour)
+    assert all(len(found) == 1 for found in colours.values()), colours
+    assert colours["before"] != colours["after"]
 
 
 @browser
@@ -434,7 +449,7 @@ def test_a_gain_that_ends_above_the_floor_is_said_with_what_is_left():
     said = text_of(report(found(verdict="partly"), NO_LOOP))
     assert "backlash explains part of what the model gets wrong" in said
     assert "0.75 N of" in said
-    assert "more than the 0.1 N that is noise" in said
+    assert "more than twice the 0.1 N that is noise" in said
     assert "may be worse" not in said
 
 
@@ -450,6 +465,14 @@ def test_each_verdict_is_a_sentence(verdict, changes, words):
     said = text_of(report(found(verdict=verdict, **changes), NO_LOOP))
     assert words in said
     assert ("it lives with time" in said or "lives with time" in said) == ("unnamed" in changes)
+
+
+@pytest.mark.parametrize("unnamed", [("at reversals",), ()])
+def test_where_the_residual_lives_is_said_once(unnamed):
+    alone, level = {"friction over speed": 1.0}, Level(1.0, 1e-6)
+    said = where_residual_is(alone, "partly", unnamed, level, level)
+    assert ("it lives with speed" in said) == (not unnamed)
+    assert "reversals" not in said  # the verdict says that
 
 
 def test_structure_without_a_name_has_its_shape_shown():
@@ -494,6 +517,12 @@ def test_thinning_does_not_join_what_is_interrupted():
     x = np.arange(100_000.0)
     x[33_333] = np.nan
     assert np.count_nonzero(np.isnan(thinned(x, np.ones(len(x)))[0])) == 1
+
+
+def test_a_force_that_nothing_was_found_to_have_is_not_drawn_as_a_flat_line():
+    nothing = np.zeros(3000)
+    curves = replace(found().curves, cause=nothing, shape=nothing)
+    assert "causes" not in [p.name for p in pictures_of(found(curves=curves))]
 
 
 def test_records_follow_each_other_and_are_not_joined():
