@@ -26,7 +26,7 @@ from .port_units import converted
 from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
 from .state_trial import checked_state
-from .step_choice import FIRST, choose_step
+from .step_choice import FIRST, choose_step, only_step
 from .whole_loop import run_monolithic
 from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
 
@@ -118,7 +118,8 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
         run = run_at(study.step or first)
         return ClosedLoopResult(study, run, notes)
     if own := _own_step(study):
-        return ClosedLoopResult(study, run_at(own), notes)
+        run, choice = only_step(run_at(own), own)
+        return ClosedLoopResult(study, run, notes, choice)
     run, choice = choose_step(run_at, first)
     return ClosedLoopResult(study, run, notes, choice)
 

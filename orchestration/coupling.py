@@ -188,6 +188,8 @@ class Loop:
     ----------
     answer : Answer
         Of the controller.
+    given : ndarray
+        The commands at the start, before the controller moves.
     """
 
     def __init__(
@@ -216,6 +218,7 @@ class Loop:
             controller, wiring, outputs[at], reference, self._whole.part("controller")
         )
         self.answer = self._side.answer
+        self.given = self._side.last_command()
         m, n = self._side.m, self._side.n
         self.outputs = outputs.copy()
         self._whole.set(
@@ -228,7 +231,7 @@ class Loop:
             corrected=corrected,
             averaged=averaged,
             outputs=self.outputs,
-            late=self._side.last_command(),
+            late=self.given.copy(),
             contraction=np.nan,
         )
         self._whole.set(

@@ -30,7 +30,7 @@ from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, Ru
 from .reference_signal import Reference
 from .second_look import Setting, with_second_look
 from .structs import struct
-from .verdict import Verdict, verdict_of
+from .verdict import ACCURACY, Verdict, scales, verdict_of
 from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
@@ -330,7 +330,7 @@ class _Ended:
     why: Stop
     reversible: bool
 
-    def verdict(self, names: list[str], coupling: Coupling) -> Verdict:
+    def verdict(self, names: list[str], ours: list[str], coupling: Coupling) -> Verdict:
         outputs = np.concatenate(self.main.outputs)
         others = [np.concatenate(pair.outputs) for pair in self.co_runs]
         contraction = self.course.contraction
@@ -341,6 +341,8 @@ class _Ended:
             smaller += ", or --coupling interface-jacobian where both sides support it"
         smaller += f"; this run had steps of {self.clock.used[1]:g} s"
         loop = self.main.loop
+        if coupling is Coupling.JACOBI and loop.answer is Answer.STEPPED:
+            smaller = self._late_start(ours) or smaller
         return verdict_of(
             names,
             outputs,
@@ -350,6 +352,19 @@ class _Ended:
             safety=_safety(loop),
             failure=self.why.reason or next((p.failure for p in self.co_runs if p.failure), ""),
             advice=self.why.advice,
+        )
+
+    def _late_start(self, ours: list[str]) -> str:
+        """What to do where the first step holds a start value far from the first command."""
+        given, commands = self.main.loop.given, np.concatenate(self.course.commands)
+        off = np.abs(commands[0] - given) / scales(commands)
+        worst = int(np.argmax(off))
+        if not off[worst] > ACCURACY:
+            return ""
+        return (
+            f"{ours[worst]} starts at {given[worst]:.4g} and is {commands[0, worst]:.4g} once the "
+            "controller has done its first step, which jacobi does not wait for: give it that "
+            "start value, or use --coupling gauss-seidel"
         )
 
 
@@ -373,7 +388,7 @@ def _concluded(
         ),
         macro_steps=len(commands) - 1,
         step_range=ended.clock.used,
-        verdict=ended.verdict(names, coupling),
+        verdict=ended.verdict(names, ours, coupling),
         stopped=ended.why.reason,
         diverged=ended.why.diverged,
         others={f"{CONTROLLER}.{n}": others[:, k] for k, n in enumerate(main.loop.other_names)},

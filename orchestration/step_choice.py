@@ -100,6 +100,19 @@ def choose_step(
         step /= 2.0
 
 
+def only_step(run: LoopRun, step: float) -> tuple[LoopRun, StepChoice]:
+    """A run whose FMUs take steps [s] of one length alone: no other one is advised."""
+    verdict = run.verdict
+    if not verdict.trusted and verdict.step_helps and not run.stopped:
+        advice = (
+            f"its FMUs take steps of {step:g} s alone: export them with a shorter step, or so that "
+            "they take any"
+        )
+        run = replace(run, verdict=replace(verdict, advice=advice, step_helps=False))
+    tried = ((step, verdict.word),)
+    return run, StepChoice(step, "the only one that its FMUs take", tried)
+
+
 def _differences(coarse: LoopRun, fine: LoopRun) -> Mapping[str, tuple[float, float]]:
     """By output: the largest difference of two runs, and its share of the output's range."""
     end = min(coarse.time[-1], fine.time[-1])

@@ -39,7 +39,7 @@ from .parts import readable
 from .port_units import AS_IS, POSITION, scale_of_results
 from .reference_signal import Reference
 from .state_trial import checked_state
-from .step_choice import FIRST, choose_step
+from .step_choice import FIRST, choose_step, only_step
 from .system_goal import Fmus, Goal, goal_of
 from .system_law import accepts_law, commands_of, reports_law
 from .wiring import CONTROLLER, Wiring, plain_outputs
@@ -156,8 +156,10 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
             )
 
         choice = None
-        if study.step is not None or study.adaptive or own:
+        if study.step is not None or study.adaptive:
             run = run_at(first)
+        elif own:
+            run, choice = only_step(run_at(own), own)
         else:
             run, choice = choose_step(run_at, first)
         run = loop.in_units(run)
@@ -166,7 +168,7 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
             run, fmus[loop.plant_name].parameters, values[loop.plant_name], limit
         )
     notes = [f"{name} names nothing in the system and was ignored" for name in system.ignored]
-    fixed = fixed_step_notes(first, *fmus.values()) if choice is None else ()
+    fixed = fixed_step_notes(first, *fmus.values()) if own or choice is None else ()
     found = (note for state in states for note in state)
     return ClosedLoopResult(study, run, (*notes, *found, *fixed, *amplifier), choice)
 

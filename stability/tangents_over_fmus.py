@@ -172,7 +172,7 @@ def follow_over_fmus(
         trail.trace,
         (*p.states, *c.states),
         "tangent ports" if ports else "probed by differences",
-        _stated(c, accuracy) + _unmet(trail),
+        "; ".join([_stated(c, accuracy) + _unmet(trail), *units.notes]),
         trail.stopped,
         trail.diverged,
         trail.unmet,
@@ -184,7 +184,8 @@ def _check_saving(*instances: Instance) -> None:
     for instance in instances:
         if not instance.can_save:
             raise TangentsImpossible(
-                f"{instance.name} cannot save and restore its state, which tangents need here"
+                f"{instance.name} cannot save and restore its state, which tangents need here; "
+                "export it so that it can (pythonfmu build --handle-state)"
             )
 
 
