@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from .coupling import Answer, Coupling, Loop
+import numpy as np
+
+from .coupling import Answer, Coupling, Loop, Vector
 from .fmu_instance import Instance
 from .loop_run import CouplingError
+from .verdict import ACCURACY, scales
 from .wiring import Wiring
 
 
@@ -43,3 +46,27 @@ def tangent_reason(loop: Loop, wiring: Wiring) -> str:
     if loop.answer is Answer.DIRECT or loop.controller.can_save:
         return "the plant accepts the feedback law; the controller's derivatives are probed"
     return "the plant has law ports, but the controller's derivatives cannot be had: it is held"
+
+
+def late_start(loop: Loop, commands: Vector, names: list[str]) -> str:
+    """What to do where jacobi's first step holds a start value far from the first command.
+
+    Parameters
+    ----------
+    loop : Loop
+    commands : ndarray, shape (k, m)
+        True ones at the communication points.
+    names : list of str
+        Of the commands.
+    """
+    if loop.answer is not Answer.STEPPED:
+        return ""
+    off = np.abs(commands[0] - loop.given) / scales(commands)
+    worst = int(np.argmax(off))
+    if not off[worst] > ACCURACY:
+        return ""
+    return (
+        f"{names[worst]} starts at {loop.given[worst]:.4g} and is {commands[0, worst]:.4g} once the "
+        "controller has done its first step, which jacobi does not wait for: give it that start "
+        "value, or use --coupling gauss-seidel"
+    )

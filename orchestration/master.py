@@ -23,14 +23,14 @@ from .compiled import (
     library,
 )
 from .coupling import Answer, Coupling, Loop
-from .coupling_choice import choose_coupling, tangent_reason
+from .coupling_choice import choose_coupling, late_start, tangent_reason
 from .fmu_instance import Instance
 from .group import initialize
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
 from .reference_signal import Reference
 from .second_look import Setting, with_second_look
 from .structs import struct
-from .verdict import ACCURACY, Verdict, scales, verdict_of
+from .verdict import Verdict, verdict_of
 from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
 
 Vector = npt.NDArray[np.float64]
@@ -341,8 +341,8 @@ class _Ended:
             smaller += ", or --coupling interface-jacobian where both sides support it"
         smaller += f"; this run had steps of {self.clock.used[1]:g} s"
         loop = self.main.loop
-        if coupling is Coupling.JACOBI and loop.answer is Answer.STEPPED:
-            smaller = self._late_start(ours) or smaller
+        if coupling is Coupling.JACOBI:
+            smaller = late_start(loop, np.concatenate(self.course.commands), ours) or smaller
         return verdict_of(
             names,
             outputs,
@@ -352,19 +352,6 @@ class _Ended:
             safety=_safety(loop),
             failure=self.why.reason or next((p.failure for p in self.co_runs if p.failure), ""),
             advice=self.why.advice,
-        )
-
-    def _late_start(self, ours: list[str]) -> str:
-        """What to do where the first step holds a start value far from the first command."""
-        given, commands = self.main.loop.given, np.concatenate(self.course.commands)
-        off = np.abs(commands[0] - given) / scales(commands)
-        worst = int(np.argmax(off))
-        if not off[worst] > ACCURACY:
-            return ""
-        return (
-            f"{ours[worst]} starts at {given[worst]:.4g} and is {commands[0, worst]:.4g} once the "
-            "controller has done its first step, which jacobi does not wait for: give it that "
-            "start value, or use --coupling gauss-seidel"
         )
 
 
