@@ -66,7 +66,7 @@ def late_start(loop: Loop, commands: Vector, names: list[str]) -> str:
     if not off[worst] > ACCURACY:
         return ""
     return (
-        f"{names[worst]} starts at {loop.given[worst]:.4g} and is {commands[0, worst]:.4g} once the "
-        "controller has done its first step, which jacobi does not wait for: give it that start "
-        "value, or use --coupling gauss-seidel"
+        f"{names[worst]} starts at {loop.given[worst]:.4g} and is {commands[0, worst]:.4g} once "
+        "the controller has done its first step, which jacobi does not wait for: give it that "
+        "start value, or use --coupling gauss-seidel"
     )
