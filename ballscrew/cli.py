@@ -17,7 +17,6 @@ from . import (
     __version__,
     diagnose_command,
     export_command,
-    features_command,
     gallery_command,
     identify_command,
     lyapunov_command,
@@ -39,13 +38,12 @@ _EXAMPLES = """examples:
   ballscrew rig 2.4/7 --out out/trial
   ballscrew identify out/trial --law dahl --out out/dahl
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
-  ballscrew features --out out/features
   ballscrew gallery
   ballscrew new controller mine
 """
 
 
-_DRAWING = ("run", "swap", "lyapunov", "map", "identify", "diagnose", "features", "gallery")
+_DRAWING = ("run", "swap", "lyapunov", "map", "identify", "diagnose", "gallery")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -98,7 +96,6 @@ def command_parser() -> argparse.ArgumentParser:
         rig_command,
         identify_command,
         diagnose_command,
-        features_command,
         gallery_command,
         new_command,
     ):

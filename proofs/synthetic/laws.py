@@ -11,10 +11,10 @@ from pathlib import Path
 from unittest import mock
 
 import sympy as sp
+from features.criteria import Cell, decide_features
+from features.experiments import observe
 
 from ballscrew.plant import LAWS
-from ballscrew.rig.feature_criteria import Cell, decide_features
-from ballscrew.rig.features import observe
 from ballscrew.solver.component import ForceTerm, Output, Parameter, State, symbol
 
 CREEP = sp.Float("1e-8")

@@ -47,7 +47,6 @@ def written(tmp_path_factory):
         ),
         "rig": ("rig", "2.8"),
         "rig_parts": ("rig", "2.8/1", "--export"),
-        "features": ("features", "--laws", "lugre", "dahl"),
         "gallery": ("gallery", "bouncing_ball"),
         "lugre": ("identify", *(out / "rig" / f"2.8-0{k}" for k in (1, 2)), "--law", "lugre"),
         "dahl": ("identify", out / "rig" / "2.8-01", "--law", "dahl"),

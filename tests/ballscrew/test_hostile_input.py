@@ -117,16 +117,12 @@ def folder(tmp_path, monkeypatch):
         (["diagnose", "--trials", "long.csv", "--value", "x_d", "--out", "OUT"], "field limit"),
         (["diagnose", "--trials", LONG, "--value", "x", "--out", "OUT"], "File name too long"),
         (["diagnose", "--directions", "long.csv", "--out", "OUT"], "field limit"),
-        (["features", "--identified", "deep.json", "--out", "OUT"], "is no identified.json"),
-        (["features", "--identified", "digits.json", "--out", "OUT"], "is no identified.json"),
-        (["features", "--identified", "infinite.json", "--out", "OUT"], "is no identified.json"),
         (["identify", "rig", "--law", "dahl", "--out", "OUT"], "expected `plant.m` to be a finite"),
         (["diagnose", "loop", "--out", "OUT"], "symbolic links"),
         (["diagnose", "record.csv", "--params", "loop", "--out", "OUT"], "symbolic links"),
         (["diagnose", "--trials", "loop", "--value", "x", "--out", "OUT"], "symbolic links"),
         (["diagnose", "--directions", "loop", "--out", "OUT"], "symbolic links"),
         ([*RUN, "--params", "loop"], "symbolic links"),
-        (["features", "--identified", LONG, "--out", "OUT"], "File name too long"),
     ],
 )
 def test_odd_requests_get_one_line_and_exit_code_two(folder, capsys, arguments, message):

@@ -33,9 +33,8 @@ COMMANDS = {
     "rig": "rig 2.8 2.4 --law lugre",
     "identify": "identify {data}/trial --law lugre",
     "diagnose": "diagnose {data}/axis.csv",
-    "features": "features",
 }
-WITH_CHILDREN = ("run_isolated", "swap", "map", "features")
+WITH_CHILDREN = ("run_isolated", "swap", "map")
 
 
 def write_data(folder: Path) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .feature_criteria import (
+from .criteria import (
     LAG_DEVIATION,
     MEASURED_BREAK_AWAY,
     RATE_DEVIATION,

@@ -15,13 +15,14 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from .bench import run_trial
-from .compiled_rig import plant_kernel, program_kernel
+from ballscrew.rig.bench import run_trial
+from ballscrew.rig.compiled_rig import plant_kernel, program_kernel
+from ballscrew.rig.record import TrialRecord
+from ballscrew.rig.regulators import loading_voltage
+from ballscrew.rig.rig_trials import FORCE, VELOCITY, VOLTAGE, Trial, trials_named
+from ballscrew.rig.rig_wiring import PLANT
+
 from .observations import ForceCurve, ForceStep, Observations, Peak
-from .record import TrialRecord
-from .regulators import loading_voltage
-from .rig_trials import FORCE, VELOCITY, VOLTAGE, Trial, trials_named
-from .rig_wiring import PLANT
 
 Vector = npt.NDArray[np.float64]
 SLOW_RATE = 0.25
@@ -181,7 +182,7 @@ def _course(record: TrialRecord) -> ForceCurve:
 
 def _law_parameters(law: str, record: TrialRecord) -> dict[str, float]:
     """Of the law alone, which come after the drive's."""
-    from ..plant.ball_screw import PARAMETERS as DRIVE
+    from ballscrew.plant.ball_screw import PARAMETERS as DRIVE
 
     drive = {p.name for p in DRIVE} | {"voltage_limit", "current_limit"}
     names = [p.name for p in plant_kernel(law).parameters if p.name not in drive]

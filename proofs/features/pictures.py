@@ -11,8 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from ..orchestration.pictures import COLOURS, DASHES, STYLE, drawing, new_figure, write_figure
-from .feature_criteria import LAG_SPEED, MEASURED_BREAK_AWAY, STIFFNESS
+from ballscrew.orchestration.pictures import (
+    COLOURS,
+    DASHES,
+    STYLE,
+    drawing,
+    new_figure,
+    write_figure,
+)
+
+from .criteria import LAG_SPEED, MEASURED_BREAK_AWAY, STIFFNESS
 from .observations import ForceCurve, Observations
 
 GREY = "#555555"

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
-from ..orchestration.end_with_parent import pool
-from ..plant import LAWS
-from ..plant.law import UnknownLaw
-from ..solver.files import write_json
-from .compiled_rig import plant_kernel
-from .feature_criteria import CRITERIA, FEATURES, Cell, decide_features
-from .features import observe
+from ballscrew.orchestration.end_with_parent import pool
+from ballscrew.plant import LAWS
+from ballscrew.plant.law import UnknownLaw
+from ballscrew.rig.compiled_rig import plant_kernel
+
+from .criteria import CRITERIA, FEATURES, Cell, decide_features
+from .experiments import observe
 from .observations import Observations
-from .thesis_statements import NamedFigure, named_figures, statements
+from .statements import NamedFigure, named_figures, statements
 
 
 @dataclass(frozen=True)
@@ -27,13 +26,10 @@ class FeatureTable:
     observations : dict of str to Observations
     cells : dict of str to dict of str to Cell
         By law and feature.
-    sources : dict of str to dict of str to str
-        By law and parameter: where its value comes from.
     """
 
     observations: dict[str, Observations]
     cells: dict[str, dict[str, Cell]]
-    sources: dict[str, dict[str, str]]
 
     @property
     def notes(self) -> list[str]:
@@ -90,7 +86,7 @@ class FeatureTable:
             "laws": {
                 law: {
                     "parameters": self.observations[law].parameters,
-                    "sources_of_parameters": self.sources[law],
+                    "sources_of_parameters": _sources(self.observations[law]),
                     "features": {name: _cell_dict(cell) for name, cell in row.items()},
                 }
                 for law, row in self.cells.items()
@@ -101,39 +97,10 @@ class FeatureTable:
             "not_trusted": self.notes,
         }
 
-    def save(self, folder: Path | str) -> None:
-        """Write ``features.json`` into `folder`.
-
-        Raises
-        ------
-        OSError
-            If a file cannot be written.
-        """
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "features.json", self.to_dict())
-
-
-@dataclass(frozen=True)
-class Identified:
-    """Parameters of one law that were identified from records.
-
-    Attributes
-    ----------
-    values : dict of str to float
-        By the law's own names; those that are left out stay nominal.
-    source : str
-        Where they come from, in words.
-    """
-
-    values: dict[str, float]
-    source: str
-
 
 def feature_table(
     laws: Sequence[str] | None = None,
     processes: int = 1,
-    identified: Mapping[str, Identified] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> FeatureTable:
     """Run all experiments on several laws and decide.
@@ -144,8 +111,6 @@ def feature_table(
         Of `plant.LAWS`; all of them if left out.
     processes : int
         How many to share the laws among.
-    identified : mapping of str to Identified, optional
-        By law.
     progress : function of a text, optional
         Told how many laws are done.
 
@@ -155,14 +120,12 @@ def feature_table(
 
     Raises
     ------
-    UnknownLaw, BadRig, IntegrationError
+    UnknownLaw, IntegrationError
     """
     names = list(dict.fromkeys(laws or LAWS))
-    identified = identified or {}
-    unknown = [name for name in (*names, *identified) if name not in LAWS]
+    unknown = [name for name in names if name not in LAWS]
     if unknown:
         raise UnknownLaw(f"no friction law {unknown[0]!r}; there are {', '.join(LAWS)}")
-    values = [identified[name].values if name in identified else None for name in names]
     found: list[Observations] = []
 
     def collect(seen: Iterable[Observations]) -> None:
@@ -173,24 +136,21 @@ def feature_table(
 
     # the last ones of the list take longest
     names.reverse()
-    values.reverse()
     if processes > 1 and len(names) > 1:
         with pool(min(processes, len(names))) as workers:
-            collect(workers.map(observe, names, values))
+            collect(workers.map(observe, names))
     else:
-        collect(map(observe, names, values))
+        collect(map(observe, names))
     found.reverse()
     return FeatureTable(
         {s.law: s for s in found},
         {s.law: decide_features(s) for s in found},
-        {s.law: _sources(s, identified.get(s.law)) for s in found},
     )
 
 
-def _sources(seen: Observations, identified: Identified | None) -> dict[str, str]:
+def _sources(seen: Observations) -> dict[str, str]:
     nominal = {p.name: p.source for p in plant_kernel(seen.law).parameters}
-    own = {name: nominal[name] for name in seen.parameters}
-    return own | (dict.fromkeys(identified.values, identified.source) if identified else {})
+    return {name: nominal[name] for name in seen.parameters}
 
 
 def _words(feature: str) -> str:
