@@ -5,13 +5,13 @@ from __future__ import annotations
 import zipfile
 
 import pytest
+from cases import ballscrew, cart_position, case, last_row, maker
 
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.system import SystemStudy, run_system
 from tests.cases.test_units_command_kN_to_N import SYSTEM
-from tests.support.cases import ballscrew, cart_position, case, last_row, maker
 
 FIXED = "if(fabs(h-0.01)>1e-12)return 3;"
 STEP = '<DefaultExperiment stepSize="{}"/>'

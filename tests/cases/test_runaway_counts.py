@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from cases import ballscrew, cart_position, case, last_row, maker
 
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.signal_motion import signal_motion
-from tests.support.cases import ballscrew, cart_position, case, last_row, maker
 
 
 def test_counts_of_a_micrometre_do_not_diverge(tmp_path):

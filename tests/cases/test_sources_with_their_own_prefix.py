@@ -1,10 +1,10 @@
 """Sources that put their model's name before FMI's are compiled and called."""
 
 import pytest
+from cases import cart_position, case
 
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.reference_signal import Reference
-from tests.support.cases import cart_position, case
 
 
 def test_sources_that_define_the_prefix_themselves(tmp_path):

@@ -1,8 +1,7 @@
 """What an element of an .ssp says of its implementation is no reason to refuse it."""
 
 import pytest
-
-from tests.support.cases import ballscrew, cart_position, case, last_row
+from cases import ballscrew, cart_position, case, last_row
 
 
 def test_an_element_for_model_exchange_is_run(tmp_path):

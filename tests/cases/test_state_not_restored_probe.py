@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import case, maker
 from pythonfmu.builder import FmuBuilder
 
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.reference_signal import Reference
-from tests.support.cases import case, maker
 
 
 def test_an_integral_that_is_not_registered(tmp_path):

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-
-from tests.support.cases import ballscrew, cart_position, case, last_row
+from cases import ballscrew, cart_position, case, last_row
 
 RUN = "run --controller pd.fmu --plant cart_d.fmu --setpoint 0.1 --stop 0.5 --out out"
 

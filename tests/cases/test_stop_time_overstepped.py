@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from cases import case, maker
 
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.coupling import Coupling
 from ballscrew.orchestration.reference_signal import Reference
-from tests.support.cases import case, maker
 
 STRICT = "if(t+h>m->stop)return 3;"
 

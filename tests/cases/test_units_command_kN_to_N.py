@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from cases import ballscrew, cart_position, case, last_row, maker
 
 from ballscrew.cli import main
 from ballscrew.orchestration.closed_loop import Study, run_study
@@ -17,7 +18,6 @@ from ballscrew.orchestration.system import SystemStudy, run_system
 from ballscrew.stability.fmu_cell import run_fmu_cell
 from ballscrew.stability.fmu_parts import OverFmus, opened_parts
 from ballscrew.stability.study import Axis, MapStudy
-from tests.support.cases import ballscrew, cart_position, case, last_row, maker
 
 TANGENT = Coupling.INTERFACE_JACOBIAN
 RUN = "--setpoint 0.1 --stop 0.5 --step 1e-3 --out out"

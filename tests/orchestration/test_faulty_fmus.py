@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 
 import pytest
+from cases import cart_position, maker
 
 from ballscrew.cli import main
 from ballscrew.fmus.reading import FmuError, unpack
 from ballscrew.orchestration.closed_loop import Study, run_study
 from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.reference_signal import Reference
-from tests.support.cases import cart_position, maker
 
 MISSING = "ModuleNotFoundError: No module named 'zmq'"
 
