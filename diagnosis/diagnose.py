@@ -31,7 +31,7 @@ from .plausibility import at_ends
 from .prior_model import lead_of, prior_model_from, with_lead
 from .problem import Candidate, Problem, driven_by, values_alone
 from .regression import Added
-from .remaining import above_floor, next_experiment, out_of_reach, where_residual_is
+from .remaining import above_floor, below_floor, next_experiment, out_of_reach, where_residual_is
 from .residuals import Residual, after_the_start, residual, rms
 from .search import Found, Situation, added_by, adjusted, only_first, search
 from .selection import strongest_alone
@@ -170,7 +170,9 @@ def _concluded(
     better = holds(whole.interval, fitted, final)
     verdict = _verdict(bool(causes), at_floor, better and not free)
     notes += above_floor(held.all, lowest, bool(judgement.laps))
+    friction = _friction(courses, model, held)
     if verdict == NONE:
+        notes.append(below_floor(lowest, friction, [LIVES[m.name] for m in free]))
         free = []
     unnamed = tuple(LIVES[m.name] for m in free)
     notes += _of_the_fit(problem, holds_up, courses)
@@ -185,8 +187,7 @@ def _concluded(
         baseline_residual=level(baseline),
         adjusted_residual=fitted,
         final_residual=final,
-        left_of_friction=max(final.force, held.all.by_current_rms)
-        / _friction(courses, model, held),
+        left_of_friction=max(final.force, held.all.by_current_rms) / friction,
         gain_interval=whole.interval,
         held_out=held.parts,
         causes=causes,
@@ -226,7 +227,8 @@ def _least_force(
     nothing = Added.nothing(before.courses)
     after = adjusted(before.courses, before.model, prior_model, nothing, coloured=False)
     problem = values_alone(found.problem, after.courses, after.model, driven_by(after.noise))
-    folds = parts_of(after.courses, judgement.laps)
+    # values that no motion alike tells would be off by their tolerances, and that is no fault
+    folds = parts_of(after.courses, judgement.laps, mixed=True)
     held = judged(after, problem, nothing_in(problem), folds, bool(judgement.laps))
     return after, after_the_start(held.none, after.courses)
 

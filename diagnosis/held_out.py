@@ -57,16 +57,26 @@ def laps_of(courses: Sequence[ModelledRecord]) -> list[float]:
     return laps if all(laps) else []
 
 
-def parts_of(courses: Sequence[ModelledRecord], laps: Sequence[float]) -> npt.NDArray[np.int64]:
+def parts_of(
+    courses: Sequence[ModelledRecord], laps: Sequence[float], mixed: bool = False
+) -> npt.NDArray[np.int64]:
     """To which fold each stretch belongs: records, laps of one motion, or parts of a record.
 
-    `laps` are empty where the records have none.
+    Parameters
+    ----------
+    laps : sequence of float
+        Empty where the records have none.
+    mixed : bool
+        Parts of a record are every fifth stretch instead of a fifth of the time: what moves fast
+        only once is then not held out as a whole.
     """
     counts = [stretches(c) for c in courses]
     # an offset of a record's own can be had of that record only
     if len(courses) >= _FOLDS and not any(c.offset_name for c in courses):
         return np.repeat(np.arange(len(courses)) % _FOLDS, counts)
     if not laps:
+        if mixed:
+            return np.concatenate([np.arange(n) % _FOLDS for n in counts])
         return np.concatenate([np.arange(n) * _FOLDS // n for n in counts])
     begun = []
     for c, n, length in zip(courses, counts, laps, strict=True):

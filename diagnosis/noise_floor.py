@@ -12,7 +12,7 @@ from .diagnosis import Level
 from .drive_model import DriveModel
 from .modelled_record import ModelledRecord
 from .regression import EXACT, Noise
-from .residuals import Residual, at_samples, floor, repetition, rms
+from .residuals import Residual, at_samples, floor, repetition
 
 AT_FLOOR = 2.0  # times the floor: more is not explained
 
@@ -69,13 +69,9 @@ def noise_floor(
     read = floor(courses, model)
     along = np.concatenate([at_samples(c, c.force_variance) for c in courses])[left.telling]
     law = math.sqrt(float(along.mean()))
-    paces = np.concatenate([c.v for c in courses])[left.telling]
-    # what grows with the speed to more than the friction is a wrong motion, and no noise of it
-    growing = min(noise.growth * rms(paces), model.friction_scale)
-    white = math.hypot(noise.sizes[0], growing)
     if laps:  # no law is just right
         white = math.hypot(repetition(left, courses, laps), EXACT * model.friction_scale)
-    else:
-        white = max(white, read.force_rms)
+    else:  # what grows with the speed is not in it: a fault does, too
+        white = max(float(noise.sizes[0]), read.force_rms)
     between = max([read.by_current_rms, *(model.per_command * noise.sizes[1:])])
     return NoiseFloor(math.hypot(white, law), float(between), read.position_rms)

@@ -26,7 +26,8 @@ def above_floor(left: Residual, lowest: NoiseFloor, repeated: bool) -> list[str]
     """What to say of more than noise that is left on data held out."""
     notes = []
     if left.force_rms > AT_FLOOR * lowest.force:
-        known = "its laps differ by" if repeated else "instruments and white noise make"
+        usual = "instruments and white noise make"
+        known = "laps differ by and an uncertain motion makes" if repeated else usual
         more = "" if repeated else "; laps of one motion would show what of it repeats"
         notes.append(
             f"what is left, {left.force_rms:.3g} N, is more than twice {lowest.force:.3g} N, which "
@@ -39,6 +40,24 @@ def above_floor(left: Residual, lowest: NoiseFloor, repeated: bool) -> list[str]
             "the units and signs of u and i, at R and at ke"
         )
     return notes
+
+
+def below_floor(lowest: NoiseFloor, friction: float, lives: Sequence[str]) -> str:
+    """What a model without a named fault may still have wrong: silence is not safety.
+
+    Parameters
+    ----------
+    friction : float
+        Root mean square along the motion [N].
+    lives : sequence of str
+        Where free functions find structure.
+    """
+    most = AT_FLOOR * lowest.force
+    found = f"; a free function finds structure {' and '.join(lives)}" if lives else ""
+    return (
+        f"not ruled out: a fault of up to {most:.3g} N ({100.0 * most / friction:.3g} % of the "
+        f"friction), twice what noise makes{found}"
+    )
 
 
 def where_residual_is(

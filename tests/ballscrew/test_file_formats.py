@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = {p.stem: json.loads(p.read_text("utf-8")) for p in ROOT.glob("docs/reference/schemas/*")}
 pytestmark = pytest.mark.xdist_group("file_formats")  # whose commands run once
 DATA = ROOT / "tests" / "data"
+NOTCH = {"detent": 1.0, "detent_place": 0.002, "detent_width": 0.0005}  # no cause has its form
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,7 @@ def written(tmp_path_factory):
     """A folder with what each command wrote, in a folder of its own."""
     out = tmp_path_factory.mktemp("out")
     record, prior = write_strong({"load": 0.4}, out / "data")
-    signals = strong_record({"stiffness": 2e5}, with_current=True, samples=8000).signals
+    signals = strong_record(NOTCH, with_current=True, samples=8000).signals
     with_current = out / "with_current.csv"
     table = np.stack(list(signals.values()), 1)
     np.savetxt(with_current, table, delimiter=",", header=",".join(signals), comments="")

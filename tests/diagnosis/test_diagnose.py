@@ -238,6 +238,23 @@ def test_friction_is_not_said_to_vanish_where_nothing_is_hidden(tmp_path):
     assert found.causes == ()
 
 
+@in_a_world
+def test_a_fault_that_grows_with_the_speed_is_not_taken_for_noise_that_does(tmp_path):
+    """Viscous friction that differs by direction was `none` at seven times the white noise."""
+    _, found = found_in_world(tmp_path, "simulated", ("direction_asymmetry",), 740024)
+    assert found.verdict != "none"
+    assert found.final_residual.force > 2.0 * found.floor.force
+
+
+@in_a_world
+def test_values_that_only_one_fast_part_of_a_faultless_record_tells_are_no_fault(tmp_path):
+    """The rest of it does not know the mass; held out as a whole, that part was 11 N off."""
+    _, found = found_in_world(tmp_path, "linear_drive", (), 730013)
+    assert found.verdict == "none"
+    (said,) = (n for n in found.notes if n.startswith("not ruled out: a fault of up to "))
+    assert float(said.split()[8]) == pytest.approx(2.0 * found.floor.force, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("hidden", "name", "size"),
     [({"asymmetry": 0.2}, "asymmetry", 0.2), ({"load": 0.26}, "load", 0.26)],

@@ -9,7 +9,7 @@ import pytest
 
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.diagnosis.prior_model import read_prior_model
-from ballscrew.records.drive_record import read_drive_records
+from ballscrew.records.drive_record import checked, read_drive_records
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
@@ -31,7 +31,7 @@ def test_three_causes_of_a_real_machine_gain_on_laps_held_out_and_the_rest_is_sa
     assert all(c.gain_interval[0] > 0.15 for c in found.causes)
     assert found.final_residual.force < 1.2 < 2.2 < found.adjusted_residual.force
     assert found.final_residual.position < 0.6 * found.adjusted_residual.position
-    assert 0.3 < found.floor.force < 0.45
+    assert found.floor.force == pytest.approx(0.44, abs=0.01)  # as the page says
     assert found.held_out == "4 laps"
 
 
@@ -41,7 +41,9 @@ def test_half_the_coulomb_friction_of_a_real_machine_is_not_nothing():
         pytest.skip("DATA_EMPS.mat is not here: get it from nonlinearbenchmark.org")
     model = read_prior_model(ROOT / "docs" / "emps.toml")
     model = model.changed({"Fc": 0.5 * model.values["Fc"]})
-    found = diagnose_records(read_drive_records([file], COLUMNS), model)
+    (record,) = read_drive_records([file], COLUMNS)
+    every_eighth = {n: s[::8] for n, s in record.signals.items()}  # 125 Hz are enough for it
+    found = diagnose_records([checked("emps", every_eighth)], model)
     assert found.verdict != "none"
     assert found.final_residual.force > 10.0 * found.floor.force
 

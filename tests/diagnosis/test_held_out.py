@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from diagnosed import nominal
+from hidden.strong import strong_record
 
-from ballscrew.diagnosis.held_out import lap
+from ballscrew.diagnosis.held_out import lap, parts_of
+from ballscrew.diagnosis.modelled_record import lay_along
 
 STEP = 1e-3
 TIME = np.arange(0.0, 20.0, STEP)
@@ -42,3 +45,11 @@ def test_many_short_laps_are_held_out_together():
     length = lap(np.sin(2 * np.pi * TIME), STEP)
     assert length == pytest.approx(round(length), abs=2 * STEP)
     assert 20.0 / 7 <= length <= 20.0 / 3
+
+
+def test_mixed_parts_leave_next_to_each_stretch_one_to_learn_from():
+    course = lay_along(strong_record({}, samples=6_000), nominal())
+    in_time, mixed = (parts_of([course], [], mixed=m) for m in (False, True))
+    assert np.all(np.diff(in_time) >= 0)
+    assert np.all(np.diff(mixed) != 0)
+    assert sorted(set(mixed)) == sorted(set(in_time)) == list(range(5))
