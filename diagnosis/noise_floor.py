@@ -53,7 +53,7 @@ def noise_floor(
     left: Residual,
     laps: Sequence[float],
 ) -> NoiseFloor:
-    """What laps of one motion differ by, else the instruments or the white part of the noise.
+    """What laps of one motion differ by, else the white part of the noise; no less than readings.
 
     And the error of the law along a motion that is not known better.
 
@@ -70,8 +70,9 @@ def noise_floor(
     along = np.concatenate([at_samples(c, c.force_variance) for c in courses])[left.telling]
     law = math.sqrt(float(along.mean()))
     if laps:  # no law is just right
-        white = math.hypot(repetition(left, courses, laps), EXACT * model.friction_scale)
+        own = math.hypot(repetition(left, courses, laps), EXACT * model.friction_scale)
     else:  # what grows with the speed is not in it: a fault does, too
-        white = max(float(noise.sizes[0]), read.force_rms)
+        own = float(noise.sizes[0])
+    white = max(own, read.force_rms)  # rounding may be the same in every lap
     between = max([read.by_current_rms, *(model.per_command * noise.sizes[1:])])
     return NoiseFloor(math.hypot(white, law), float(between), read.position_rms)
