@@ -59,7 +59,7 @@ def late_start(loop: Loop, commands: Vector, names: list[str]) -> str:
     names : list of str
         Of the commands.
     """
-    if loop.answer is not Answer.STEPPED:
+    if loop.answer is not Answer.STEPPED or not names:
         return ""
     off = np.abs(commands[0] - loop.given) / scales(commands)
     worst = int(np.argmax(off))

@@ -18,7 +18,7 @@ from ..solver.core import REACHED
 from ..solver.files import write_atomically, write_json
 from ..solver.kernel import Model
 from ..solver.spectrum import Spectrum, follow_returns, follow_tangents
-from .attractor import Attractor, Kind, classify_attractor
+from .attractor import CLOSED, Attractor, Kind, classify_attractor
 from .budget import becomes
 from .equilibria import sample_after
 from .finite_perturbations import PerturbationGrowth, perturbation_growth
@@ -359,14 +359,18 @@ def agreed(first: Attractor, second: Attractor, how: str = "a tenth of the toler
     same = first.kind is second.kind
     text = f"{first.kind.value} ({first.evidence}) against {second.kind.value}"
     if same and first.period and second.period:
-        ratio = second.period / first.period
+        shorter, longer = sorted((first.period, second.period))
+        periods = longer / shorter  # after three periods a cycle closes, too
         swings = [
             abs(second.amplitude[n] - a) / max(a, abs(second.amplitude[n]))
             for n, a in first.amplitude.items()
             if a > 0.0
         ]
-        same = abs(ratio - 1.0) <= SAME and max(swings, default=0.0) <= SAME
+        whole = abs(periods - round(periods)) <= SAME * periods
+        allowed = SAME if round(periods) == 1 else CLOSED  # subharmonics begin small
+        same = whole and max(swings, default=0.0) <= allowed
         text = f"periods of {first.period:.6g} and {second.period:.6g} s, or their amplitudes"
+        second = replace(second, period=shorter) if same and round(periods) > 1 else second
     if not same:
         return Attractor(
             Kind.UNDECIDED,
