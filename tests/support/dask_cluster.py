@@ -43,7 +43,8 @@ def cluster(folder: Path, workers: int = 2, **variables: str) -> Iterator[tuple[
             time.sleep(0.05)
 
     try:
-        wait(place.is_file)
+        # the file is there before all of it is written
+        wait(lambda: place.is_file() and place.read_text().endswith("}"))
         environment = {**os.environ, **variables}
         for _ in range(workers):
             processes.append(subprocess.Popen(worker, env=environment, **quiet))
