@@ -71,7 +71,7 @@ def _write_csv(path: Path, pieces: Iterable[Columns]) -> None:
 
 
 def read_table(path: Path) -> dict[str, list[Any]]:
-    """The columns that `write_table` has written.
+    """The columns that `write_table` has written; a word that is empty is None, in either form.
 
     Raises
     ------
@@ -93,6 +93,7 @@ def read_table(path: Path) -> dict[str, list[Any]]:
         raise NoPyarrow(f"{path} {PYARROW}") from None
     try:
         found: dict[str, list[Any]] = pq.read_table(path).to_pydict()
+        found = {n: [None if v == "" else v for v in column] for n, column in found.items()}
     except (OSError, pa.ArrowInvalid) as error:
         raise BadTable(f"{path} is damaged") from error
     return found
