@@ -106,7 +106,16 @@ class AnyFmu:
     """What FMU instances have in common, wherever they run."""
 
     inputs: Sequence[str]
+    _fmu: UnpackedFmu
     _variables: Mapping[str, NumberVariable]
+
+    @property
+    def description(self) -> Description:
+        return self._fmu.description
+
+    @property
+    def path(self) -> Path:
+        return self._fmu.path
 
     def nominal(self, name: str) -> float:
         return self._variables[name].nominal
@@ -176,14 +185,6 @@ class FmuInstance(AnyFmu):
             raise
         self._open = True
         end_cleanly(Path(self._fmi.library._name))
-
-    @property
-    def description(self) -> Description:
-        return self._fmu.description
-
-    @property
-    def path(self) -> Path:
-        return self._fmu.path
 
     def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
         """Set parameters and start values, enter initialization mode, and set inputs there.

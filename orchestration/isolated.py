@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
-from ..fmus.reading import Description, FmuError, UnpackedFmu
+from ..fmus.reading import FmuError, UnpackedFmu
 from .fmu_instance import (
     SHORTER,
     AnyFmu,
@@ -109,14 +109,6 @@ class IsolatedInstance(AnyFmu):
             self._end()
             self._clean()
             raise
-
-    @property
-    def description(self) -> Description:
-        return self._fmu.description
-
-    @property
-    def path(self) -> Path:
-        return self._fmu.path
 
     def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
         """As `FmuInstance.enter_initialization`.
