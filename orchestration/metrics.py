@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from .loop_run import LoopRun
 
-BAND = 0.02
+Vector = npt.NDArray[np.float64]
+
+BAND = 0.02  # of a step
 
 
 @dataclass(frozen=True)
@@ -86,13 +88,14 @@ def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
     error = goal - x
     constant = bool(np.all(goal == goal[0]))
     step = float(goal[0] - x[0])
+    beyond = (-np.inf, goal[0]) if step > 0.0 else (goal[0], np.inf)
     duration = max(float(time[-1] - time[0]), np.finfo(float).tiny)
     mean_square = float(np.trapezoid(error**2, time)) / duration
     return Metrics(
         peak_voltage=float(voltage[peak]),
         peak_voltage_time=float(time[peak]),
-        settling_time_2pct=_settling(time, error, abs(step)) if constant and step else None,
-        overshoot=float(max(0.0, np.max(-error * np.sign(step)))) if constant and step else None,
+        settling_time_2pct=_settling(time, error, BAND * abs(step)) if constant and step else None,
+        overshoot=overshoot(x, *beyond) if constant and step else None,
         steady_state_error=float(error[-1]),
         iae=float(np.trapezoid(np.abs(error), time)),
         rms_error=None if constant else float(np.sqrt(mean_square)),
@@ -100,15 +103,24 @@ def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
     )
 
 
-def _settling(
-    time: npt.NDArray[np.float64], error: npt.NDArray[np.float64], step: float
-) -> float | None:
-    outside = np.flatnonzero(np.abs(error) > BAND * step)
-    if not len(outside):
-        return float(time[0])
-    k = int(outside[-1])
-    if k + 1 == len(time):
+def settled_from(error: Vector, band: float) -> int | None:
+    """The first sample from which on an error stays within a band; None where it ends outside."""
+    outside = np.flatnonzero(np.abs(error) > band)
+    first = int(outside[-1]) + 1 if len(outside) else 0
+    return first if first < len(error) else None
+
+
+def overshoot(position: Vector, low: float, high: float) -> float:
+    """How far a position goes out of a range."""
+    return float(max(0.0, position.max() - high, low - position.min()))
+
+
+def _settling(time: Vector, error: Vector, band: float) -> float | None:
+    """When an error is within a band for good, between samples as a straight line."""
+    k = settled_from(error, band)
+    if k is None:
         return None
-    before, after = abs(error[k]), abs(error[k + 1])
-    share = (before - BAND * step) / (before - after)
-    return float(time[k] + share * (time[k + 1] - time[k]))
+    if k == 0:
+        return float(time[0])
+    before, after = abs(error[k - 1]), abs(error[k])
+    return float(time[k - 1] + (before - band) / (before - after) * (time[k] - time[k - 1]))

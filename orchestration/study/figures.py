@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
+from ..metrics import BAND, Vector, overshoot, settled_from
 from .loop import Course
-
-Vector = npt.NDArray[np.float64]
 
 MICRON = 1e-6
 COUNTS = 10
@@ -119,10 +117,10 @@ def figures_of(course: Course, count: float, limit: float) -> Figures:
     return Figures(
         rms_error=float(np.sqrt(np.mean(error**2))),
         peak_error=float(np.abs(error).max()),
-        settling_2pct=_settled(time, error, 0.02 * (high - low), end),
+        settling_2pct=_settled(time, error, BAND * (high - low), end),
         settling_1um=_settled(time, error, MICRON, end),
         settling_10counts=_settled(time, error, COUNTS * count, end),
-        overshoot=float(max(0.0, course.position.max() - high, low - course.position.min())),
+        overshoot=overshoot(course.position, low, high),
         reversal_error=_after_reversals(course, error, step),
         energy=float(np.sum(power[:-1]) * step),
         total_variation=float(np.abs(np.diff(course.command)).sum()),
@@ -136,11 +134,8 @@ def figures_of(course: Course, count: float, limit: float) -> Figures:
 
 
 def _settled(time: Vector, error: Vector, band: float, end: int) -> float:
-    outside = np.flatnonzero(np.abs(error[end:]) > band)
-    if not len(outside):
-        return 0.0
-    last = end + int(outside[-1])
-    return math.inf if last + 1 == len(time) else float(time[last + 1] - time[end])
+    k = settled_from(error[end:], band)
+    return math.inf if k is None else float(time[end + k] - time[end])
 
 
 def _after_reversals(course: Course, error: Vector, step: float) -> float:
