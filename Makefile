@@ -39,6 +39,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/identification.py
 	$(BIN)/python proofs/criteria.py
 	$(BIN)/python proofs/table_2_12.py
+	$(BIN)/python proofs/tables_of_trials.py
 	$(BIN)/python proofs/variational.py
 	$(BIN)/python proofs/exchange.py
 	$(BIN)/python proofs/diagnosis.py

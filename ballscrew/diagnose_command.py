@@ -16,7 +16,6 @@ from .options import NOT_TRUSTED, TRUSTED, BadRequest, check_name, out_folder
 from .params_option import add_params, bad_parameters, read_params
 from .record_options import add_record_options, read_record_options
 from .results_folder import prepare_folder, save_results
-from .tables_of_trials import cost_of_averaging, explain_trials
 
 if TYPE_CHECKING:
     from .diagnosis.diagnosis import Diagnosis, Level
@@ -41,8 +40,6 @@ examples:
     --lead 0.005 --out out/drive
   ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
   ballscrew diagnose --judge other.csv --params out/diagnosis/parameters.toml
-  ballscrew diagnose --trials dahl.csv --value sigma --out out/scatter
-  ballscrew diagnose --directions stribeck.csv --out out/averaging
 """
 
 
@@ -92,14 +89,6 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="OTHER",
         help="instead: how well do the models of --params, written by diagnose, do on this record?",
     )
-    add("--trials", type=Path, metavar="TABLE.csv", help="instead: a table with a trial a row")
-    add("--value", metavar="COLUMN", help="with --trials: whose scatter is to be explained")
-    add(
-        "--directions",
-        type=Path,
-        metavar="TABLE.csv",
-        help="instead: Fc, Fs, Vs, sigma2 of each direction; what does their average cost?",
-    )
     add(
         "--out",
         type=out_folder,
@@ -114,40 +103,15 @@ def _diagnose(options: argparse.Namespace) -> int:
     # matrices are small here: threads cost more than they bring
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-    tables = {"--trials": options.trials, "--directions": options.directions}
-    for table, path in tables.items():
-        if path is not None:
-            _only_with(table, options)
     if options.judge is not None:
         from .judge_command import judged
 
         return judged(options)
     if options.out is None:
         raise BadRequest("--out DIR is missing, the folder for the results")
-    if options.value is not None and options.trials is None:
-        raise BadRequest("--value is for --trials, and there is none")
-    if options.trials is not None:
-        return explain_trials(options)
-    if options.directions is not None:
-        return cost_of_averaging(options)
     if not options.data:
-        raise BadRequest(
-            "neither DATA nor --trials nor --directions nor --judge; see ballscrew diagnose --help"
-        )
+        raise BadRequest("neither DATA nor --judge; see ballscrew diagnose --help")
     return _records(options)
-
-
-def _only_with(table: str, options: argparse.Namespace) -> None:
-
-    given = {"DATA": options.data, "--params": options.params, "--law": options.law}
-    given |= {"--map": options.map, "--unit": options.unit, "--lead": options.lead}
-    given |= {"--trials": options.trials, "--directions": options.directions}
-    given |= {"--judge": options.judge}
-    for name, value in given.items():
-        if value and name != table:
-            raise BadRequest(f"{name} and {table}: expected one of them")
-    if table == "--trials" and options.value is None:
-        raise BadRequest("--trials needs --value COLUMN, whose scatter is to be explained")
 
 
 def _records(options: argparse.Namespace) -> int:

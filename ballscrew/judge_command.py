@@ -28,7 +28,7 @@ def judged(options: argparse.Namespace) -> int:
     BadRequest
     """
 
-    given = {"DATA": options.data, "--law": options.law, "--value": options.value}
+    given = {"DATA": options.data, "--law": options.law}
     for name, value in given.items():
         if value:
             raise BadRequest(f"{name} and --judge: expected one of them")

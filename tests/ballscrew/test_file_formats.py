@@ -58,8 +58,6 @@ def written(tmp_path_factory):
             *("diagnose", "--judge", record),
             *("--params", out / "diagnose" / "parameters.toml"),
         ),
-        "trials": ("diagnose", "--trials", DATA / "table_2_5_dahl.csv", "--value", "sigma_N_m"),
-        "directions": ("diagnose", "--directions", DATA / "table_2_3_stribeck.csv"),
     }
     for name, words in commands.items():
         code, _, said = run(*words, "--out", out / name)

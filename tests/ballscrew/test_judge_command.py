@@ -69,7 +69,6 @@ def test_requests_that_make_no_sense_are_one_line(files, tmp_path):
         (("--judge", record, "--params", tmp_path / "no.toml"), "cannot be read"),
         (("--judge", record, "--params", params, "--unit", "u=A"), "u is a current, but the mod"),
         (("--judge", record, "--params", params, "--law", "dahl"), "--law and --judge"),
-        (("--judge", record, "--trials", plain, "--value", "x"), "--judge and --trials"),
         ((record, "--params", params), "--out DIR is missing"),
     ):
         code, printed, said = run("diagnose", *arguments)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -139,15 +137,8 @@ def bad(*arguments):
 def test_requests_that_make_no_sense_are_one_line(diagnosed, tmp_path):
     record, params, out = diagnosed.record, diagnosed.parameters, tmp_path / "out"
     given = ("--params", params, "--out", out)
-    table = tmp_path / "table.csv"
-    table.write_text("way,sigma\n+,1\n-,2\n+,1\n-,2\n")
     for arguments, words in (
-        (("--out", out), "neither DATA nor --trials"),
-        ((record, "--value", "x", "--out", out), "--value is for --trials"),
-        ((record, "--trials", table, "--value", "sigma", "--out", out), "DATA and --trials"),
-        (("--trials", table, "--out", out), "needs --value"),
-        (("--trials", table, "--value", "sgma", "--out", out), "sigma"),
-        (("--trials", tmp_path / "no.csv", "--value", "sigma", "--out", out), "cannot be read"),
+        (("--out", out), "neither DATA nor --judge"),
         ((tmp_path / "no.csv", *given), "no such file"),
         ((record, "--map", "u", *given), "THEIRS=OURS"),
         ((record, "--map", "volts=u", *given), "there is no column 'volts'"),
@@ -166,8 +157,6 @@ def test_results_do_not_take_the_place_of_what_they_are_made_from(diagnosed, tmp
     said = bad(diagnosed.record, "--params", mine, "--out", tmp_path)
     assert "would be overwritten" in said
     assert mine.read_bytes() == diagnosed.parameters.read_bytes()
-    table = tmp_path / "trials.json"
-    assert "overwritten" in bad("--trials", table, "--value", "x", "--out", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -217,10 +206,8 @@ def test_units_and_lead_are_asked_for_in_one_line(diagnosed, tmp_path):
         (("--params", drive, "--lead", "0"), "--lead is 0, expected a number of metres above 0"),
         (("--params", screw, "--lead", "0.005"), "both say what a turn of the screw is"),
         (("--params", screw, "--unit", "u=N"), "u is a force, but the ball screw is driven by a"),
-        (("--trials", record, "--value", "x", "--unit", "x=mm"), "--unit and --trials"),
     ):
-        files = () if "--trials" in arguments else (record,)
-        assert words in bad(*files, *arguments, "--out", out), arguments
+        assert words in bad(record, *arguments, "--out", out), arguments
 
 
 def test_a_machines_export_is_diagnosed_as_the_same_record_in_si_units(tmp_path):
@@ -258,69 +245,6 @@ def test_a_machines_export_is_diagnosed_as_the_same_record_in_si_units(tmp_path)
     assert "m" not in one["adjustments"]
     written = read_parameters(tmp_path / "plain" / "parameters.toml")
     assert written.plant["sigma2"].value == 20.0
-
-
-# -- tables of trials ------------------------------------------------------------------------
-
-
-def trials(tmp_path, rows, *more):
-    table = tmp_path / "table.csv"
-    table.write_text("way,pace,sigma\n" + "\n".join(",".join(map(str, r)) for r in rows) + "\n")
-    given = ("--trials", table, "--value", "sigma", "--out", tmp_path / "out")
-    return run("diagnose", *given, *more)
-
-
-def test_a_condition_that_explains_the_scatter_is_said_with_its_size(tmp_path):
-    random = np.random.default_rng(0)
-    rows = [
-        (way, pace, f"{(3.0 if way == '+' else 1.0) + 0.1 * random.standard_normal():.4f}")
-        for way in "+-"
-        for pace in (1, 2)
-        for _ in range(4)
-    ]
-    code, printed, _ = trials(tmp_path, rows)
-    assert code == 0
-    assert "is not all scatter: way explains" in printed
-    told = json.loads((tmp_path / "out" / "trials.json").read_text())
-    assert told["answer"] in printed
-    way = next(c for c in told["conditions"] if c["name"] == "way")
-    assert way["difference"] == pytest.approx(2.0, abs=0.2)
-    assert f"{way['difference']:.4g}" in printed
-    assert f"{way['p_value']:.2g}" in printed
-
-
-def test_json_of_trials_is_what_is_written(tmp_path):
-    rows = [(w, p, v) for v, (w, p) in enumerate([("+", 1), ("-", 2), ("+", 2), ("-", 1)] * 3)]
-    _, printed, _ = trials(tmp_path, rows, "--json")
-    assert json.loads(printed) == json.loads((tmp_path / "out" / "trials.json").read_text())
-
-
-def test_trials_that_are_too_few_to_tell_give_exit_code_one(tmp_path):
-    code, printed, _ = trials(tmp_path, [("+", 1, 1), ("-", 1, 2), ("+", 1, 1.5), ("-", 1, 3)])
-    assert code == 1
-    assert "cannot tell about way" in printed
-    assert "pace: no condition, the same in every trial" in printed
-
-
-def test_what_averaging_two_directions_costs_is_told_in_newtons(tmp_path):
-    table = Path(__file__).parents[1] / "data" / "table_2_3_stribeck.csv"
-    code, printed, _ = run("diagnose", "--directions", table, "--out", tmp_path / "out")
-    assert code == 0
-    told = json.loads((tmp_path / "out" / "averaging_cost.json").read_text())
-    # both curves by hand, at the speed of the largest error backwards
-    v = told["backwards"]["at_speed"]
-    own = 1.458 + (2.4 - 1.458) * math.exp(-((v / 0.0003365) ** 2)) + 152.6 * v
-    one = 1.284 + (2.35 - 1.284) * math.exp(-((v / 0.00113975) ** 2)) + 173 * v
-    assert told["backwards"]["largest"] == pytest.approx(one - own, rel=1e-9)
-    assert f"{told['backwards']['rms']:.3g} N backwards" in printed
-
-
-def test_tables_and_records_are_not_one_request(tmp_path):
-    table, out = tmp_path / "table.csv", tmp_path / "out"
-    table.write_text("a,b\n1,2\n")
-    said = bad("--directions", table, "--trials", table, "--value", "a", "--out", out)
-    assert "--directions and --trials: expected one of them" in said
-    assert "no column 'symbol'" in bad("--directions", table, "--out", out)
 
 
 def test_on_a_record_of_the_rig_whose_rotor_is_not_believed_no_name_does_worse(tmp_path):

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from ..identification.stribeck_fit import stribeck_curve
-from ..solver.files import write_json
-from .trials import BadTable, number, read_columns
+from ballscrew.identification.stribeck_fit import stribeck_curve
+from thesis_trials.scatter import BadTable, number, read_columns
 
 Vector = npt.NDArray[np.float64]
 
@@ -72,18 +71,6 @@ class AveragingCost:
     backwards: ForceError
     unavoidable: ForceError
     of_parameters: ForceError
-
-    def save(self, folder: Path | str) -> None:
-        """Write ``averaging_cost.json`` into `folder`.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "averaging_cost.json", asdict(self))
 
 
 def averaging_cost(table: Path | str, fastest: float = FASTEST) -> AveragingCost:

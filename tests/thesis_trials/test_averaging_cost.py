@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 
 import pytest
-
-from ballscrew.diagnosis.averaging_cost import averaging_cost
-from ballscrew.diagnosis.trials import BadTable
+from tables_of_trials import BEGIN, END, PAGE, thesis
+from thesis_trials.averaging_cost import averaging_cost
+from thesis_trials.scatter import BadTable
 
 THESIS = Path(__file__).resolve().parents[1] / "data" / "table_2_3_stribeck.csv"
 
@@ -35,7 +35,7 @@ def test_a_coulomb_difference_costs_half_of_it_in_each_direction(tmp_path):
     assert cost.of_parameters.rms == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_thesis_average_costs_up_to_half_of_the_coulomb_force(tmp_path):
+def test_the_thesis_average_costs_up_to_half_of_the_coulomb_force():
     cost = averaging_cost(THESIS)
     assert cost.averaged["Fc"] == pytest.approx(1.284)
     assert cost.averaged["Vs"] == pytest.approx(1.13975e-3)
@@ -50,8 +50,6 @@ def test_the_thesis_average_costs_up_to_half_of_the_coulomb_force(tmp_path):
     assert cost.forwards.rms == pytest.approx(0.155, abs=1e-3)
     # most of it is the averaging of a speed that stands in an exponent
     assert cost.unavoidable.rms < cost.backwards.rms
-    cost.save(tmp_path)
-    assert (tmp_path / "averaging_cost.json").exists()
 
 
 @pytest.mark.parametrize(
@@ -71,3 +69,7 @@ def test_a_table_without_both_directions_is_refused(text, says, tmp_path):
 def test_a_range_of_speed_that_is_none_is_refused():
     with pytest.raises(BadTable, match="expected more than zero"):
         averaging_cost(THESIS, 0.0)
+
+
+def test_the_page_says_what_comes_out():
+    assert BEGIN + thesis()[2] + END in PAGE.read_text(encoding="utf-8")

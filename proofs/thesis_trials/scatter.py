@@ -10,14 +10,19 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from ..solver.files import write_json
-from .permutation_test import holm, level_codes, permute_levels, ratio, residual_squares
+from thesis_trials.permutation_test import (
+    holm,
+    level_codes,
+    permute_levels,
+    ratio,
+    residual_squares,
+)
 
 Vector = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -152,22 +157,6 @@ class TrialsDiagnosis:
             return f"No condition was recorded that could explain the scatter of {self.value}."
         sentence = "; ".join(parts)
         return sentence[0].upper() + sentence[1:] + "."
-
-    def to_dict(self) -> dict[str, object]:
-        """All fields and the answer, for JSON."""
-        return {"answer": self.answer, **asdict(self)}
-
-    def save(self, folder: Path | str) -> None:
-        """Write ``trials.json`` into `folder`.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "trials.json", self.to_dict())
 
 
 def explain_scatter(table: Path | str, value: str) -> TrialsDiagnosis:
