@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from .console import print_notes
 from .options import BadRequest
 from .supervision import tell, tell_folder
 
+T = TypeVar("T")
 
-def write_or_refuse(action: Any) -> None:
+
+def write_or_refuse(action: Callable[[], T]) -> T:
+    """What an action returns, unless it finds that something cannot be written."""
     try:
-        action()
+        return action()
     except OSError as error:
         where = f" {error.filename}" if error.filename else ""
         raise BadRequest(f"cannot write{where}: {error.strerror or error}") from error
@@ -25,9 +28,7 @@ def save_results(folder: Path, save: Callable[[Path], None]) -> None:
     from .orchestration.run_folder import write_run
 
     tell("writing the results")
-    notes: list[str] = []
-    write_or_refuse(lambda: notes.extend(write_run(folder, save)))
-    print_notes(notes)
+    print_notes(write_or_refuse(lambda: write_run(folder, save)))
 
 
 def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
@@ -46,9 +47,8 @@ def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
     tell_folder(folder)
     from .orchestration.run_folder import settle, written_files
 
-    write_or_refuse(lambda: print_notes(settle(folder)))
-    listed: list[str] = []
-    write_or_refuse(lambda: listed.extend(written_files(folder)))
+    print_notes(write_or_refuse(lambda: settle(folder)))
+    listed = write_or_refuse(lambda: written_files(folder))
     # realpath, since resolve raises where links lead in a circle
     results = {Path(os.path.realpath(folder / name)) for name in listed}
     for path in filter(None, inputs):

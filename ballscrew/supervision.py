@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import mmap
 import os
 import shutil
 import signal
@@ -22,56 +21,34 @@ from pathlib import Path
 INTERRUPTED = 130
 _BY_SIGNAL = 128  # and the signal's number, as shells have it
 _SCRATCH, _NEW = "ballscrew-run-", ".new"
-_SIZE = 4096  # bytes of a told text
+_PAGE = 4096  # bytes of a told text; one write, which a kill does not cut short
+_HOW_FAR, _FOLDER, _KEPT = range(3)
 
-
-class Told:
-    """What the child tells: how far it is, its results folder, and what an interrupt leaves of it.
-
-    Each has room for two texts, and a byte that says which one holds: a text that a kill cuts short
-    is never read.
-    """
-
-    HOW_FAR, FOLDER, KEPT = range(3)
-
-    def __init__(self) -> None:
-        self._memory = mmap.mmap(-1, 3 * (2 * _SIZE + 1))
-
-    def say(self, what: int, text: bytes) -> None:
-        text = text[: _SIZE - 1] + b"\0"
-        begin = what * (2 * _SIZE + 1)
-        other = 1 - self._memory[begin]
-        place = begin + 1 + other * _SIZE
-        self._memory[place : place + len(text)] = text
-        self._memory[begin] = other
-
-    def heard(self, what: int) -> bytes:
-        begin = what * (2 * _SIZE + 1)
-        place = begin + 1 + self._memory[begin] * _SIZE
-        return self._memory[place : place + _SIZE].partition(b"\0")[0]
-
-
-_told: Told | None = None
+_told = -1  # what the child tells the other process: a file in memory, a page for each text
 
 
 def tell(how_far: str) -> None:
     """Say how far the command is, for the line that an interrupt prints."""
-    _say(Told.HOW_FAR, how_far.encode())
+    _say(_HOW_FAR, how_far.encode())
 
 
 def tell_folder(folder: Path) -> None:
     """Say where the results go, so that an interrupt leaves one whole run there."""
-    _say(Told.FOLDER, os.fsencode(os.path.abspath(folder)))
+    _say(_FOLDER, os.fsencode(os.path.abspath(folder)))
 
 
 def tell_kept(what: str) -> None:
     """Say what an interrupt leaves of this run; nothing if this is never called."""
-    _say(Told.KEPT, what.encode())
+    _say(_KEPT, what.encode())
 
 
-def _say(what: int, text: bytes) -> None:
-    if _told is not None:
-        _told.say(what, text)
+def _say(page: int, text: bytes) -> None:
+    if _told >= 0:
+        os.pwrite(_told, text[:_PAGE].ljust(_PAGE, b"\0"), page * _PAGE)
+
+
+def _heard(page: int) -> bytes:
+    return os.pread(_told, _PAGE, page * _PAGE).rstrip(b"\0")
 
 
 def supervised() -> int:
@@ -81,7 +58,7 @@ def supervised() -> int:
     signals = {n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN}
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_BLOCK, {*signals, signal.SIGCHLD})
-    _told = Told()
+    _told = os.memfd_create("told")
     scratch = _scratch_folder()
     until, held = os.pipe()
     child = os.fork()
@@ -90,7 +67,7 @@ def supervised() -> int:
         return _command(until, signals, scratch)
     os.close(until)
     try:
-        return _wait(child, signals, _told, began)
+        return _wait(child, signals, began)
     finally:
         if scratch is not None:
             shutil.rmtree(scratch, ignore_errors=True)
@@ -116,35 +93,31 @@ def _remove_what_is_left(place: Path) -> None:
     for folder in place.glob(f"{_SCRATCH}*"):
         if folder.suffix == _NEW:  # not locked yet
             continue
-        try:
+        with contextlib.suppress(OSError):  # gone, nobody's folder, or locked
             descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-        except OSError:
-            continue
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.fstat(descriptor).st_uid == os.geteuid():
-                shutil.rmtree(folder, ignore_errors=True)
-        except OSError:
-            pass
-        finally:
-            os.close(descriptor)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.fstat(descriptor).st_uid == os.geteuid():
+                    shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(descriptor)
 
 
-def _wait(child: int, signals: set[signal.Signals], told: Told, began: float) -> int:
+def _wait(child: int, signals: set[signal.Signals], began: float) -> int:
     """Wait for the child's end, or for a signal that asks for it; the exit code."""
     while True:
         number = signal.sigwait({*signals, signal.SIGCHLD})
         ended, status = os.waitpid(child, os.WNOHANG)
-        code = os.waitstatus_to_exitcode(status) if ended else 0
-        if ended and code >= 0:
-            return code
         if ended:
-            _tell_user(f"ended by {signal.Signals(-code).name}", told, began)
+            code = os.waitstatus_to_exitcode(status)
+            if code >= 0:
+                return code
+            _tell_user(f"ended by {signal.Signals(-code).name}", began)
             return _BY_SIGNAL - code
         if number in signals:
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
-            _tell_user("interrupted", told, began)
+            _tell_user("interrupted", began)
             return INTERRUPTED
 
 
@@ -157,7 +130,7 @@ def _command(until: int, signals: set[signal.Signals], scratch: str | None) -> i
     # that does nothing is not handed on to the programs that the child starts; a signal that is
     # ignored or blocked would be.
     for number in signals:
-        signal.signal(number, _leave_it)
+        signal.signal(number, lambda _number, _frame: None)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {*signals, signal.SIGCHLD})
     if scratch is not None:
         _remove_what_is_left(Path(scratch).parent)
@@ -170,22 +143,18 @@ def _command(until: int, signals: set[signal.Signals], scratch: str | None) -> i
     return main()
 
 
-def _leave_it(_number: int, _frame: object) -> None:
-    pass
-
-
-def _tell_user(what: str, told: Told, began: float) -> None:
+def _tell_user(what: str, began: float) -> None:
     """The one line of a command that was ended."""
-    far = told.heard(Told.HOW_FAR).decode("utf-8", "replace")
+    far = _heard(_HOW_FAR).decode("utf-8", "replace")
     far = f", {far}" if far else ""
-    line = f"{what} after {time.time() - began:.1f} s{far}; {_left(told, began)}"
+    line = f"{what} after {time.time() - began:.1f} s{far}; {_left(began)}"
     clear = "\r\033[K" if sys.stderr.isatty() else ""
     print(f"{clear}ballscrew: {' '.join(line.split())}", file=sys.stderr, flush=True)
 
 
-def _left(told: Told, began: float) -> str:
+def _left(began: float) -> str:
     """Finish or take back what the child left half written; say what is there."""
-    where = told.heard(Told.FOLDER)
+    where = _heard(_FOLDER)
     if not where:
         return "nothing was written"
     from .orchestration.run_folder import changed_since, settle
@@ -196,7 +165,7 @@ def _left(told: Told, began: float) -> str:
         new = changed_since(folder, began)
     except OSError as error:
         return f"what {folder} holds is unknown: {error.strerror or error}"
-    kept = told.heard(Told.KEPT).decode("utf-8", "replace")
+    kept = _heard(_KEPT).decode("utf-8", "replace")
     if new:
         kept = f"all results were written to {folder}"
     return "; ".join([kept or f"nothing of this run is kept in {folder}", *notes])

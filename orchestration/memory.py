@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import resource
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -45,48 +45,39 @@ def _shown(size: float) -> str:
 
 
 def _of_the_machine() -> Iterator[int]:
-    for line in _lines(Path("/proc/meminfo")):
-        name, _, value = line.partition(":")
-        if name == "MemAvailable":
-            yield 1024 * int(value.split()[0])
+    if (available := _field(Path("/proc/meminfo"), "MemAvailable:")) is not None:
+        yield 1024 * available
 
 
 def _of_the_cgroups() -> Iterator[int]:
     """What the control groups of this process leave it, those around them included."""
     for line in _lines(Path("/proc/self/cgroup")):
         _, kinds, path = line.split(":", 2)
-        version_2 = not kinds
-        if not version_2 and "memory" not in kinds.split(","):
-            continue
-        top = _CGROUPS if version_2 else _CGROUPS / "memory"
-        names = ("memory.max", "memory.current")
-        if not version_2:
-            names = ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        top, names = _CGROUPS, ("memory.max", "memory.current", "inactive_file")
+        if kinds:  # version 1
+            top /= "memory"
+            names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+            if "memory" not in kinds.split(","):
+                continue
         group = top / path.strip("/")
         for place in (group, *(p for p in group.parents if p.is_relative_to(top))):
-            limit, used = (_number(place / name) for name in names)
+            limit, used = (_number(place / name) for name in names[:2])
             if limit is not None and used is not None:
-                yield limit - used + _reclaimable(place)
-
-
-def _reclaimable(group: Path) -> int:
-    """What the system takes back from kept files when a group is short of memory."""
-    for line in _lines(group / "memory.stat"):
-        name, _, value = line.partition(" ")
-        if name in ("inactive_file", "total_inactive_file"):
-            return int(value)
-    return 0
+                # kept files are taken back when a group is short of memory
+                yield limit - used + (_field(place / "memory.stat", names[2]) or 0)
 
 
 def _of_the_process() -> Iterator[int]:
-    try:
-        import resource
-    except ImportError:  # not on Windows
-        return
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     pages = _lines(Path("/proc/self/statm"))
     if limit != resource.RLIM_INFINITY and pages:
-        yield limit - int(pages[0].split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        yield limit - int(pages[0].split()[0]) * resource.getpagesize()
+
+
+def _field(path: Path, name: str) -> int | None:
+    """The number after a name; None where there is none."""
+    fields = (line.split() for line in _lines(path))
+    return next((int(f[1]) for f in fields if f[0] == name), None)
 
 
 def _number(path: Path) -> int | None:
