@@ -4,8 +4,6 @@ import os.path
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
-
 # Installed, the parts stand inside this package. In a checkout they stand beside it, and Python
 # started there finds this folder first.
 if not os.path.isdir(os.path.join(__path__[0], "solver")):
@@ -68,6 +66,10 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":  # said once, in pyproject.toml
+        from importlib.metadata import version
+
+        return version("ballscrew")
     if name in _PUBLIC:
         return getattr(import_module(_PUBLIC[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

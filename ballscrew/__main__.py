@@ -32,18 +32,26 @@ def _open_streams() -> None:
     )
 
 
+def _command() -> int:
+    try:
+        from .cli import main as command
+    except Exception as error:
+        from .console import complain_of_ourselves
+
+        return complain_of_ourselves(error)
+    return command()
+
+
 def main() -> int:
     """Run the command, supervised where the system can, and return its exit code."""
     _open_streams()
     if not sys.platform.startswith("linux"):
-        from .cli import main as command
-
-        return command()
+        return _command()
     signals = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN]
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)  # they wait until somebody can answer
     from .supervision import supervised
 
-    return supervised()
+    return supervised(_command)
 
 
 if __name__ == "__main__":

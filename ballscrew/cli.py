@@ -12,9 +12,9 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from . import (
-    __version__,
     diagnose_command,
     export_command,
     gallery_command,
@@ -74,6 +74,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain_of_ourselves(error)
 
 
+class _Version(argparse.Action):
+    """Print the version, which takes a while to look up, and exit."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from . import __version__
+
+        print(f"ballscrew {__version__}")
+        parser.exit()
+
+
 def command_parser() -> argparse.ArgumentParser:
     """The parser of the command with all its subcommands."""
     parser = Parser(
@@ -83,7 +93,9 @@ def command_parser() -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"ballscrew {__version__}")
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, help="show program's version number and exit"
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
 
     for command in (

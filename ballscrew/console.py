@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import __version__
 from .options import BAD_REQUEST, INTERNAL
 from .supervision import tell, tell_kept
 
@@ -41,6 +40,7 @@ def complain_of_ourselves(error: Exception) -> int:
     """One line about an error in this program; all that is known of it goes into a file."""
     import traceback
 
+    from . import __version__
     from .solver import kernel_cache
     from .solver.files import write_atomically
 

@@ -16,6 +16,7 @@ import signal
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 INTERRUPTED = 130
@@ -51,8 +52,8 @@ def _heard(page: int) -> bytes:
     return os.pread(_told, _PAGE, page * _PAGE).rstrip(b"\0")
 
 
-def supervised() -> int:
-    """Run the command in a child process and return its exit code, in either process."""
+def supervised(command: Callable[[], int]) -> int:
+    """Run a command in a child process and return its exit code, in either process."""
     global _told
     began = time.time()
     signals = {n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN}
@@ -64,7 +65,7 @@ def supervised() -> int:
     child = os.fork()
     if child == 0:
         os.close(held)
-        return _command(until, signals, scratch)
+        return _run(command, until, signals, scratch)
     os.close(until)
     try:
         return _wait(child, signals, began)
@@ -121,7 +122,9 @@ def _wait(child: int, signals: set[signal.Signals], began: float) -> int:
             return INTERRUPTED
 
 
-def _command(until: int, signals: set[signal.Signals], scratch: str | None) -> int:
+def _run(
+    command: Callable[[], int], until: int, signals: set[signal.Signals], scratch: str | None
+) -> int:
     """What the child does."""
     from .orchestration.end_with_parent import end_when_closed
 
@@ -134,13 +137,7 @@ def _command(until: int, signals: set[signal.Signals], scratch: str | None) -> i
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {*signals, signal.SIGCHLD})
     if scratch is not None:
         _remove_what_is_left(Path(scratch).parent)
-    try:
-        from .cli import main
-    except Exception as error:
-        from .console import complain_of_ourselves
-
-        return complain_of_ourselves(error)
-    return main()
+    return command()
 
 
 def _tell_user(what: str, began: float) -> None:

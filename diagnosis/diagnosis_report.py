@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -62,8 +63,6 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
     """The page as text."""
     from plotly.offline import get_plotlyjs
 
-    from .. import __version__
-
     effect, kind = closed_loop.effect, diagnosis.prior.kind
     pictures, loop_pictures = pictures_of(diagnosis), pictures_of_loop(effect) if effect else []
     return (
@@ -95,7 +94,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             setpoint=SETPOINT,
             stop=STOP,
             command_file=COMMAND_FILE,
-            version=__version__,
+            version=version("ballscrew"),
         )
     )
 

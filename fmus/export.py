@@ -10,7 +10,6 @@ import zipfile
 from importlib.metadata import distribution
 from pathlib import Path
 
-from .. import __version__
 from ..solver.codegen import generate
 from ..solver.component import Component
 from ..solver.files import naming, write_atomically
@@ -109,7 +108,7 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
             Path(folder) / f"{kernel.name}.fmu",
         )
         ours = accompanying(kernel, interface, 2) | {
-            "modelDescription.xml": model_description(kernel, interface, __version__),
+            "modelDescription.xml": model_description(kernel, interface),
             "documentation/licenses/pythonfmu.txt": licence("pythonfmu"),
         }
         write_atomically(path, _normalized(built, ours))

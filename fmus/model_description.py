@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable
+from importlib.metadata import version
 from xml.etree import ElementTree as ET
 
 from ..solver.kernel import DEFAULT_TOLERANCE, Kernel
@@ -13,19 +14,19 @@ from .units import TYPES, type_of, write_units
 from .uses import initial_uses
 
 STOP_TIME, STEP_SIZE = 20.0, 1e-3
+VERSION = version("ballscrew")
+TOOL = f"ballscrew {VERSION}"
 
 
-def model_description(kernel: Kernel, interface: Interface, version: str) -> bytes:
+def model_description(kernel: Kernel, interface: Interface) -> bytes:
     """The XML text, the same for the same component in every process.
 
     Parameters
     ----------
     kernel : Kernel
     interface : Interface
-    version : str
-        Version of this package, for ``generationTool``.
     """
-    guid = hashlib.sha256((kernel.source + repr(interface) + version).encode()).hexdigest()
+    guid = hashlib.sha256((kernel.source + repr(interface) + VERSION).encode()).hexdigest()
     model = interface.layout.model
     root = ET.Element(
         "fmiModelDescription",
@@ -33,9 +34,9 @@ def model_description(kernel: Kernel, interface: Interface, version: str) -> byt
         modelName=model,
         guid=f"{{{guid[:8]}-{guid[8:12]}-{guid[12:16]}-{guid[16:20]}-{guid[20:32]}}}",
         description=kernel.description,
-        version=version,
+        version=VERSION,
         license="MIT",
-        generationTool=f"ballscrew {version} with PythonFMU",
+        generationTool=f"{TOOL} with PythonFMU",
         variableNamingConvention="structured",
         numberOfEventIndicators="0",
     )

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from .. import __version__
 from ..instruments import MEASURED
 from ..solver.files import write_atomically
 from ..solver.kernel import DEFAULT_TOLERANCE
 from .archive import packed
 from .law_ports import gain_port, rate_port, reference_port
+from .model_description import TOOL
 from .reading import NumberVariable, unpack
 from .set_point import DERIVATIVES, START_VALUE
 from .system_xml import BASE_UNITS
@@ -341,8 +341,7 @@ def _write_units(root: ET.Element, tag: str, units: _Units) -> None:
 def _root(tag: str, name: str, *prefixes: str) -> ET.Element:
     """The root element; libcosim and ecos look for these prefixes by their letters."""
     spaces = {f"xmlns:{p}": _NAMESPACES[f"xmlns:{p}"] for p in prefixes}
-    tool = f"ballscrew {__version__}"
-    return ET.Element(tag, spaces | {"version": "1.0", "name": name, "generationTool": tool})
+    return ET.Element(tag, spaces | {"version": "1.0", "name": name, "generationTool": TOOL})
 
 
 def _text(root: ET.Element) -> bytes:

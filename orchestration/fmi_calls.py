@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from .fmi_versions import OK, STATE, STEP
+from .fmi_status import OK
+from .fmi_versions import STATE, STEP
 from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance, ended
 from .structs import VECTOR, Struct, Vector
 

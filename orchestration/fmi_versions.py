@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.reading import WHOLE, UnpackedFmu
+from .fmi_status import DISCARD, Refused
 
 Vector = npt.NDArray[np.float64]
 
@@ -19,22 +20,7 @@ STEP = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int
 )
 STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-OK, DISCARD, ERROR, FATAL = 1, 2, 3, 4  # a warning counts as OK
 _LOGGED: dict[int, str] = {}
-
-
-class Refused(RuntimeError):
-    """An FMU refused a call.
-
-    Attributes
-    ----------
-    status : int
-        FMI's.
-    """
-
-    def __init__(self, message: str, status: int = ERROR) -> None:
-        super().__init__(message)
-        self.status = status
 
 
 def last_words(log: int) -> str:

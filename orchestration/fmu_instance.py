@@ -17,7 +17,8 @@ import numpy.typing as npt
 from ..fmus.law_ports import gain_port, rate_port, reference_port
 from ..fmus.process_end import end_cleanly
 from ..fmus.reading import Description, FmuError, NumberVariable, UnpackedFmu, unpack
-from .fmi_versions import DISCARD, ERROR, FATAL, OK, Fmi2, Fmi3, Ports, Refused, forget, last_words
+from .fmi_status import DISCARD, ERROR, FATAL, OK, Refused
+from .fmi_versions import Fmi2, Fmi3, Ports, forget, last_words
 
 Vector = npt.NDArray[np.float64]
 

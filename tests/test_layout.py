@@ -17,7 +17,7 @@ STANDS_ON_THOSE_BEFORE = (
 
 
 def imported(source: Path) -> Iterator[tuple[int, str]]:
-    """Line and folder of each import from this project; the package's version belongs to none."""
+    """Line and folder of each import from this project."""
     folder = source.relative_to(ROOT).parent.parts
     package = folder if folder[0] == "ballscrew" else ("ballscrew", *folder)
     for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
@@ -28,8 +28,7 @@ def imported(source: Path) -> Iterator[tuple[int, str]]:
         if full[0] != "ballscrew":
             continue
         for name in [a.name for a in node.names] if len(full) == 1 else [full[1]]:
-            if name != "__version__":
-                yield node.lineno, name if name in STANDS_ON_THOSE_BEFORE else "ballscrew"
+            yield node.lineno, name if name in STANDS_ON_THOSE_BEFORE else "ballscrew"
 
 
 @pytest.mark.parametrize("folder", STANDS_ON_THOSE_BEFORE)

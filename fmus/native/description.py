@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as ET
 
-from ... import __version__
 from ..interface import TIME
-from ..model_description import model_description
+from ..model_description import TOOL, model_description
 from ..uses import initial_uses
 from .dependencies import Dependency, dependencies_of
 from .sources import MAIN, NativeModel
-
-TOOL = f"ballscrew {__version__}"
 
 
 def description_of(model: NativeModel, token: str) -> bytes:
@@ -24,7 +21,7 @@ def description_of(model: NativeModel, token: str) -> bytes:
     token : str
         The guid.
     """
-    root = ET.fromstring(model_description(model.kernel, model.interface, __version__))
+    root = ET.fromstring(model_description(model.kernel, model.interface))
     root.set("guid", token)
     root.set("generationTool", TOOL)
     simulation = root.find("CoSimulation")

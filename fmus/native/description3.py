@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from xml.etree import ElementTree as ET
 
-from ... import __version__
 from ...solver.kernel import DEFAULT_TOLERANCE
 from ..interface import MESSAGE, TIME, Variable
-from ..model_description import STEP_SIZE, STOP_TIME
+from ..model_description import STEP_SIZE, STOP_TIME, TOOL, VERSION
 from ..units import TYPES, type_of, write_units
 from ..uses import initial_uses
 from .dependencies import Dependency, dependencies_of
-from .description import TOOL
 from .sources import MAIN, NativeModel, is_intermediate
 
 _CAN = {
@@ -51,7 +49,7 @@ def description_of(model: NativeModel, token: str) -> bytes:
         modelName=kernel.name,
         instantiationToken=token,
         description=kernel.description,
-        version=__version__,
+        version=VERSION,
         license="MIT",
         generationTool=TOOL,
         variableNamingConvention="structured",

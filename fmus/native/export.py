@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ... import __version__
 from ...solver.compilers import PLATFORMS, compiled, compiler_for, own_platform
 from ...solver.component import Component
 from ...solver.files import write_atomically
@@ -15,6 +14,7 @@ from ..accompanying import accompanying
 from ..archive import packed
 from ..export import with_law_ports
 from ..made_here import remember
+from ..model_description import VERSION
 from . import description, description3
 from .sources import MAIN, NativeModel, native_model, sources
 
@@ -110,7 +110,7 @@ def write_native(
 
 def _token(model: NativeModel, fmi: int) -> str:
     """The same for the same equations, variables, C sources and versions, in every process."""
-    text = "".join(sources(model, fmi, "").values()) + repr(model.interface) + __version__
+    text = "".join(sources(model, fmi, "").values()) + repr(model.interface) + VERSION
     digest = hashlib.sha256(text.encode()).hexdigest()
     parts = (digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])
     return "{" + "-".join(parts) + "}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from .figures import UNITS
@@ -19,8 +20,6 @@ def report(study: StudyResult, headline: str) -> str:
     """The page as text; its headline says what weakens the result."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
-
-    from ... import __version__
 
     made = Environment(
         loader=PackageLoader(__package__, ""),
@@ -40,7 +39,7 @@ def report(study: StudyResult, headline: str) -> str:
         shown=[(n, UNITS[n]) for n in MEASURED],
         figures=[_error_over_duties(study), *(_error_against_effort(study, d) for d in duties)],
         plotly=get_plotlyjs(),
-        version=__version__,
+        version=version("ballscrew"),
     )
 
 

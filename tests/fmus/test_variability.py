@@ -33,7 +33,7 @@ FORMS = {
 
 
 def readable(kernel):
-    return model_description(kernel, interface_of(kernel, kernel.name), "1")
+    return model_description(kernel, interface_of(kernel, kernel.name))
 
 
 def kernel_of(name):
