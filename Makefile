@@ -60,6 +60,7 @@ bench: $(VENV)/installed
 	$(BIN)/python benchmarks/start.py
 	$(BIN)/python benchmarks/master.py
 	$(BIN)/python benchmarks/lyapunov.py
+	$(BIN)/python benchmarks/map.py
 	$(BIN)/python benchmarks/native.py
 	$(BIN)/python benchmarks/study.py
 

@@ -50,6 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
     # pictures go into files, so that a choice of windows, good or bad, decides nothing
     os.environ["MPLBACKEND"] = "agg"
+    # matrices are small here: threads cost more than they bring
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a name may have letters that a terminal has not
             stream.reconfigure(errors="backslashreplace")

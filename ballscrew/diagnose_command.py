@@ -100,9 +100,6 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _diagnose(options: argparse.Namespace) -> int:
-    # matrices are small here: threads cost more than they bring
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
     if options.judge is not None:
         from .judge_command import judged
 

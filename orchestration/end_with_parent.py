@@ -50,6 +50,7 @@ def pool(processes: int) -> ProcessPoolExecutor:
     told = os.environ.get("PYTHONWARNINGS", "").split(",")
     if quiet not in told:
         os.environ["PYTHONWARNINGS"] = ",".join([*filter(None, told), quiet])
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the workers are the threads
     return ProcessPoolExecutor(
         processes, multiprocessing.get_context("spawn"), initializer=_end_with_parent
     )

@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
 
+from ..orchestration.reference_signal import TERMS
+from ..orchestration.whole_loop import STARTED, term_name
 from ..solver.kernel import Model
 from ..solver.spectrum import check_all_are_states, follow_tangents
 
@@ -127,7 +129,7 @@ def stands(model: Model, time: float, span: float, state: Vector, within: float)
     within : float
         How far the equilibrium may move [nominal magnitudes].
     """
-    if not _holds_time(model.kernel.source):
+    if not _time_moves(model):
         return True
     nominal = model.kernel.nominal
     before, due = np.zeros(model.kernel.events), np.zeros(model.kernel.events)
@@ -157,7 +159,7 @@ def driven(model: Model, time: float, span: float) -> bool:
     time, span : float
         Instants within the span are asked [s].
     """
-    if not _holds_time(model.kernel.source):
+    if not _time_moves(model):
         return False
 
     def asked(then: float) -> Vector:
@@ -169,11 +171,24 @@ def driven(model: Model, time: float, span: float) -> bool:
     return any(np.any(asked(time + k * GOLDEN % 1.0 * span) != here) for k in range(1, 20))
 
 
+def _time_moves(model: Model) -> bool:
+    """Whether an equation holds the time, beside those of a set-point that stands still."""
+    columns = {i.name: k for k, i in enumerate(model.kernel.inputs)}
+    terms = [
+        columns[name]
+        for i in model.kernel.inputs
+        for power in range(1, TERMS)
+        if (name := term_name(i.name, power)) in columns
+    ]
+    return _holds_time(model.kernel.source, bool(terms) and not model.u[terms].any())
+
+
 @cache
-def _holds_time(source: str) -> bool:
-    """Whether one of a kernel's equations holds the time."""
+def _holds_time(source: str, still: bool) -> bool:
+    """Whether one of a kernel's equations holds the time; of a set-point only if not `still`."""
     lines = (line for line in source.splitlines() if not line.startswith("def "))
-    return any(re.search(r"\bt\b", line) for line in lines)
+    since = rf"\bt - {STARTED}_\b" if still else "$^"
+    return any(re.search(r"\bt\b", re.sub(since, "", line)) for line in lines)
 
 
 def _drift(a: Matrix, change: Vector, slowest: float, period: float) -> float:

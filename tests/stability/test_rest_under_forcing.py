@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 from known_systems import maker
 
+from ballscrew.orchestration.whole_loop import held_loop_kernel, term_name
 from ballscrew.plant.with_friction import with_friction
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
@@ -21,7 +22,9 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
+from ballscrew.solver.kernel import Model
 from ballscrew.stability.attractor import Kind
+from ballscrew.stability.equilibria import driven, stands
 from ballscrew.stability.lyapunov import lyapunov
 from ballscrew.stability.signal_motion import signal_motion
 
@@ -138,3 +141,19 @@ def test_signals_that_stand_longer_than_ever_are_at_rest():
     assert signal_motion(course, {"x": 1.0}).kind is Kind.REST
     course.outputs["x"][course.time < 3.0] = course.outputs["x"][0]  # nor does the begin count
     assert signal_motion(course, {"x": 1.0}).kind is Kind.REST
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-3])
+def test_only_a_set_point_that_moves_is_asked_after_at_many_instants(speed, monkeypatch):
+    kernel = held_loop_kernel("plant", "pid")
+    model = Model(kernel, {}, 1e-6)
+    names = [i.name for i in kernel.inputs]
+    model.u[names.index("x_d")] = 0.08
+    model.u[names.index(term_name("x_d", 1))] = speed
+    model.advance(0.0, 60.0)
+    asked = []
+    derivatives = Model.derivatives
+    monkeypatch.setattr(Model, "derivatives", lambda *a: asked.append(a) or derivatives(*a))
+    assert stands(model, 60.0, 10.0, model.x, 1.0) == (speed == 0.0)
+    assert driven(model, 60.0, 10.0) == (speed != 0.0)
+    assert (len(asked) > 100) == (speed != 0.0)

@@ -1,0 +1,63 @@
+"""Pace of a stability map: 816 cells of Gamma_1, beside plain runs of the same loops.
+
+    python benchmarks/map.py
+
+Processor time of this process, in one run. A plain run moves the loop over the cell's 20 s in the
+same solver at the same tolerance and asks nothing; what a cell costs more is its verdict. With
+exponents the tolerance is finer.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command and its workers have it
+
+from collections import defaultdict
+from contextlib import suppress
+from itertools import chain
+from time import process_time
+
+from ballscrew.map_command import TOLERANCE, TOLERANCE_OF_EXPONENTS
+from ballscrew.solver.kernel import IntegrationError
+from ballscrew.stability.cell import model_at, run_cell
+from ballscrew.stability.study import MapStudy, kernel_of, read_axis
+
+PARTS = "plant", "iol"
+X, Y = "sigma0_hat=66965.89:66969.24:34", "sigma1_hat=339.56:367.56:24"
+STOP = 20.0  # s
+
+
+def costs(exponents: bool) -> dict[str, list[tuple[float, float]]]:
+    """Seconds of each cell and of its plain run, by verdict."""
+    tolerance = float(TOLERANCE_OF_EXPONENTS if exponents else TOLERANCE)
+    x, y = (read_axis(text, *PARTS) for text in (X, Y))
+    study = MapStudy("iol", x, y, stop=STOP, exponents=exponents, tolerance=tolerance)
+    kernel_of(study).compile()
+    system = kernel_of(study).system()
+    found = defaultdict(list)
+    for number in range(study.cells):
+        point = study.point(number)
+        began = process_time()
+        model = model_at(study, *point, tolerance, system)
+        with suppress(IntegrationError):  # some diverge
+            model.advance(0.0, STOP)
+        plain = process_time()
+        cell = run_cell(study, *point, tolerance, system)
+        found[cell.verdict.value].append((process_time() - plain, plain - began))
+    return found
+
+
+def main() -> None:
+    for exponents in (False, True):
+        found = costs(exponents)
+        print(f"\n{'with exponents' if exponents else 'verdicts from the motion'}")
+        print(f"{'verdict':<30}{'cells':>6}{'ms a cell':>12}{'ms a plain run':>16}{'ratio':>8}")
+        rows = sorted(found.items(), key=lambda row: -len(row[1]))
+        for verdict, pairs in (*rows, ("all", list(chain(*found.values())))):
+            cell, plain = (1e3 * sum(part) / len(pairs) for part in zip(*pairs, strict=True))
+            print(f"{verdict:<30}{len(pairs):>6}{cell:>12.2f}{plain:>16.2f}{cell / plain:>8.1f}")
+
+
+if __name__ == "__main__":
+    main()
