@@ -1,4 +1,3 @@
-# Long file: most of it are docstrings, with examples, of the public functions.
 """The public functions: what the commands do, for programs and notebooks.
 
 Values are in SI units throughout. A part is named (see `catalogue`), a function of a Python file
@@ -233,8 +232,7 @@ def export(
     return readable.export(made, path)
 
 
-# Many arguments: what the command has options for, by name.
-def run(
+def run(  # noqa: PLR0913
     controller: Part,
     plant: Part = "plant",
     reference: float | str | Reference = 0.08,
@@ -312,8 +310,7 @@ def run(
     return RunResult.of(run_study(study))
 
 
-# Many arguments: what the command has options for, by name.
-def swap(
+def swap(  # noqa: PLR0913
     controllers: Sequence[Part],
     plant: Part = "plant",
     reference: float | str | Reference = 0.08,
@@ -465,9 +462,7 @@ def lyapunov(
     return Exponents.of(loop_lyapunov_over_fmus(loop, stop, step))
 
 
-# Long: most of it is its docstring.
-# Many arguments: what the command has options for, by name.
-def stability_map(
+def stability_map(  # noqa: PLR0913
     controller: Part,
     x: str,
     y: str,

@@ -73,7 +73,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser.set_defaults(action=_rig)
 
 
-def _rig(options: argparse.Namespace) -> int:
+def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
 
     if options.list:
         for name in ("trials", "law", "set", "seed", "params", "export", "out"):

@@ -39,9 +39,7 @@ Progress = Callable[[float], None]
 LONGEST_WAIT = 0.05  # s, between them
 
 
-# Long: most of it says what each argument is.
-# Many arguments: what a run can be asked for, all but the first five by name.
-def run_loop(
+def run_loop(  # noqa: PLR0913
     plant: Instance,
     controller: Instance,
     reference: Reference,

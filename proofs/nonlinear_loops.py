@@ -1,4 +1,3 @@
-# Long file: four families of loops, drawn, coupled and solved as one.
 """Random loops that stick and slip, hit stops, switch, or are sampled, cut into two parts.
 
 They are what the verdict is proven on beside linear loops: nothing of the ball screw is in them.
@@ -410,8 +409,7 @@ class Case:
         return table[:, rows]
 
 
-# Long: one family after the other is drawn, from the same numbers.
-def random_case(seed: int) -> Case:
+def random_case(seed: int) -> Case:  # noqa: PLR0915
     """Draw a loop of the family `seed` modulo four, and a step that may be far too long."""
     random = np.random.default_rng([seed, 4])
     family = FAMILIES[seed % len(FAMILIES)]

@@ -1,4 +1,3 @@
-# Long file: the classes of the contract, each of which another one holds.
 """The component contract: what a plant, a controller or an instrument is made of.
 
 A component is equations and the meaning of their symbols, nothing else. It does not know how it

@@ -1,4 +1,3 @@
-# Long file: goes into every FMU as one file, beside the library that it loads.
 """The compiled core: one library for all systems, which plays their equations from tapes.
 
 This file stands alone: it also goes into every exported FMU, which carries the library, too.
@@ -300,8 +299,7 @@ class System:
             )
         )
 
-    # Many arguments: those of the compiled function that it calls.
-    def advance(
+    def advance(  # noqa: PLR0913
         self,
         t0: float,
         t1: float,
@@ -367,8 +365,7 @@ class System:
             info,
         )
 
-    # Many arguments: those of the compiled function that it calls.
-    def trajectory(
+    def trajectory(  # noqa: PLR0913
         self,
         times: Any,
         states: Any,

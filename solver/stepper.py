@@ -1,4 +1,3 @@
-# Long file: goes into every FMU as one file, as the compiled stepper is one.
 """The compiled core's stiff stepper, written a second time in plain Python.
 
 It is the fallback of an FMU where the core's library cannot be loaded, and the core's oracle: both
@@ -299,9 +298,7 @@ class PlainSystem:
             found.append((1.0 - q) * x[i] + q * (new[i] + (1.0 - q) * within))
         return found
 
-    # Long: one loop over steps, each part of which changes what the others work on.
-    # Many arguments: those of `core.System.advance`, for which it stands in.
-    def advance(
+    def advance(  # noqa: PLR0913, PLR0915
         self,
         t0: float,
         t1: float,

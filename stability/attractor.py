@@ -1,4 +1,3 @@
-# Long file: one search, and what each verdict asks for.
 """What a motion becomes: rest, a cycle, a torus, chaos, or flight; with the evidence.
 
 A verdict is drawn from the motion itself and from its exponents, never from one of them alone: a

@@ -227,7 +227,6 @@ class Watching:
         return self.over
 
 
-# Long: two tolerances, each of exponents and what the motion becomes, within one budget.
 def lyapunov(
     make: Maker,
     stop: float,

@@ -97,8 +97,7 @@ class TangentRun:
         return self.growth[-1] / span if span > 0 else np.zeros(self.growth.shape[1])
 
 
-# Many arguments: those of `run_loop` for the same loop, and the accuracy, by name.
-def follow_over_fmus(
+def follow_over_fmus(  # noqa: PLR0913
     plant: FmuInstance | IsolatedInstance,
     controller: FmuInstance | IsolatedInstance,
     reference: float,

@@ -1,4 +1,3 @@
-# Long file: one table of effects, and what draws and hides each.
 """Cases for a diagnosis: an effect drawn, sized by its signal-to-noise ratio, hidden in a record.
 
 The truth and its size come from `effects` and `signal`. No part of an estimator is

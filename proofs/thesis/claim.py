@@ -43,8 +43,7 @@ class Claim:
         return "agrees" if self.agrees else "**differs**"
 
 
-# Many arguments: a row's cells, and how its number is compared and printed.
-def number(
+def number(  # noqa: PLR0913
     where: str,
     says: str,
     thesis: float,

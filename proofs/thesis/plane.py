@@ -90,7 +90,6 @@ def plane() -> Figures:
     }
 
 
-# Long: a list of claims in the order of the text, all about the same figures.
 def plane_claims(f: Figures) -> list[Claim]:
     q, loose = f["plane"], f["loose_solvers"]
     shares, edges, true = q["shares"], q["edges"]["estimated"], q["edges"]["true"]

@@ -248,9 +248,8 @@ def advance(par, state, x, v, dry, h):  # type: ignore[no-untyped-def]
         state[SLID] += abs(v) * h
 
 
-# Many arguments: compiled code takes numbers, not objects that hold them.
 @compiled
-def kick(par, state, mass, v, v_mid, force, dry, viscous, h):  # type: ignore[no-untyped-def]
+def kick(par, state, mass, v, v_mid, force, dry, viscous, h):  # type: ignore[no-untyped-def]  # noqa: PLR0913
     """Velocity after a step, the dry force along with it.
 
     `force` is all but friction; `v_mid` is the last guess of the mean velocity of the step.

@@ -303,10 +303,8 @@ def half_way(par, y, rub, dry, h):  # type: ignore[no-untyped-def]
         advance(par, rub, y[X2], y[V2], dry, h)
 
 
-# Long: one compiled loop over substeps, each line of which changes the same state.
-# Many arguments: compiled code takes arrays, not objects that hold them.
 @compiled
-def _simulate(  # type: ignore[no-untyped-def]
+def _simulate(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0915
     par, double, controller, wanted, noise, where, tables, substeps, logged, period
 ):
     periods = wanted.size
