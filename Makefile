@@ -42,7 +42,6 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/tables_of_trials.py
 	$(BIN)/python proofs/variational.py
 	$(BIN)/python proofs/exchange.py
-	$(BIN)/python proofs/diagnosis.py
 	$(BIN)/python proofs/diagnosis_worlds.py --resume
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/emps.py

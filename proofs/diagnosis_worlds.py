@@ -24,7 +24,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import kstest
+from numpy.typing import NDArray
+from scipy.stats import binomtest, kstest
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "diagnosis_worlds.json"
@@ -51,12 +52,18 @@ from worlds_trials import (  # noqa: E402
 
 import ballscrew  # noqa: E402
 from ballscrew.diagnosis.faultless import RecordKind, share_alike  # noqa: E402
+from ballscrew.orchestration.pictures import STYLE, new_figure, write_figure  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
-from diagnosis import draw_confusion, wilson  # noqa: E402
 
 OFTEN = 20  # trials after which the file is written anew
 _LEVELS = (0.01, 0.05, 0.2, 0.5)  # of p-values
 INTERVALS = 100  # at least so many have to be judged
+
+
+def wilson(hits: int, trials: int) -> tuple[float, float]:
+    """Wilson's interval of a share, 95 %."""
+    interval = binomtest(hits, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 @dataclass(frozen=True)
@@ -279,6 +286,33 @@ def save_matrices(rows: list[Row], target: Path) -> None:
         answers += sorted({a for row in matrix.values() for a in row} - set(answers))
         counts = np.array([[row.get(a, 0) for a in answers] for row in matrix.values()])
         draw_confusion(list(matrix), answers, counts, target.with_name(f"{target.stem}_{world}"))
+
+
+def draw_confusion(
+    truths: list[str], answers: list[str], counts: NDArray[np.int_], target: Path
+) -> None:
+    """Write a picture of counts, shape (truths, answers), in per cent of each row."""
+    import matplotlib as mpl
+
+    share = 100 * counts / counts.sum(1, keepdims=True)
+    with mpl.rc_context(STYLE):
+        figure, ((axes,),) = new_figure(1, 1, (13, 1.6 + 0.42 * len(truths) + 2.2))
+        axes.imshow(share, cmap="Blues", vmin=0, vmax=100, aspect="auto")
+        axes.grid(False)
+        for (row, column), value in np.ndenumerate(share):
+            if value > 0:
+                colour = "white" if value > 60 else "black"
+                axes.text(column, row, f"{value:.0f}", ha="center", va="center", color=colour)
+        words = ["nothing" if a == "none" else a.replace("_", " ") for a in answers]
+        axes.set_xticks(range(len(answers)), words, rotation=55, ha="right")
+        labels = [
+            f"{t.replace('_', ' ')}  ({n})" for t, n in zip(truths, counts.sum(1), strict=True)
+        ]
+        axes.set_yticks(range(len(truths)), labels)
+        axes.set_xlabel("named first")
+        axes.set_ylabel("hidden (trials)")
+        axes.set_title("What the diagnosis names first, in per cent of the trials of each effect")
+        write_figure(figure, target.parent, target.name)
 
 
 def tell(rows: list[Row]) -> bool:

@@ -10,11 +10,10 @@ import provenance
 import pytest
 import swap_study
 import variational
-from hidden.trials import plan_trials, run_trial
+from diagnosis_worlds import wilson
 from scipy.stats import binomtest
 from synthetic.rigs import identify_closed_loop_rig
-
-from diagnosis import wilson
+from worlds_trials import EACH, FIRST_SEED, plan_trials, run_trial
 
 
 @pytest.mark.parametrize("name", provenance.SHOWS)
@@ -49,9 +48,8 @@ def test_the_digest_of_the_code_changes_with_a_file_that_the_proof_depends_on(
     assert provenance.code_digest("made_up") != before
 
 
-@pytest.mark.parametrize("name", ["diagnosis", "diagnosis_worlds"])
-def test_the_bounds_of_a_stored_share_are_those_of_wilson(name):
-    for judged in provenance.stored(name)["requirements"]:
+def test_the_bounds_of_a_stored_share_are_those_of_wilson():
+    for judged in provenance.stored("diagnosis_worlds")["requirements"]:
         found = wilson(judged["hits"], judged["trials"])
         np.testing.assert_allclose(found, judged["wilson_95"], rtol=0, atol=1e-8)
 
@@ -64,10 +62,13 @@ def test_the_stored_bound_of_wrong_results_called_trusted_is_that_of_clopper_and
         assert said["of_wrong_upper_95"] == pytest.approx(bound, rel=1e-6)
 
 
-@pytest.mark.parametrize("key", ["none:9000", "nonlinear_viscous:9000"])
+@pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
+@pytest.mark.parametrize(
+    "key", ["linear_drive:faultless:120039", "linear_drive:unmodelled_inertia:120000"]
+)
 def test_a_hidden_effect_diagnosed_again_gets_the_stored_names_and_verdict(key):
-    (stored,) = (row for row in provenance.stored("diagnosis")["rows"] if row["key"] == key)
-    (trial,) = (trial for trial in plan_trials() if trial.key == key)
+    (stored,) = (row for row in provenance.stored("diagnosis_worlds")["rows"] if row["key"] == key)
+    (trial,) = (trial for trial in plan_trials(EACH, FIRST_SEED) if trial.key == key)
     again = run_trial(trial)
     assert (again.named, again.verdict) == (stored["named"], stored["verdict"])
 

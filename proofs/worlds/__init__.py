@@ -1,7 +1,7 @@
 """Records of made-up machines whose truth is known: the worlds that the diagnosis is judged in.
 
 Written from a list of what real drives, instruments and motions do, and from the equations of the
-axis; nothing of the estimator is imported, and nothing of its own generator.
+axis; nothing of the estimator is imported.
 """
 
 from worlds.cases import Case, Unusable, draw_case, write_case

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from axis_records import NOTCH, strong_record, write_strong
 from diagnosed import run
-from hidden.strong import strong_record, write_strong
 from jsonschema import Draft202012Validator
+from worlds import layout as at
 
 from ballscrew.fmus.catalogue import fmu
 
@@ -16,14 +17,13 @@ ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = {p.stem: json.loads(p.read_text("utf-8")) for p in ROOT.glob("docs/reference/schemas/*")}
 pytestmark = pytest.mark.xdist_group("file_formats")  # whose commands run once
 DATA = ROOT / "tests" / "data"
-NOTCH = {"detent": 1.0, "detent_place": 0.002, "detent_width": 0.0005}  # no cause has its form
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """A folder with what each command wrote, in a folder of its own."""
     out = tmp_path_factory.mktemp("out")
-    record, prior = write_strong({"load": 0.4}, out / "data")
+    record, prior = write_strong({at.LOAD: 0.4}, out / "data")
     signals = strong_record(NOTCH, with_current=True, samples=8000).signals
     with_current = out / "with_current.csv"
     table = np.stack(list(signals.values()), 1)

@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from axis_records import NOMINAL, friction_noise, moved, signals_of
 from diagnosed import run
-from hidden import effects as hidden_effects
+from worlds import layout as at
 
 from ballscrew.orchestration.parameter_file import Diagnosed, ParameterFile, Value
 
@@ -16,14 +17,12 @@ LOAD = 0.5
 def files(tmp_path_factory):
     """A record with a load, and what a diagnosis of another one left that found the load."""
     folder = tmp_path_factory.mktemp("judged")
-    n = 10001
-    time = np.arange(n) * hidden_effects.SAMPLE
+    time = np.arange(10_000) * 1e-3
     u = 3.0 * np.sin(4.0 * time) + 1.5 * np.sin(11.0 * time)
-    noise = hidden_effects.friction_noise(np.random.default_rng(1), n)
-    motion = hidden_effects.simulate({"load": LOAD}, u, noise)
-    table = np.column_stack([time, u, motion.encoder])[:-1]
+    signals = signals_of(moved({at.LOAD: LOAD}, u, friction_noise(1, len(u))), u)
+    table = np.column_stack([signals[n] for n in ("time", "u", "x")])
     np.savetxt(folder / "other.csv", table, delimiter=",", header="time,u,x", comments="")
-    truth = dict(hidden_effects.NOMINAL)
+    truth = dict(NOMINAL)
     told = Diagnosed(
         *(("one.csv",), "voltage", 0.0, "modified_lugre", truth, truth),
         {"load_bias": {"load": LOAD}},

@@ -5,8 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from axis_records import NOMINAL, TURN, friction_noise, moved, signals_of
 from diagnosed import nominal
-from hidden import effects as hidden_effects
+from worlds import layout as at
 
 from ballscrew.diagnosis.commanded import commanded, driven_by_current
 from ballscrew.diagnosis.corrected import corrected
@@ -21,22 +22,18 @@ from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import CURRENT, FORCE, checked
 
-TURN = 2 * math.pi * 1000.0
 LOAD = 0.6
 
 
-def signals_of(effects, seed=2, n=16001):
-    time = np.arange(n) * hidden_effects.SAMPLE
+def loaded(seed):
+    time = np.arange(16_000) * 1e-3
     u = 3.0 * np.sin(2 * math.pi * 0.6 * time) + 1.5 * np.sin(2 * math.pi * 1.7 * time + 1)
-    noise = hidden_effects.friction_noise(np.random.default_rng(seed), n)
-    motion = hidden_effects.simulate(effects, u, noise)
-    found = {"time": time, "u": u, "i": motion.current, "x": motion.encoder}
-    return {name: s[: n - 1] for name, s in found.items()}
+    return signals_of(moved({at.LOAD: LOAD}, u, friction_noise(seed, len(u))), u)
 
 
 @pytest.fixture(scope="module")
 def signals():
-    return signals_of({"load": LOAD})
+    return loaded(seed=2)
 
 
 def without(signals, name):
@@ -109,7 +106,7 @@ def test_current_alone_is_diagnosed_and_judged_in_any_units(signals, tmp_path):
     path = tmp_path / "export.csv"
     np.savetxt(path, np.column_stack(table), delimiter=",", header="time,i,x", comments="")
     params = tmp_path / "screw.toml"
-    values = {n: v for n, v in hidden_effects.NOMINAL.items() if n != "p"}
+    values = {n: v for n, v in NOMINAL.items() if n != "p"}
     params.write_text("[plant]\n" + "\n".join(f"{n} = {v!r}" for n, v in values.items()))
     units = {"time": "ms", "i": "mA", "x": "deg"}
     found = diagnose([path], params, units=units, lead=lead)
@@ -123,7 +120,7 @@ def test_current_alone_is_diagnosed_and_judged_in_any_units(signals, tmp_path):
     assert (file.kind, file.diagnosis.command) == ("drive", CURRENT)
     assert "kt" not in file.plant
     # another record, with the voltage beside: the current counts
-    other = checked("other", signals_of({"load": LOAD}, seed=5))
+    other = checked("other", loaded(seed=5))
     scores = judge_records([other], file).scores
     assert scores["prior"].force.value == pytest.approx(LOAD, rel=0.1)
     with pytest.raises(BadRecord, match="u is a voltage, but the model was diagnosed with a curr"):

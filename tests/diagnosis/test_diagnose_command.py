@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from axis_records import NOTCH, write_strong
 from diagnosed import run
-from hidden.strong import write_strong
 
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.orchestration.run_folder import write_run
@@ -104,8 +104,7 @@ def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_pat
 
 
 def test_structure_that_no_cause_has_gives_exit_code_one(tmp_path):
-    notch = {"detent": 1.0, "detent_place": 0.002, "detent_width": 0.0005}
-    record, parameters = write_strong(notch, tmp_path / "data")
+    record, parameters = write_strong(NOTCH, tmp_path / "data")
     out = tmp_path / "out"
     code, printed, _ = run("diagnose", record, "--params", parameters, "--out", out)
     assert code == 1

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from axis_records import strong_record
 from diagnosed import nominal
-from hidden.strong import strong_record
 
 from ballscrew.diagnosis.held_out import lap, parts_of
 from ballscrew.diagnosis.modelled_record import lay_along

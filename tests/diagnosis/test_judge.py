@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from hidden import effects as hidden_effects
+from axis_records import ASYMMETRY, NOMINAL, friction_noise, gap, moved, signals_of
+from worlds import layout as at
 
 from ballscrew.diagnosis.judge import judge_records
 from ballscrew.orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
@@ -14,17 +15,15 @@ from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import CURRENT, checked
 
 LOAD = 0.5
-TRUTH = dict(hidden_effects.NOMINAL)
+TRUTH = dict(NOMINAL)
 
 
 def a_record(effects, seed, name="other.csv", **more):
-    random = np.random.default_rng(seed)
-    n = 12001
-    time = np.arange(n) * hidden_effects.SAMPLE
+    time = np.arange(12_000) * 1e-3
     u = 3.0 * np.sin(2 * math.pi * 0.6 * time) + 1.5 * np.sin(2 * math.pi * 1.7 * time + seed)
-    motion = hidden_effects.simulate(effects, u, hidden_effects.friction_noise(random, n))
-    signals = {"time": time, "u": u, "x": motion.encoder, **more}
-    return checked(name, {k: s[: n - 1] for k, s in signals.items()})
+    signals = signals_of(moved(effects, u, friction_noise(seed, len(u))), u)
+    del signals["i"]
+    return checked(name, signals | more)
 
 
 def a_file(prior_model=None, adjusted=None, corrected=None, causes=None, **more):
@@ -40,7 +39,7 @@ def a_file(prior_model=None, adjusted=None, corrected=None, causes=None, **more)
 
 @pytest.fixture(scope="module")
 def loaded():
-    return a_record({"load": LOAD}, 3)
+    return a_record({at.LOAD: LOAD}, 3)
 
 
 def test_a_cause_that_is_there_gains_and_its_model_comes_down_to_the_noise(loaded):
@@ -86,16 +85,16 @@ def test_values_adjusted_are_judged_beside_the_prior_ones():
 @pytest.mark.parametrize(
     ("effects", "corrected", "causes"),
     [
-        ({"m": 9.0}, {"m": 9.0}, {"unmodelled_inertia": {"m": 9.0}}),
-        ({"delay": 4e-3}, {}, {"input_delay": {"delay": 4e-3}}),
+        ({at.BLOCK_MASS: 9.0}, {"m": 9.0}, {"unmodelled_inertia": {"m": 9.0}}),
+        ({at.DELAY: 4e-3}, {}, {"input_delay": {"delay": 4e-3}}),
         (
-            {"asymmetry": 0.2},
+            ASYMMETRY,
             {},
             {"direction_asymmetry": {"asymmetry": 0.2, "asymmetry_viscous_share": 1.0}},
         ),
-        ({"gap": 5e-5}, {}, {"backlash": {"gap": 5e-5}}),
+        (gap(5e-5), {}, {"backlash": {"gap": 5e-5}}),
         (
-            {"ripple": 0.5, "ripple_n": 2.0},
+            {at.RIPPLE: 0.5, at.RIPPLE_PERIOD: 0.5e-3},
             {},
             {
                 "torque_ripple": {
@@ -116,7 +115,7 @@ def test_causes_of_every_kind_are_along_the_other_record_what_they_were(effects,
 
 
 def test_a_short_record_has_figures_and_no_intervals():
-    record = a_record({"load": LOAD}, 6)
+    record = a_record({at.LOAD: LOAD}, 6)
     short = checked("short", {n: s[:2500] for n, s in record.signals.items()})
     found = judge_records([short], a_file(causes={"load_bias": {"load": LOAD}}))
     assert found.scores["prior"].force.interval is None

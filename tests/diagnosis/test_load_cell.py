@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from axis_records import NOMINAL, friction_noise, moved, signals_of, to_and_fro
 from diagnosed import nominal
-from hidden import effects as hidden_effects
-from hidden.effects import NOMINAL
+from worlds import layout as at
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
@@ -19,34 +19,33 @@ STEP = 0.089  # N, of the rig's converter
 NOISE = 0.03  # N rms
 
 
+LOAD = {at.LOAD: -0.3}
+RIPPLE = {at.RIPPLE: 0.1, at.RIPPLE_PERIOD: 0.5e-3}
+
+
 @cache
-def found_with_cell(**hidden):
-    return diagnose_records([record_of(hidden)], nominal())
+def found_with_cell(cause):
+    return diagnose_records([record_of({"load": LOAD, "ripple": RIPPLE}[cause])], nominal())
 
 
 def record_of(hidden, with_cell=True):
     """Eight seconds to and fro, and what a cell between screw and block reads of them."""
-    random = np.random.default_rng(3)
-    time = np.arange(8001) * 1e-3
-    u = 3.0 * np.sin(2 * math.pi * 0.7 * time) + 1.5 * np.sin(2 * math.pi * 1.9 * time + 1)
-    noise = hidden_effects.friction_noise(random, 8001)
-    motion = hidden_effects.simulate(hidden, u, noise)
-    felt = {n: v for n, v in hidden.items() if not n.startswith("ripple")}
-    dragged = hidden_effects.force_along(felt, motion.position, motion.speed, motion.way)
-    dragged = dragged + NOMINAL["m"] * np.diff(motion.speed) / 1e-3 + noise[:-1]
-    read = np.round((dragged + NOISE * random.standard_normal(8000)) / STEP) * STEP
-    signals = {"time": time[:-1], "u": u[:-1], "x": motion.encoder[:-1], "i": motion.current[:-1]}
-    return checked("made", signals | ({"force": read} if with_cell else {}))
+    u, noise = to_and_fro(8000), friction_noise(3, 8000)
+    log = moved(hidden, u, noise)
+    dragged = log[:, at.FRICTION] + hidden.get(at.LOAD, 0.0) + NOMINAL["m"] * log[:, at.A] + noise
+    dragged += NOISE * np.random.default_rng(4).standard_normal(8000)
+    read = np.round(dragged / STEP) * STEP
+    return checked("made", signals_of(log, u) | ({"force": read} if with_cell else {}))
 
 
 @pytest.mark.xdist_group("load_cell")
 @pytest.mark.parametrize(
-    "hidden",
-    [{"load": -0.3}, {"ripple": 0.1, "ripple_n": 2.0}],
+    "cause",
+    ["load", "ripple"],
     ids=["on the block", "on the screw, which the cell does not feel"],
 )
-def test_the_corrected_model_foretells_what_the_cell_reads(hidden):
-    found = found_with_cell(**hidden)
+def test_the_corrected_model_foretells_what_the_cell_reads(cause):
+    found = found_with_cell(cause)
     (cause,) = found.causes
     floor = math.hypot(NOISE, STEP / math.sqrt(12), 0.02 * NOMINAL["Fc"])
     assert found.load_cell.corrected < 1.25 * floor
@@ -57,8 +56,8 @@ def test_the_corrected_model_foretells_what_the_cell_reads(hidden):
 
 @pytest.mark.xdist_group("load_cell")
 def test_the_cell_takes_no_part():
-    with_it = found_with_cell(load=-0.3)
-    without = diagnose_records([record_of({"load": -0.3}, with_cell=False)], nominal())
+    with_it = found_with_cell("load")
+    without = diagnose_records([record_of(LOAD, with_cell=False)], nominal())
     assert without.load_cell is None
     assert with_it.causes == without.causes
     assert with_it.final_residual == without.final_residual

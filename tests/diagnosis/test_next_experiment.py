@@ -6,8 +6,9 @@ import re
 
 import numpy as np
 import pytest
+from axis_records import friction_noise, moved
 from diagnosed import nominal
-from hidden import effects as hidden_effects
+from worlds import layout as at
 
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.diagnosis import NotNamed
@@ -88,17 +89,15 @@ def test_speeds_are_held_both_ways_as_they_are_told():
 
 
 def test_the_steps_move_the_axis_within_its_travel():
-    """By the physics of the hidden effects, which the motion does not know."""
+    """By the simulator of the worlds, which the motion does not know."""
     reach = Reach(-0.03, 0.03, 0.1, 2.0, 12.0, 1e-3, 2e-6, 20.0)
     for cause, most in (("input_delay", 0.5 * reach.travel), ("compliance", 1e-4)):
         motion = motion_for(cause, reach, nominal())
-        n = len(motion.values)
-        still = hidden_effects.friction_noise(np.random.default_rng(1), n)
-        moved = hidden_effects.simulate({}, motion.values, still)
-        assert np.abs(moved.position).max() < most
-        assert np.abs(moved.speed).max() < reach.speed
+        log = moved({}, motion.values, friction_noise(1, len(motion.values)))
+        assert np.abs(log[:, at.X]).max() < most
+        assert np.abs(log[:, at.V]).max() < reach.speed
         if cause == "input_delay":
-            assert np.ptp(moved.position) > 0.05 * reach.travel
+            assert np.ptp(log[:, at.X]) > 0.05 * reach.travel
 
 
 def test_the_reach_is_that_of_all_records():

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from axis_records import strong_record
 from diagnosed import nominal
-from hidden.strong import strong_record
 from hypothesis import given
 from hypothesis import strategies as st
+from worlds import layout as at
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.modelled_record import lay_along
@@ -49,7 +50,7 @@ def test_reading_anew_changes_as_much_as_rounding_leaves_under_the_true_model(co
 
 def test_a_force_of_so_many_newtons_is_left_as_so_many_whatever_the_models_mass():
     """A heavier model answers a force less; what is left is told in newtons all the same."""
-    record = strong_record({"load": 0.4}, samples=4_000)
+    record = strong_record({at.LOAD: 0.4}, samples=4_000)
     light, heavy = nominal(), nominal().changed({"m": 3.0 * nominal().values["m"]})
     course = [lay_along(record, light)]
     means = []

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hidden.effects import NOMINAL
+from axis_records import NOMINAL
 
 from ballscrew.diagnosis.drive_model import DriveModel
 
 
 def nominal() -> DriveModel:
-    """The axis of the hidden effects as believed where nothing is wrong, each value within 3 %."""
+    """The axis of `axis_records` as believed where nothing is wrong, each value within 3 %."""
     tolerance = {n: 0.03 for n in NOMINAL if n not in ("p", "Kv", "L")}
     return DriveModel("ball_screw", "modified_lugre", dict(NOMINAL), tolerance)
 

@@ -1,4 +1,4 @@
-"""The worlds import nothing of the program that they judge, nor of its own generator."""
+"""The worlds import nothing of the program that they judge."""
 
 from __future__ import annotations
 

@@ -1,0 +1,109 @@
+"""Records of the thesis' axis with an effect that is too large to be overlooked.
+
+The axis moves in the simulator of `proofs/worlds`, which imports nothing of this program.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import lfilter
+from world_runs import PERIOD, TURN, nominal_axis, run
+from worlds import layout as at
+
+from ballscrew.records.drive_record import DriveRecord, checked
+
+COUNT = 1e-3 / 512  # m, of the encoder
+NOISE_TIME = 0.01  # s
+SUBSTEPS = 50
+# as the axis' owner believes it to be
+NOMINAL = {
+    "m": 1.0,
+    "Jm": 4.2e-7,
+    "kt": 37.4e-3,
+    "ke": 60 / (255 * 2 * math.pi),
+    "R": 21.4,
+    "L": 0.953e-3,
+    "p": 1000.0,
+    "sigma0": 66967.231,
+    "sigma1": 344.56,
+    "sigma2": 173.0,
+    "Fc": 1.284,
+    "Fs": 2.35,
+    "Vs": 1.13975e-3,
+    "Kv": 1e8,
+}
+ASYMMETRY = {at.ASYMMETRY: 0.2, at.ASYMMETRY_VISCOUS: 0.2}
+NOTCH = {at.DETENT: 1.0, at.DETENT_PLACE: 0.002, at.DETENT_WIDTH: 0.0005}  # no cause has its form
+
+
+def gap(width: float) -> dict[int, float]:
+    """A gap between screw and block [m], and how stiff they are where they touch."""
+    return {at.GAP: width, at.SPRING: 2e7, at.SPRING_DAMPING: 4.5e3}
+
+
+def friction_noise(seed: int, count: int) -> np.ndarray:
+    """Noise whose correlation falls exponentially, 2 % of the Coulomb force rms [N]."""
+    kept, rms = math.exp(-PERIOD / NOISE_TIME), 0.02 * NOMINAL["Fc"]
+    white = rms * np.random.default_rng(seed).standard_normal(count)
+    white[1:] *= math.sqrt(1 - kept**2)
+    return lfilter([1.0], [1.0, -kept], white)
+
+
+def to_and_fro(count: int) -> np.ndarray:
+    """A voltage that takes the axis through both directions and many speeds."""
+    time = np.arange(count) * PERIOD
+    return 3.0 * np.sin(2 * math.pi * 0.7 * time) + 1.5 * np.sin(2 * math.pi * 1.9 * time + 1)
+
+
+def moved(changes: Mapping[int, float], u: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """The simulator's log, a row a sample.
+
+    Parameters
+    ----------
+    changes : mapping of int to float
+        What differs from the nominal axis, by its place in the simulator's vector.
+    u : array
+        Voltage [V].
+    force : array
+        Against motion in +x [N]: noise, and what a test adds.
+    """
+    double = nominal_axis()
+    double[at.MOTOR_MASS] = NOMINAL["Jm"] * TURN**2
+    double[at.KE] = NOMINAL["ke"] * TURN
+    double[at.DURATION] = len(u) * PERIOD
+    axis = double.copy()
+    for place, value in changes.items():
+        axis[place] = value
+    return run(axis, u, double, SUBSTEPS, force)
+
+
+def signals_of(log: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of a record: time, voltage, counted position, current."""
+    counted = np.floor(log[:, at.X] / COUNT) * COUNT
+    return {"time": np.arange(len(u)) * PERIOD, "u": u, "x": counted, "i": log[:, at.CURRENT]}
+
+
+def strong_record(
+    changes: Mapping[int, float], *, with_current: bool = False, samples: int = 12_000
+) -> DriveRecord:
+    """Twelve seconds to and fro of the axis with these numbers changed."""
+    u = to_and_fro(samples)
+    signals = signals_of(moved(changes, u, friction_noise(3, samples)), u)
+    return checked("made", {n: s for n, s in signals.items() if with_current or n != "i"})
+
+
+def write_strong(changes: Mapping[int, float], folder: Path) -> tuple[Path, Path]:
+    """``record.csv`` and ``believed.toml``, the axis without the effect."""
+    folder.mkdir(parents=True, exist_ok=True)
+    record, believed = folder / "record.csv", folder / "believed.toml"
+    signals = strong_record(changes).signals
+    table = np.stack(list(signals.values()), 1)
+    np.savetxt(record, table, fmt="%.9g", delimiter=",", header=",".join(signals), comments="")
+    lines = ['law = "modified_lugre"', "", "[plant]"]
+    lines += [f"{name} = {value!r}" for name, value in NOMINAL.items()]
+    believed.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return record, believed
