@@ -28,7 +28,6 @@ _SLAVE = '''"""The slave that pythonfmu loads: {description}."""
 import ctypes
 from base64 import b64decode
 
-import {equations}
 from {tapes} import TAPES
 from {package}.fmus.runtime import ComponentSlave
 
@@ -39,7 +38,7 @@ ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 
 class Slave(ComponentSlave):
     layout = {layout!r}
-    equations = {equations}
+    equations = {equations!r}
     tapes = b64decode(TAPES)
 '''
 

@@ -9,9 +9,11 @@ its process down: they are logged, kept in the String ``message``, and fail the 
 
 from __future__ import annotations
 
+import hashlib
 import math
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 from urllib.parse import unquote, urlparse
 
@@ -28,7 +30,7 @@ from ..solver.core import (
     TOO_MANY_STEPS,
     System,
 )
-from ..solver.stepper import PlainSystem
+from ..solver.stepper import EditedSystem, PlainSystem
 from .process_end import end_cleanly
 
 MAX_STEPS = 200_000
@@ -36,12 +38,30 @@ _Saved = tuple[Any, Any, str, bool]  # memory, delayed signals, failure, whether
 ROUND_OFF = 1e-9  # share of a sampling period within which two times are the same
 
 
-def system_of(equations: Any, tapes: bytes, states: int) -> System | PlainSystem:
-    """The equations in the compiled core, or in plain Python where it is for another platform."""
-    try:
-        return System(tapes)
-    except OSError:
-        return PlainSystem(equations, states, equations.MOST_EVENTS)
+def system_of(file: Path, tapes: bytes, states: int) -> tuple[System | PlainSystem, str]:
+    """The equations in the compiled core; in plain Python where it is for another platform, or
+    where they were edited. The text says why.
+
+    Parameters
+    ----------
+    file : Path
+        The generated functions; the name ends in the digest of what was exported.
+    tapes : bytes
+        The same for the core, see `System`.
+    states : int
+    """
+    text = file.read_bytes()
+    edited = not hashlib.sha256(text).hexdigest().startswith(file.stem.rpartition("_")[2])
+    if not edited:
+        try:
+            return System(tapes), ""
+        except OSError:
+            pass
+    why = "was edited" if edited else "has no compiled solver for this platform"
+    functions = SimpleNamespace()
+    exec(compile(text, file, "exec"), functions.__dict__)
+    plain = EditedSystem if edited else PlainSystem
+    return plain(functions, states, functions.MOST_EVENTS), f"{file.name} {why}"
 
 
 class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
@@ -51,14 +71,14 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     ----------
     layout : dict
         Places of everything in ``memory``; see the project's ``fmus/interface.py``.
-    equations : module
-        The generated functions, for hosts that cannot load the compiled core.
+    equations : str
+        Name of the generated functions' file, without ``.py``.
     tapes : bytes
         The same for the core, see `System`.
     """
 
     layout: ClassVar[dict[str, Any]]
-    equations: ClassVar[Any]
+    equations: ClassVar[str]
     tapes: ClassVar[bytes]
 
     def __init__(self, **kwargs: Any) -> None:
@@ -66,6 +86,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         at = self.layout
         resources = str(kwargs.get("resources") or "")
         folder = unquote(urlparse(resources).path) if "://" in resources else resources
+        folder = folder[1:] if folder[2:3] == ":" else folder  # /C:/ of a Windows URI
         library = Path(folder).parent / "binaries" / "linux64" / f"{at['model']}.so"
         end_cleanly(library)
         self.modelName = at["model"]
@@ -83,7 +104,14 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._update = np.zeros(len(self._discrete))
         self._nominal = np.array(at["nominal"])
         self._atol = np.zeros(n)
-        self._system = system_of(self.equations, self.tapes, n)
+        try:
+            file = Path(folder, f"{self.equations}.py")
+            self._system, why = system_of(file, self.tapes, n)
+            if why:
+                self.log(f"{self.instance_name}: {why}: it runs in plain Python, which is slow")
+        except Exception as error:
+            self._system = System(self.tapes)
+            self._fail(f"{file.name} cannot be run: {error}")
         kept = (self._x, self._held, self._p, self._y, self._atol, self._info)
         self._instance = self._system.instance(*kept)
         self._stale = True
@@ -161,7 +189,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._take_frame()
         try:
             self._instance.out(self.memory[self.layout["time"]])
-        except (ArithmeticError, ValueError) as error:
+        except Exception as error:  # of any kind, where the equations were edited
             self._y[:] = math.nan
             self._fail(f"outputs cannot be computed: {error}")
         self._stale = False
@@ -220,7 +248,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         time = self.memory[self.layout["time"]]
         try:
             status = self._system.settle(time, self._x, self._held, self._p, self._info)
-        except (ArithmeticError, ValueError) as error:
+        except Exception as error:
             self._fail(f"the first mode cannot be found: {error}")
             return
         if status != DONE:
@@ -245,7 +273,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
                 done = self._advance(current_time, current_time + step_size)
             else:
                 done = self._advance_sampled(current_time, step_size)
-        except (ArithmeticError, ValueError) as error:
+        except Exception as error:
             done = False
             self._fail(f"{error} in the step from t = {current_time:.9g} s")
         self.memory[at["time"]] = current_time + step_size

@@ -51,30 +51,18 @@ class PlainDelays:
 
     # -- the functions ---------------------------------------------------------------------------
 
-    def rhs(self, t: float, x: Any, u: Any, p: Any, dx: Any) -> None:
-        self._look_back(t, x, u, p)
-        self.plain.rhs(t, x, u, p, dx)
+    def __getattr__(self, name: str) -> Any:
+        """A function of the text that is given the delayed signals."""
+        plain = getattr(self.plain, name)
 
-    def jac(self, t: float, x: Any, u: Any, p: Any, jacobian: Any, by_time: Any) -> None:
-        self._look_back(t, x, u, p)
-        self.plain.jac(t, x, u, p, jacobian, by_time)
+        def late(t: float, x: Any, u: Any, p: Any, *rest: Any) -> None:
+            self._look_back(t, x, u, p)
+            plain(t, x, u, p, *rest)
+            if name == "react":
+                self.history[DISTURBED] = 1.0
 
-    def out(self, t: float, x: Any, u: Any, p: Any, y: Any) -> None:
-        self._look_back(t, x, u, p)
-        self.plain.out(t, x, u, p, y)
-
-    def sample(self, t: float, x: Any, u: Any, p: Any, d: Any) -> None:
-        self._look_back(t, x, u, p)
-        self.plain.sample(t, x, u, p, d)
-
-    def indicate(self, t: float, x: Any, u: Any, p: Any, g: Any) -> None:
-        self._look_back(t, x, u, p)
-        self.plain.indicate(t, x, u, p, g)
-
-    def react(self, t: float, x: Any, u: Any, p: Any, k: int) -> None:
-        self._look_back(t, x, u, p)
-        self.plain.react(t, x, u, p, k)
-        self.history[DISTURBED] = 1.0
+        setattr(self, name, late)
+        return late
 
     def _delayed(self, t: float, x: Any, u: Any, p: Any) -> list[float]:
         told = [0.0] * (4 * self.count)

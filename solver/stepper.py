@@ -1,8 +1,8 @@
 """The compiled core's stiff stepper, written a second time in plain Python.
 
-It is the fallback of an FMU where the core's library cannot be loaded, and the core's oracle: both
-give the same numbers. It is some hundred times slower. This file stands alone but for `core` and
-`plain_delays`: all go into every exported FMU.
+An FMU made by pythonfmu runs on it where its equations were edited, or where the core's library
+cannot be loaded. It is the core's oracle: both give the same numbers. It is some forty times
+slower. This file stands alone but for `core` and `plain_delays`: all go into every exported FMU.
 
 The method is Rodas5P (G. Steinebach, BIT Numer. Math. 63, 27 (2023)): eight stages, order five
 with an embedded fourth-order solution, stiffly accurate, L-stable, one matrix factorization a
@@ -170,16 +170,6 @@ def solve_factorized(w: list[Row], pivots: list[int], b: Row) -> None:
         b[k] *= w[k][k]
 
 
-class _Matrix:
-    """What generated text writes a matrix to, as ``J[i, j]``."""
-
-    def __init__(self, n: int) -> None:
-        self.rows = [[0.0] * n for _ in range(n)]
-
-    def __setitem__(self, place: tuple[int, int], value: float) -> None:
-        self.rows[place[0]][place[1]] = value
-
-
 class PlainSystem:
     """As `core.System`, for the functions of a generated text.
 
@@ -228,10 +218,10 @@ class PlainSystem:
 
     def _linearize(self, t: float, x: Row) -> None:
         """The Jacobian here; what depends on no state is free of the others' round-off."""
-        matrix, self._by_time = _Matrix(self.states), [0.0] * self.states
+        matrix, self._by_time = np.zeros((self.states, self.states)), [0.0] * self.states
         self.f.jac(t, x, self._u, self._p, matrix, self._by_time)
-        self._jacobian = matrix.rows
-        self._alone = [not any(row) for row in matrix.rows]
+        self._jacobian = matrix.tolist()
+        self._alone = [not any(row) for row in self._jacobian]
 
     def _rates(self, t: float, x: Row) -> Row:
         slope = [0.0] * self.states
@@ -502,6 +492,26 @@ class PlainSystem:
             high = low
             state = self._attempt(t, low, x)[1] if low > 0.0 else x
         return high, state, found
+
+
+class EditedSystem(PlainSystem):
+    """A system whose text was edited.
+
+    Its slopes are differences of its derivatives: nobody edits ``jac`` beside ``rhs``.
+    """
+
+    def _linearize(self, t: float, x: Row) -> None:
+        here, columns = self._rates(t, x), []
+        for j, value in enumerate(x):
+            step = 1e-8 * max(abs(value), float(self._atol[j]) / self._rtol)
+            beside = [*x[:j], value + step, *x[j + 1 :]]
+            rates = self._rates(t, beside)
+            columns.append([(b - a) / step for a, b in zip(here, rates, strict=True)])
+        step = 1e-8 * max(abs(t), 1.0)
+        later = self._rates(t + step, x)
+        self._by_time = [(b - a) / step for a, b in zip(here, later, strict=True)]
+        self._jacobian = [list(row) for row in zip(*columns, strict=True)]
+        self._alone = [not any(row) for row in self._jacobian]
 
 
 class PlainInstance:

@@ -1,7 +1,5 @@
 """Components with delays as FMUs: readable, native in both versions, and in plain Python."""
 
-import sys
-
 import fmpy
 import numpy as np
 import pytest
@@ -179,18 +177,19 @@ def test_samples_hear_what_is_late_at_their_instant(files, kind):
     assert host.get("total", "y") == pytest.approx([5.0, 1.0])
 
 
-def test_plain_python_stands_in_for_the_core(files, monkeypatch):
+def test_plain_python_stands_in_for_the_core(files, monkeypatch, tmp_path):
     """Where the library cannot be loaded; the numbers stay."""
     from ballscrew.fmus import runtime
     from ballscrew.solver.stepper import PlainSystem
 
     kernel = generate(with_law_ports(LOOP))
     model = Model(kernel)
-    space = type(sys)("equations")
-    exec(kernel.source, space.__dict__)
+    file = tmp_path / f"{kernel.module}.py"
+    file.write_text(kernel.source, encoding="utf-8", newline="\n")
     monkeypatch.setattr(runtime, "System", _broken)
-    system = runtime.system_of(space, b"", len(kernel.states))
-    assert isinstance(system, PlainSystem)
+    system, why = runtime.system_of(file, b"", len(kernel.states))
+    assert type(system) is PlainSystem
+    assert why == f"{file.name} has no compiled solver for this platform"
     x, u, info = model.x.copy(), model.u.copy(), model.info.copy()
     y = np.empty(len(kernel.outputs))
     instance = system.instance(x, u, model.p, y, model.atol, info)
