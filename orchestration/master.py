@@ -132,7 +132,15 @@ def run_loop(  # noqa: PLR0913
         return with_ring_named(first, main.loop, parts.opened, wiring, start, step)
     setting = Setting(
         lambda cut: parts.loop(not missing, averaged=tangent or not missing, cut=cut),
-        *(march_on, reference, wiring.orders, breaks, start, nominal, len(commands), stop, step),
+        march_on,
+        reference,
+        wiring.orders,
+        breaks,
+        start,
+        nominal,
+        len(commands),
+        stop,
+        step,
     )
     compared = co_runs[:1] if not missing else co_runs
     outputs, *finer = (np.concatenate(pair.outputs) for pair in (main, *compared))

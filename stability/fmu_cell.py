@@ -87,7 +87,11 @@ def _coupled(loop: FmuLoop, parts: FmuParts, stop: float, step: float) -> tuple[
 
     def at(step: float) -> tuple[LoopRun, Attractor]:
         asked = Study(
-            *(loop.controller, loop.plant, Reference.constant(loop.setpoint), stop, step),
+            loop.controller,
+            loop.plant,
+            Reference.constant(loop.setpoint),
+            stop,
+            step,
             plant_values=loop.plant_values,
             controller_values=loop.controller_values,
             mapping=loop.mapping,

@@ -54,7 +54,11 @@ class FmuLoop:
         """A run of new instances with tangents; arguments and errors as `follow_over_fmus`."""
         with parts.fresh() as (plant, controller):
             return follow_over_fmus(
-                *(plant, controller, self.setpoint, stop, step),
+                plant,
+                controller,
+                self.setpoint,
+                stop,
+                step,
                 plant_values=self.plant_values,
                 controller_values=self.controller_values,
                 mapping=self.mapping,

@@ -50,14 +50,16 @@ def drive() -> Component:
         ),
         balances=(
             ForceBalance(
-                *("v", symbol("M")),
+                "v",
+                symbol("M"),
                 (
                     ForceTerm("screw", push, screw),
                     ForceTerm("guide", -symbol("D") * v, "viscous friction"),
                 ),
             ),
             ForceBalance(
-                *("vm", symbol("Mm")),
+                "vm",
+                symbol("Mm"),
                 (ForceTerm("motor", symbol("u"), "motor"), ForceTerm("screw_back", -push, screw)),
             ),
         ),

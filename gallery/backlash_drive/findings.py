@@ -182,7 +182,12 @@ def findings() -> list[Finding]:
             rows.append(
                 Finding(
                     f"{what}, Kx = {gain:g} 1/s",
-                    *(mine, unit, f"{DESCRIBING}; {LEFT_OUT}", theirs, digit, remark),
+                    mine,
+                    unit,
+                    f"{DESCRIBING}; {LEFT_OUT}",
+                    theirs,
+                    digit,
+                    remark,
                 )
             )
     below = np.array([6.3, 6.6])
@@ -193,15 +198,27 @@ def findings() -> list[Finding]:
         *rows,
         Finding(
             "where a push takes the table, over where it was, Kx = 6.3 1/s",
-            *(ratios[0], "1", PUSH, after_a_push(6.3), 1e-5),
+            ratios[0],
+            "1",
+            PUSH,
+            after_a_push(6.3),
+            1e-5,
         ),
         Finding(
             "position gain where cycles begin, by pushes",
-            *(started, "1/s", f"{PUSH}; ours is drawn on from 6.3 and 6.6 1/s", begin(), 5e-3),
+            started,
+            "1/s",
+            f"{PUSH}; ours is drawn on from 6.3 and 6.6 1/s",
+            begin(),
+            5e-3,
         ),
         Finding(
             "position gain where cycles begin, by sines",
-            *(started, "1/s", f"{DESCRIBING}: D/M, where its stiffness is zero", D / M, 0.5),
+            started,
+            "1/s",
+            f"{DESCRIBING}: D/M, where its stiffness is zero",
+            D / M,
+            0.5,
             "cycles begin with short pushes between endless waits, and not with sines",
         ),
     ]
@@ -224,7 +241,9 @@ def picture() -> Any:
             values, third = np.array(curve) / unit, np.array([s.third for s in theory])
             axes.plot(gains, values, color=COLOURS[1], label="describing function")
             axes.fill_between(
-                *(gains, values * (1 - third), values * (1 + third)),
+                gains,
+                values * (1 - third),
+                values * (1 + third),
                 **{"color": COLOURS[1], "alpha": 0.2, "lw": 0, "label": "its third harmonic"},
             )
             axes.plot(SHOWN, np.array(found) / unit, "o", color=COLOURS[0], label="motion")
@@ -243,7 +262,8 @@ def picture() -> Any:
             run = motion(TABLE_LOOP, gain, 3.0, 1e-3)
             late = run.time > 3.0 - 2.5 * period
             lead.plot(
-                *((run.time[late] - 3.0) / period + 2.5, run.outputs["lead"][late] / B),
+                (run.time[late] - 3.0) / period + 2.5,
+                run.outputs["lead"][late] / B,
                 **{"color": COLOURS[k], "ls": ("--", "-")[k], "label": f"Kx = {gain:g} 1/s"},
             )
         lead.axhspan(-1.0, 1.0, color="#bbbbbb", alpha=0.5, lw=0, label="backlash")
@@ -256,7 +276,8 @@ def picture() -> Any:
         ):
             run = motion(law, 60.0, 0.6, 1e-3)
             swap.plot(
-                *(run.time, 1e6 * run.outputs["x"]),
+                run.time,
+                1e6 * run.outputs["x"],
                 **{"color": COLOURS[k], "ls": ("-", "--")[k], "label": f"measured {where}"},
             )
         swap.axhspan(-1e6 * B, 1e6 * B, color="#bbbbbb", alpha=0.5, lw=0)

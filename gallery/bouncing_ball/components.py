@@ -23,12 +23,16 @@ def ball() -> Component:
         parameters=(
             Parameter("g", 9.81, "m/s^2", "gravitational acceleration", SOURCE, minimum=0.0),
             Parameter(
-                *("e", 0.7, "1", "share of the speed that an impact leaves", SOURCE),
+                "e",
+                0.7,
+                "1",
+                "share of the speed that an impact leaves",
+                SOURCE,
                 minimum=0.0,
                 maximum=1.0,
             ),
             Parameter(
-                *("v_min", 0.1, "m/s", "a bounce slower than this is the last", SOURCE), minimum=0.0
+                "v_min", 0.1, "m/s", "a bounce slower than this is the last", SOURCE, minimum=0.0
             ),
         ),
         states=(

@@ -67,8 +67,13 @@ def findings() -> list[Finding]:
     return [
         Finding("height at 1 s", float(x[100]), "m", TABLE, 0.236644, 1e-6, EULER),
         Finding(
-            *("highest row after the first impact", float(x[50:].max()), "m", TABLE),
-            *(0.494764, 1e-6, EULER),
+            "highest row after the first impact",
+            float(x[50:].max()),
+            "m",
+            TABLE,
+            0.494764,
+            1e-6,
+            EULER,
         ),
         Finding("rebounds until it rests", rebounds, "1", TABLE, 11, 0, EULER),
         Finding(
@@ -105,13 +110,16 @@ def picture() -> Any:
     with drawn(2) as (figure, (whole, end)):
         run, endless, (time, rows, speeds) = motion(step=1e-3), motion(1e-4, 1e-3), table()
         end.plot(
-            *(endless.time, 1e3 * endless.outputs["x"]),
+            endless.time,
+            1e3 * endless.outputs["x"],
             **{"color": COLOURS[2], "lw": 1.2, "label": "solution, v_min = 0.1 mm/s"},
         )
         for axes, unit in ((whole, 1.0), (end, 1e3)):
             axes.plot(run.time, unit * run.outputs["x"], color=COLOURS[0], label="solution")
             axes.plot(
-                *(time, unit * rows, "."),
+                time,
+                unit * rows,
+                ".",
                 **{"color": COLOURS[1], "ls": "--", "lw": 1.2, "ms": 4, "label": "table"},
             )
             axes.axvline(ZENO, color="black", ls=":", lw=1.4, label="end without an end rule")

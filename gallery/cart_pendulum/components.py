@@ -42,7 +42,9 @@ def cart() -> Component:
             State("v", "m/s", "velocity of the cart", nominal=1e-2),
             State("th", "rad", "angle of the rod", turning, start=0.05, nominal=1e-2),
             State(
-                *("q", "m/s", "speed of the bob across the rod"),
+                "q",
+                "m/s",
+                "speed of the bob across the rod",
                 g * sp.sin(th) - v * turning * sp.sin(th),
                 nominal=1e-2,
             ),
@@ -55,7 +57,8 @@ def cart() -> Component:
         ),
         balances=(
             ForceBalance(
-                *("v", big + m * sp.sin(th) ** 2),
+                "v",
+                big + m * sp.sin(th) ** 2,
                 (
                     ForceTerm("drive", symbol("u"), "drive"),
                     ForceTerm("rod", rod, "pull of the rod"),
@@ -102,7 +105,9 @@ def balance() -> Component:
         ),
         outputs=(
             Output(
-                *("u", "N", "force on the cart"),
+                "u",
+                "N",
+                "force on the cart",
                 -sp.Add(
                     *(symbol(k) * error.get(s, symbol(s)) for k, (_, _, s, _, _) in gains.items())
                 ),

@@ -137,16 +137,29 @@ def findings() -> list[Finding]:
             for name, theirs in zip(gains, designed(), strict=True)
         ),
         Finding(
-            *("slowest exponent without friction [nats/s]", float(free.limit[0]), "1/s"),
-            *("eigenvalue of the linear loop", slowest, 1e-4),
+            "slowest exponent without friction [nats/s]",
+            float(free.limit[0]),
+            "1/s",
+            "eigenvalue of the linear loop",
+            slowest,
+            1e-4,
         ),
         Finding(
-            *("swing of the cart, Fc = 0.1 N", dry.amplitude["plant_x"], "m", left_out),
-            *(theory.cart * FRICTION, theory.third * theory.cart * FRICTION),
+            "swing of the cart, Fc = 0.1 N",
+            dry.amplitude["plant_x"],
+            "m",
+            left_out,
+            theory.cart * FRICTION,
+            theory.third * theory.cart * FRICTION,
         ),
         Finding(
-            *("frequency, Fc = 0.1 N", 2.0 * math.pi / dry.period, "rad/s", left_out),
-            *(theory.frequency, theory.third * theory.frequency, sticks),
+            "frequency, Fc = 0.1 N",
+            2.0 * math.pi / dry.period,
+            "rad/s",
+            left_out,
+            theory.frequency,
+            theory.third * theory.frequency,
+            sticks,
         ),
         Finding("period, Fc = 0.1 N", dry.period, "s", pieces),
         Finding("second exponent, Fc = 0.1 N [nats/s]", float(dry.limit[1]), "1/s", pieces),
@@ -174,7 +187,8 @@ def picture() -> Any:
         for k, (plant, label) in enumerate(((CART, "no friction"), (DRY, "0.1 N of friction"))):
             run = motion(plant, 45.0, 0.02)
             course.plot(
-                *(run.time, 1e3 * run.outputs["x"]),
+                run.time,
+                1e3 * run.outputs["x"],
                 **{"color": COLOURS[k], "ls": ("--", "-")[k], "lw": 1.5, "label": label},
             )
         course.set(xlabel="time [s]", ylabel="cart [mm]", xlim=(0.0, 30.0), ylim=(-15.0, 40.0))
@@ -183,7 +197,8 @@ def picture() -> Any:
         for k, angle in enumerate((0.001, 0.05)):
             run = motion(DRY, 45.0, 0.02, angle)
             orbit.plot(
-                *(1e3 * run.outputs["x"], 1e3 * run.outputs["th"]),
+                1e3 * run.outputs["x"],
+                1e3 * run.outputs["th"],
                 **{"color": COLOURS[k], "lw": 1.2, "label": f"from {1e3 * angle:g} mrad"},
             )
         orbit.set(xlabel="cart [mm]", ylabel="rod [mrad]", xlim=(-14.0, 14.0), ylim=(-5.0, 5.0))
@@ -196,7 +211,8 @@ def picture() -> Any:
         force.fill_between(time, -0.12, 0.12, where=stuck, label="sticks", **shade)
         force.plot(time, run.outputs["friction"][late], color=COLOURS[1], label="friction [N]")
         force.plot(
-            *(time, 10.0 * run.outputs["v"][late]),
+            time,
+            10.0 * run.outputs["v"][late],
             **{"color": COLOURS[0], "ls": "--", "label": "cart [0.1 m/s]"},
         )
         force.set(xlabel="time [s]", xlim=(0.0, 15.0), ylim=(-0.28, 0.36))
@@ -204,11 +220,13 @@ def picture() -> Any:
         force.legend(loc="upper center", ncols=3, fontsize=9, columnspacing=1.0)
         theory, loads = predicted(), np.geomspace(0.02, 15.0, 2)
         size.loglog(
-            *(loads, 1e3 * theory.cart * loads),
+            loads,
+            1e3 * theory.cart * loads,
             **{"color": COLOURS[1], "label": "describing function"},
         )
         size.fill_between(
-            *(loads, *(1e3 * theory.cart * loads * (1.0 + s * theory.third) for s in (-1, 1))),
+            loads,
+            *(1e3 * theory.cart * loads * (1.0 + s * theory.third) for s in (-1, 1)),
             **{"color": COLOURS[1], "alpha": 0.2, "lw": 0, "label": "its third harmonic"},
         )
         swings = [1e3 * becomes(DRY, load).amplitude["plant_x"] for load in SHOWN]

@@ -34,7 +34,11 @@ def driven() -> Component:
             Parameter("k", 1.0, "N/m", "stiffness of the spring", SOURCE, minimum=1e-6),
             Parameter("P", 1.0, "N", "amplitude of the force that swings", SOURCE, minimum=0.0),
             Parameter(
-                *("b", 0.6, "1", "frequency of the force over that of mass and spring", SOURCE),
+                "b",
+                0.6,
+                "1",
+                "frequency of the force over that of mass and spring",
+                SOURCE,
                 minimum=1e-3,
             ),
         ),
@@ -48,7 +52,8 @@ def driven() -> Component:
         ),
         balances=(
             ForceBalance(
-                *("v", m),
+                "v",
+                m,
                 (
                     ForceTerm("drive", drive, "the force that swings"),
                     ForceTerm("spring", -k * x, "pull of the spring"),

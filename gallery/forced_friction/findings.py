@@ -132,7 +132,8 @@ def rates(known: Turning) -> Vector:
 def motion(b: float, f: float, periods: float = 20.0, x: float = 0.0) -> Any:
     """What becomes of the motion that begins at x at rest, and its exponents."""
     return ballscrew.lyapunov(
-        *("none", OSCILLATOR),
+        "none",
+        OSCILLATOR,
         stop=periods * 2 * math.pi / b,
         plant_values={"b": b, "F": f, "x_start": x},
     ).motion
@@ -142,7 +143,8 @@ def course(values: Mapping[str, float], periods: float, rows: int) -> Any:
     """A motion, with so many rows in each period."""
     period = 2.0 * math.pi / values["b"]
     return ballscrew.run(
-        *("none", OSCILLATOR),
+        "none",
+        OSCILLATOR,
         stop=periods * period,
         step=period / rows,
         coupling=ballscrew.Coupling("monolithic"),
@@ -260,7 +262,7 @@ def _map() -> tuple[Vector, Vector, npt.NDArray[np.float64]]:
     """Frequencies, shares of friction, and swing where the motion is a cycle."""
     with tempfile.TemporaryDirectory() as folder:
         cells = ballscrew.stability_map(
-            *("none", "plant.b=0.2:1.8:17", "plant.F=0.1:1:10", folder, OSCILLATOR), stop=300.0
+            "none", "plant.b=0.2:1.8:17", "plant.F=0.1:1:10", folder, OSCILLATOR, stop=300.0
         ).columns()
     cycles = [kind == "limit cycle" for kind in cells["verdict"]]
     swing = np.where(cycles, np.array(cells["oscillation_amplitude"]), np.nan)
@@ -303,7 +305,7 @@ def picture() -> Any:
         _swings(swings)
         across, along, swing = _map()
         shade = plane.pcolormesh(
-            *(across, along, np.log10(swing)), cmap="viridis_r", shading="nearest", vmin=-2.0
+            across, along, np.log10(swing), cmap="viridis_r", shading="nearest", vmin=-2.0
         )
         figure.colorbar(shade, ax=plane, label="log10 of swing / (P/k)")
         plane.grid(visible=False)

@@ -260,7 +260,8 @@ def picture() -> Any:
         known = np.linspace(doubling(), HIGH, 40)
         slow = [single_impact(s * GRAZING).multipliers for s in known]
         rates.plot(
-            *(known, [math.log(np.abs(m).max()) / PERIOD for m in slow]),
+            known,
+            [math.log(np.abs(m).max()) / PERIOD for m in slow],
             **{"color": COLOURS[1], "lw": 1.3, "ls": "--"},
         )
         rates.set(ylim=(-0.5, 0.3), xlabel="force over that of grazing")
@@ -281,7 +282,8 @@ def picture() -> Any:
         for run, since, k, share in ((wild, 20, 1, CHAOTIC), (calm, 0, 0, PERIODIC)):
             late = run.time >= since * PERIOD
             orbits.plot(
-                *(run.outputs["x"][late], run.outputs["v"][late]),
+                run.outputs["x"][late],
+                run.outputs["v"][late],
                 **{"color": COLOURS[k], "lw": 0.7 if since else 2.0, "label": f"{share:g} F_g"},
             )
         orbits.axvline(GAP, color="black", lw=3.0)

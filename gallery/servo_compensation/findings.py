@@ -168,7 +168,11 @@ def cells(law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     across, along = GRID
     with tempfile.TemporaryDirectory() as folder:
         found = ballscrew.stability_map(
-            *(law, f"Tc_hat=0.004:0.196:{across}", f"b_hat=0.004:0.196:{along}", folder, SERVO),
+            law,
+            f"Tc_hat=0.004:0.196:{across}",
+            f"b_hat=0.004:0.196:{along}",
+            folder,
+            SERVO,
             stop=20.0,
             setpoint=0.0,
         ).columns()
@@ -198,15 +202,29 @@ def findings() -> list[Finding]:
             Finding(f"swing of the cycle, {where}", size, "rad", EXACT, exact, 1e-5 * exact),
             Finding(
                 f"the same, {where}",
-                *(size, "rad", DESCRIBING, first, third(damping) * first, remark),
+                size,
+                "rad",
+                DESCRIBING,
+                first,
+                third(damping) * first,
+                remark,
             ),
             Finding(
                 f"period of the cycle, {where}",
-                *(ours.period or 0.0, "s", EXACT, period(damping), 1e-6),
+                ours.period or 0.0,
+                "s",
+                EXACT,
+                period(damping),
+                1e-6,
             ),
             Finding(
                 f"the same, {where}",
-                *(ours.period or 0.0, "s", DESCRIBING, natural, third(damping) * natural, remark),
+                ours.period or 0.0,
+                "s",
+                DESCRIBING,
+                natural,
+                third(damping) * natural,
+                remark,
             ),
         ]
     middle, negative, count = DAMPED[1], -KD, GRID[0] * GRID[1]
@@ -215,39 +233,68 @@ def findings() -> list[Finding]:
         Finding(
             f"second exponent of the cycle [nats/s], z = {ratio(middle):g}",
             float(cycle(BY_VELOCITY, FAR_OVER, middle).limit[1]),
-            *("1/s", "-D/(2 J), the logarithm of q over half a period", -middle / (2 * J), 1e-4),
+            "1/s",
+            "-D/(2 J), the logarithm of q over half a period",
+            -middle / (2 * J),
+            1e-4,
         ),
         Finding(
             f"over-compensation from which it swings, z = {ratio(KD):g}",
-            *(swings_from(KD), "N*m", f"{EXACT}: the swing clears the band of rest"),
-            *(least(KD), 1e-6),
+            swings_from(KD),
+            "N*m",
+            f"{EXACT}: the swing clears the band of rest",
+            least(KD),
+            1e-6,
         ),
         Finding(
             "the same, by the describing function",
-            *(swings_from(KD), "N*m", "any D > 0 with any Tc < Tc_hat", 0.0, 1e-6),
+            swings_from(KD),
+            "N*m",
+            "any D > 0 with any Tc < Tc_hat",
+            0.0,
+            1e-6,
             "at rest nothing is compensated, and the servo sticks",
         ),
         Finding(
             f"where it ends, Tc_hat = {OVER:g} N*m, z = {ratio(HEAVY):g}",
             float(motion(BY_VELOCITY, OVER, HEAVY, 5.0).outputs["x"][-1]),
-            *("rad", "(Tc - Tc_hat) / k, beyond the goal; there are no stops", TC - OVER, 1e-7),
+            "rad",
+            "(Tc - Tc_hat) / k, beyond the goal; there are no stops",
+            TC - OVER,
+            1e-7,
         ),
         Finding(
             f"unstable cycle, z = {ratio(negative):g}: start from which it diverges",
-            *(radius(negative), "rad", EXACT, swing(TC - UNDER, negative), 2e-6),
+            radius(negative),
+            "rad",
+            EXACT,
+            swing(TC - UNDER, negative),
+            2e-6,
         ),
         Finding(
             "error from which it moves, nothing compensated at rest",
-            *(moves_from(BY_VELOCITY), "rad", "Tc / k", TC / K, 1e-6),
+            moves_from(BY_VELOCITY),
+            "rad",
+            "Tc / k",
+            TC / K,
+            1e-6,
         ),
         Finding(
             "error from which it moves, compensated at rest",
-            *(moves_from(BY_ERROR), "rad", "(Tc - Tc_hat) / k", (TC - UNDER) / K, 1e-6),
+            moves_from(BY_ERROR),
+            "rad",
+            "(Tc - Tc_hat) / k",
+            (TC - UNDER) / K,
+            1e-6,
         ),
         *(
             Finding(
                 f"cells of the map of {count} unlike theory, {what} at rest",
-                *(float(differing(law)), "1", EXACT, 0.0, 0.5),
+                float(differing(law)),
+                "1",
+                EXACT,
+                0.0,
+                0.5,
             )
             for law, what in ((BY_VELOCITY, "nothing compensated"), (BY_ERROR, "compensated"))
         ),
@@ -264,7 +311,8 @@ def _plane(axes: Any) -> None:
     first = sine(TC - FAR_OVER, DAMPED[1])
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     axes.plot(
-        *(first * np.cos(angle), first * NATURAL * np.sin(angle)),
+        first * np.cos(angle),
+        first * NATURAL * np.sin(angle),
         **{"color": "#000000", "ls": ":", "lw": 1.2, "label": "describing function"},
     )
     axes.plot([-TC / K, TC / K], [0.0, 0.0], color="#777777", lw=5, solid_capstyle="butt")
@@ -282,7 +330,8 @@ def _sizes(axes: Any) -> None:
     axes.semilogy(ratios, [swing(-K, d) for d in dampings], color=COLOURS[0], label="closed form")
     further = np.linspace(0.02, 1.3, 260)
     axes.semilogy(
-        *(further, [sine(-K, 2.0 * math.sqrt(K * J) * z) for z in further]),
+        further,
+        [sine(-K, 2.0 * math.sqrt(K * J) * z) for z in further],
         **{"color": COLOURS[1], "ls": "--", "label": "describing function"},
     )
     for z in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
@@ -301,7 +350,9 @@ def _map(axes: Any, law: str, title: str) -> None:
     mismatch, damping, kinds, swings = (c.reshape(along, across) for c in cells(law))
     x, y = mismatch[0] / TC, damping[:, 0]
     shade = axes.pcolormesh(
-        *(x, y, np.ma.masked_invalid(1e3 * swings)),
+        x,
+        y,
+        np.ma.masked_invalid(1e3 * swings),
         **{"cmap": "viridis_r", "vmin": 0.0, "vmax": 800.0, "shading": "nearest"},
     )
     axes.figure.colorbar(shade, ax=axes, label="swing of the cycle [mrad]", extend="max")

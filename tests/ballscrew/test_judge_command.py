@@ -24,7 +24,12 @@ def files(tmp_path_factory):
     np.savetxt(folder / "other.csv", table, delimiter=",", header="time,u,x", comments="")
     truth = dict(NOMINAL)
     told = Diagnosed(
-        *(("one.csv",), "voltage", 0.0, "modified_lugre", truth, truth),
+        ("one.csv",),
+        "voltage",
+        0.0,
+        "modified_lugre",
+        truth,
+        truth,
         {"load_bias": {"load": LOAD}},
     )
     ParameterFile(plant={n: Value(v) for n, v in truth.items()}, diagnosis=told).save(folder)

@@ -250,7 +250,7 @@ def test_on_a_record_of_the_rig_whose_rotor_is_not_believed_no_name_does_worse(t
     """One slow constant speed: what looks like a cause there must not be worse on data held out."""
     assert run("rig", "viscous/1", "--out", tmp_path / "rig")[0] == 0
     code, printed, _ = run(
-        *("diagnose", tmp_path / "rig" / "record.csv"), "--out", tmp_path / "out", "--json"
+        "diagnose", tmp_path / "rig" / "record.csv", "--out", tmp_path / "out", "--json"
     )
     told = json.loads(printed)
     assert code == (0 if told["verdict"] in ("none", "explained") else 1)

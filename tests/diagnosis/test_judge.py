@@ -176,7 +176,12 @@ def test_the_models_law_is_that_of_the_prior_plant():
     record = a_record({}, 7)
     own = {n: v for n, v in TRUTH.items() if n not in ("sigma0", "sigma1", "Kv")}
     told = Diagnosed(
-        *(("one.csv",), "voltage", 0.0, "classical", own, own),
+        ("one.csv",),
+        "voltage",
+        0.0,
+        "classical",
+        own,
+        own,
         {"presliding_hysteresis": {"sigma0": TRUTH["sigma0"]}},
     )
     values = {n: Value(v) for n, v in TRUTH.items()}

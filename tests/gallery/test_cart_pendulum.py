@@ -109,7 +109,8 @@ def test_a_design_whose_slowest_motion_does_not_swing_creeps_to_rest_where_frict
     last = values[np.argmax(values.real)]
     assert last.imag == 0.0
     found = ballscrew.lyapunov(
-        *(BALANCE, DRY),
+        BALANCE,
+        DRY,
         **{"stop": 60.0, "setpoint": 0.0, "controller_values": gains},
         plant_values={"Fc": 1e-3, "Fs": 1e-3},
     ).motion

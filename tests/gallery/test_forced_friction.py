@@ -132,7 +132,8 @@ def test_below_the_border_every_motion_comes_to_the_swing_of_the_closed_form(b, 
     periods = math.ceil(math.log(1e-8) / math.log(slowest)) if slowest < 1.0 else 10_000
     assume(periods < 150)
     found = ballscrew.lyapunov(
-        *("none", OSCILLATOR),
+        "none",
+        OSCILLATOR,
         stop=(periods + 10) * 2 * math.pi / b,
         plant_values={"b": b, "F": known.f, "x_start": start},
     ).motion
@@ -241,7 +242,8 @@ def test_at_half_the_frequency_motions_lie_side_by_side_and_the_exponent_between
 @pytest.mark.parametrize(("start", "stuck"), [(0.0, True), (0.03, True), (0.2, False)])
 def test_a_force_that_friction_outweighs_moves_nothing_unless_the_spring_helps(start, stuck):
     found = ballscrew.lyapunov(
-        *("none", OSCILLATOR),
+        "none",
+        OSCILLATOR,
         stop=10 * 2 * math.pi / 0.6,
         plant_values={"F": 1.05, "x_start": start},
     ).motion

@@ -43,7 +43,8 @@ def mass():
         outputs=(Output("x", "m", "x", symbol("x")),),
         balances=(
             ForceBalance(
-                *("v", sp.Integer(1)),
+                "v",
+                sp.Integer(1),
                 (ForceTerm("force", sp.cos(symbol("w") * TIME) - symbol("x"), "force"),),
             ),
         ),
