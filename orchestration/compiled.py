@@ -211,6 +211,8 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "master_law_at": (_At, _Number, _Number, _At, _At, _Whole, _At),
     "master_advance": (_At, _Number, _Number, _At, _At),
     "joint_march": (_At, _At, _At, ct.c_int64),
+    "played_set_real": (_At, _At, ct.c_size_t, _At),
+    "played_get_real": (_At, _At, ct.c_size_t, _At),
 }
 _NUMBERS = ("clock_now", "clock_step_to_come")
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from ..fmus.process_end import end_cleanly
 from ..fmus.reading import WHOLE, UnpackedFmu
 from .fmi_status import DISCARD, Refused
 
@@ -128,6 +130,7 @@ class Fmi2:
         self.integrator: Any = None
         self._fmu = self._instantiated(fmu, name, log)
         self.library = self._fmu.dll
+        end_cleanly(Path(self.library._name))
         self.component = ctypes.c_void_p(self._fmu.component)
         self.get_state, self.set_state, self.free_state = (
             STATE((f"{self._VERSION}{verb}{self._STATE}", self.library))

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
-from ..fmus.process_end import end_cleanly
 from ..fmus.reading import Description, FmuError, NumberVariable, UnpackedFmu, unpack
 from .fmi_status import DISCARD, ERROR, FATAL, OK, Refused
 from .fmi_versions import Fmi2, Fmi3, Ports, forget, last_words
@@ -154,6 +153,8 @@ class FmuInstance(AnyFmu):
     source : path-like or UnpackedFmu
     name : str
         Instance name; also what the FMU is called in messages.
+    calls : class, optional
+        What it is called through. Default: its library, as its version of FMI says.
 
     Raises
     ------
@@ -161,7 +162,9 @@ class FmuInstance(AnyFmu):
         If the file is no FMU that can run here.
     """
 
-    def __init__(self, source: Path | str | UnpackedFmu, name: str) -> None:
+    def __init__(
+        self, source: Path | str | UnpackedFmu, name: str, calls: type[Fmi2] | None = None
+    ) -> None:
         self._fmu, self._clean = opened_source(self, source)
         self.name = name
         description = self.description
@@ -176,7 +179,8 @@ class FmuInstance(AnyFmu):
         self._log = next(_LOG_NUMBERS)
         self._status = 0  # the worst yet
         try:
-            self._fmi = (Fmi2 if description.fmi == 2 else Fmi3)(self._fmu, name, self._log)
+            usual = Fmi2 if description.fmi == 2 else Fmi3
+            self._fmi = (calls or usual)(self._fmu, name, self._log)
         except Exception as error:
             self._clean()
             reason = last_words(self._log) or str(error)
@@ -185,7 +189,6 @@ class FmuInstance(AnyFmu):
             self._clean()
             raise
         self._open = True
-        end_cleanly(Path(self._fmi.library._name))
 
     def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
         """Set parameters and start values, enter initialization mode, and set inputs there.
@@ -340,8 +343,8 @@ class FmuInstance(AnyFmu):
     def release(self, state: Any) -> None:
         self._fmi.free_state(self._fmi.component, ctypes.addressof(state[0]))
 
-    def reopened(self) -> FmuInstance:
-        other = FmuInstance(self._fmu, self.name)
+    def reopened(self, calls: type[Fmi2] | None = None) -> FmuInstance:
+        other = FmuInstance(self._fmu, self.name, calls)
         other.sample_time, other.can_save = self.sample_time, self.can_save
         return other
 

@@ -27,6 +27,7 @@ from .coupling_choice import choose_coupling, late_start, tangent_reason
 from .fmu_instance import Instance
 from .group import initialize
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
+from .played import reopened_to_judge
 from .reference_signal import Reference
 from .second_look import Setting, with_second_look
 from .structs import struct
@@ -131,7 +132,7 @@ def run_loop(  # noqa: PLR0913
     if not look_again or adaptive or why.reason or any(pair.failure for pair in co_runs):
         return with_ring_named(first, main.loop, parts.opened, wiring, start, step)
     setting = Setting(
-        lambda cut: parts.loop(not missing, averaged=tangent or not missing, cut=cut),
+        lambda cut: parts.loop(not missing, tangent or not missing, cut, judges=True),
         march_on,
         reference,
         wiring.orders,
@@ -161,10 +162,12 @@ class _Parts:
     start: Vector
     coupling: Coupling
 
-    def opened(self, fresh: bool = True) -> tuple[Instance, Instance]:
-        """Plant and controller, initialized together."""
+    def opened(self, fresh: bool = True, judges: bool = False) -> tuple[Instance, Instance]:
+        """Plant and controller, initialized together; see `loop`."""
         p, c = self.plant, self.controller
-        if fresh:
+        if judges:
+            p, c = reopened_to_judge(p), reopened_to_judge(c)
+        elif fresh:
             p, c = p.reopened(), c.reopened()
         initialize(p, c, self.wiring, self.values, self.stop, self.start)
         return p, c
@@ -176,9 +179,13 @@ class _Parts:
         cut: int = 1,
         fresh: bool = True,
         other: Coupling | None = None,
+        judges: bool = False,
     ) -> RecordedLoop:
-        """A loop at its start, of instances of its own if `fresh`; `cut` as in `PAIR`."""
-        p, c = self.opened(fresh)
+        """A loop at its start, of instances of its own if `fresh`; `cut` as in `PAIR`.
+
+        One that `judges` may be played by compiled code, see `played.py`.
+        """
+        p, c = self.opened(fresh, judges)
         whole = struct(PAIR)
         part = whole.part("loop")
         loop = Loop(
@@ -194,10 +201,11 @@ class _Parts:
         """
         tangent = self.coupling is Coupling.INTERFACE_JACOBIAN
         if reversible:
-            other = self.loop(not main.corrected, averaged=not tangent)
-            half = [self.loop(main.corrected, main.averaged, cut=2)] if curved else []
-            return [other, *half]
-        return [self.loop(False, averaged=tangent, cut=cut) for cut in (2, 4)]
+            other = self.loop(not main.corrected, averaged=not tangent, judges=True)
+            if not curved:
+                return [other]
+            return [other, self.loop(main.corrected, main.averaged, 2, judges=True)]
+        return [self.loop(False, averaged=tangent, cut=cut, judges=True) for cut in (2, 4)]
 
     def late(self, main: RecordedLoop, blind: bool) -> Callable[[], RecordedLoop] | None:
         """A loop whose commands come at other times; None where that tells nothing."""
@@ -208,10 +216,11 @@ class _Parts:
         if in_time or not blind:
             return None
         if self.coupling is Coupling.JACOBI:
-            return lambda: self.loop(False, averaged=False, other=Coupling.GAUSS_SEIDEL)
+            other = Coupling.GAUSS_SEIDEL
+            return lambda: self.loop(False, averaged=False, other=other, judges=True)
 
         def opened() -> RecordedLoop:
-            pair = self.loop(False, averaged=False, other=Coupling.JACOBI)
+            pair = self.loop(False, averaged=False, other=Coupling.JACOBI, judges=True)
             if answer is Answer.STEPPED:  # at the start the run itself has waited for its command
                 pair.loop.begin_with_first_command()
             return pair

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
 
 from .clock import Clock
 from .compiled import GOES_ON, PAIR, library
-from .loop_run import LoopRun, RecordedLoop, RunLog
+from .loop_run import CHUNK, LoopRun, RecordedLoop, RunLog
 from .reference_signal import Reference
 from .structs import struct
 from .verdict import ACCURACY, asks_again, scales, second_verdict
@@ -215,14 +215,18 @@ def _seen_within(
     log, nobody = setting.log(loop), struct(PAIR)
     all_rows = [min(k * PARTS, last) for k in range(points)]
     all_rows = sorted({*all_rows, *(row for within in rows.values() for row in within)})
-    for begin, end in pairwise(all_rows):
-        clock.next_ticks(end - begin)
-        why = library().master_march(
-            loop.address, nobody.address, nobody.address, clock.address, log.address, 1
-        )
-        loop.collect()
-        if why != GOES_ON:
-            return {}
+    for ticks, alike in groupby(np.diff(all_rows).tolist()):
+        left = len(list(alike))
+        while left:
+            clock.next_ticks(ticks)
+            why = library().master_march(
+                *(loop.address, nobody.address, nobody.address, clock.address, log.address),
+                min(left, CHUNK),
+            )
+            loop.collect()
+            if why != GOES_ON:
+                return {}
+            left -= loop.record.rows
     table = np.concatenate(loop.outputs)
     return {k: table[np.searchsorted(all_rows, within)] for k, within in rows.items()}
 

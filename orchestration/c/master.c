@@ -8,6 +8,7 @@
 enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED };
 
 #include "joint_step.c"
+#include "played.c"
 
 /* A loop with what it records. */
 typedef struct {
