@@ -17,7 +17,6 @@ _PUBLIC = {
                 "catalogue",
                 "component",
                 "with_friction",
-                "connect",
                 "export",
                 "run",
                 "swap",
@@ -41,6 +40,8 @@ _PUBLIC = {
         ),
         "ballscrew.solver.component",
     ),
+    "connect": "ballscrew.solver.connect",
+    "interconnect": "ballscrew.solver.interconnect",
     "Coupling": "ballscrew.orchestration.coupling",
     "Reference": "ballscrew.orchestration.reference_signal",
 }
@@ -49,7 +50,6 @@ __all__ = sorted(_PUBLIC)
 if TYPE_CHECKING:
     from .api import catalogue as catalogue
     from .api import component as component
-    from .api import connect as connect
     from .api import diagnose as diagnose
     from .api import export as export
     from .api import identify as identify
@@ -63,6 +63,8 @@ if TYPE_CHECKING:
     from .api import swap as swap
     from .api import swap_study as swap_study
     from .api import with_friction as with_friction
+    from .solver.connect import connect as connect
+    from .solver.interconnect import interconnect as interconnect
 
 
 def __getattr__(name: str) -> Any:

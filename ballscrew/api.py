@@ -147,36 +147,6 @@ def with_friction(
     return made(body, law, values, velocity, position, breakaway)
 
 
-def connect(plant: Component, controller: Component) -> Component:
-    """The closed loop of a plant and a controller as one component.
-
-    Parameters
-    ----------
-    plant, controller : Component
-        Inputs of one meet outputs of the other by name.
-
-    Returns
-    -------
-    Component
-        Its parameters and states are called ``plant_...`` and ``controller_...``.
-
-    Raises
-    ------
-    ContractError
-        If the two cannot be connected.
-
-    Examples
-    --------
-    >>> import ballscrew
-    >>> loop = ballscrew.connect(ballscrew.component("plant"), ballscrew.component("iol"))
-    >>> [i.name for i in loop.inputs if i.role == "reference"]
-    ['x_d']
-    """
-    from .solver.connect import connect as connected
-
-    return connected(plant, controller)
-
-
 def export(
     part: str | Component,
     path: Path | str,

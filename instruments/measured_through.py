@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
-import sympy as sp
-
-from ..solver.component import Component, ContractError, Parameter, symbol
+from ..solver.component import Component, ContractError
+from ..solver.interconnect import interconnect
 from . import MEASURED
 
 
@@ -33,63 +31,34 @@ def measured_through(controller: Component, instruments: Sequence[Component]) ->
         If an instrument has modes, measures nothing that the parts behind it take, or samples at
         another period.
     """
-    period = _common_period([controller, *instruments])
-    now: dict[sp.Basic, sp.Expr] = {}  # measured signals,
-    at_sample: dict[sp.Basic, sp.Expr] = {}  # and what they are when all before them have sampled
-    inputs = {i.name: i for i in controller.inputs}
-    parts = []
-    for place, instrument in enumerate(instruments):
-        _check(instrument, [*instruments[place + 1 :], controller])
-        part = instrument.prefixed(f"{instrument.name}_")
-        clock: dict[sp.Basic, sp.Expr] = {}
-        if part.sample_time and period:
-            clock[symbol(part.sample_time.name)] = symbol(period.name)
-        fields = part.equations_with({**now, **clock})
-        then = part.equations_with({**at_sample, **clock})
-        fields["discrete"] = then["discrete"]
-        updates = {symbol(d.name): d.update for d in then["discrete"]}
-        for value, later in zip(fields["outputs"], then["outputs"], strict=True):
-            signal = symbol(value.name.removesuffix(MEASURED))
-            now[signal] = value.value
-            at_sample[signal] = sp.sympify(later.value).xreplace(updates)
-        for i in instrument.inputs:
-            inputs.setdefault(i.name, replace(i, role="measurement"))
-        parts.append(fields | {"parameters": part.parameters})
-    fields = controller.equations_with(now)
-    fields["discrete"] = controller.equations_with(at_sample)["discrete"]
-    parts.append(fields | {"parameters": controller.parameters})
-
-    def joined(kind: str) -> tuple[Any, ...]:
-        return tuple(entry for part in reversed(parts) for entry in part[kind])
-
     names = [i.name for i in instruments]
-    return replace(
-        controller,
-        name="_".join([controller.name, "behind", *names]),
-        description=f"{controller.description}; measured through {', '.join(names)}",
-        inputs=tuple(inputs.values()),
-        outputs=fields["outputs"],
-        modes=fields["modes"],
-        sample_time=period,
-        **{k: joined(k) for k in ("parameters", "states", "discrete", "delays", "balances")},
+    inputs = {i.name: i for i in controller.inputs}
+    connections: dict[str, str] = {}
+    measured: dict[str, str] = {}
+    for place, instrument in enumerate(instruments):
+        _check(instrument, instruments[:place], [*instruments[place + 1 :], controller])
+        for i in instrument.inputs:
+            connections[f"{instrument.name}.{i.name}"] = measured.get(i.name, i.name)
+            inputs.setdefault(i.name, replace(i, role="measurement"))
+        for o in instrument.all_outputs:
+            measured[o.name.removesuffix(MEASURED)] = f"{instrument.name}.{o.name}"
+    return interconnect(
+        {"": controller} | {i.name: i for i in reversed(instruments)},
+        connections | {f".{i.name}": measured.get(i.name, i.name) for i in controller.inputs},
+        tuple(inputs.values()),
+        {o.name: f".{o.name}" for o in controller.all_outputs},
+        "_".join([controller.name, "behind", *names]),
+        f"{controller.description}; measured through {', '.join(names)}",
     )
 
 
-def _common_period(parts: Sequence[Component]) -> Parameter | None:
-    """The sampling period of the first that is sampled; None if none is."""
-    sampled = [(p.name, p.sample_time) for p in parts if p.sample_time]
-    for name, period in sampled:
-        first, common = sampled[0]
-        if period.default != common.default:
-            raise ContractError(
-                f"{first} samples every {common.default:g} s and {name} every "
-                f"{period.default:g} s; expected one period"
-            )
-    return sampled[0][1] if sampled else None
-
-
-def _check(instrument: Component, behind: Sequence[Component]) -> None:
+def _check(instrument: Component, before: Sequence[Component], behind: Sequence[Component]) -> None:
     """Make sure that an instrument is one, and that something behind it takes what it gives."""
+    if instrument.name in [i.name for i in before]:
+        raise ContractError(
+            f"{instrument.name} stands there twice: what it has is declared as parameter and as "
+            "parameter"
+        )
     if instrument.modes:
         raise ContractError(f"{instrument.name} has modes; expected an instrument without")
     for output in instrument.all_outputs:

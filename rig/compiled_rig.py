@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..plant import LAWS
 from ..solver.kernel import Kernel
 from ..solver.stored import stored_kernel
-from .rig_wiring import WIRINGS
+from .rig_wiring import WIRINGS, program
 
 if TYPE_CHECKING:
     from ..solver.component import Component
@@ -42,10 +42,6 @@ def program_kernel(control: str) -> Kernel:
     """The compiled instruments and controller for one kind of trial."""
 
     def make() -> Component:
-        from .program import program
-
         return program(WIRINGS[control], f"rig_{control}_program")
 
-    return stored_kernel(
-        f"rig_{control}_program", make, "ballscrew.rig.program", "ballscrew.rig.rig_wiring"
-    )
+    return stored_kernel(f"rig_{control}_program", make, "ballscrew.rig.rig_wiring")

@@ -16,6 +16,7 @@ from ..instruments.encoder import encoder
 from ..instruments.load_cell import load_cell
 from ..instruments.low_pass import low_pass
 from ..solver.component import Component
+from ..solver.interconnect import interconnect
 from . import regulators
 from .rig_trials import FORCE, VELOCITY, VOLTAGE
 
@@ -136,3 +137,31 @@ WIRINGS = {
     ),
     VOLTAGE: Wiring(_MEASURING, "u_ref", _TAPS),
 }
+
+
+def program(wiring: Wiring, name: str) -> Component:
+    """All parts of a wiring as one component: what they do at a sample instant.
+
+    Parameters and discrete states are named ``part_name``; the parts share one ``sample_time``.
+    Inputs are the plant's outputs as ``plant_name`` and what comes from outside under its own name;
+    outputs are the wiring's taps, under theirs, and the command `u`.
+
+    Raises
+    ------
+    ContractError
+        If a feed names what is not there.
+    """
+    connections = {
+        f"{part.name}.{port}": source.replace(f"{PLANT}.", f"{PLANT}_")
+        for part in wiring.parts
+        for port, source in part.feeds.items()
+    }
+    outside = dict.fromkeys(source for source in connections.values() if "." not in source)
+    return interconnect(
+        {part.name: part.make() for part in wiring.parts},
+        connections,
+        list(outside),
+        wiring.taps | ({COMMAND: wiring.command} if "." in wiring.command else {}),
+        name,
+        "The rig's instruments and controller as one program",
+    )

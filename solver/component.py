@@ -196,6 +196,27 @@ class Mode:
     events: tuple[Event, ...] = ()
     signs: Mapping[str, int] = field(default_factory=dict)
 
+    def changed(self, replacements: Mapping[sp.Expr, sp.Expr]) -> Mode:
+        """A copy in which symbols, or other expressions, are replaced in every equation."""
+        table = dict(replacements)
+
+        def swap(equations: Mapping[str, sp.Expr]) -> dict[str, sp.Expr]:
+            return {n: sp.sympify(e).xreplace(table) for n, e in equations.items()}
+
+        return replace(
+            self,
+            derivatives=swap(self.derivatives),
+            outputs=swap(self.outputs),
+            events=tuple(
+                replace(
+                    event,
+                    indicator=sp.sympify(event.indicator).xreplace(table),
+                    reset=swap(event.reset),
+                )
+                for event in self.events
+            ),
+        )
+
 
 @dataclass(frozen=True)
 class Delay:
@@ -445,22 +466,7 @@ class Component:
             "states": tuple(replace(s, derivative=swap(s.derivative)) for s in self.states),
             "outputs": tuple(replace(o, value=swap(o.value)) for o in self.outputs),
             "discrete": tuple(replace(d, update=swap(d.update)) for d in self.discrete),
-            "modes": tuple(
-                replace(
-                    mode,
-                    derivatives={n: swap(e) for n, e in mode.derivatives.items()},
-                    outputs={n: swap(e) for n, e in mode.outputs.items()},
-                    events=tuple(
-                        replace(
-                            event,
-                            indicator=swap(event.indicator),
-                            reset={n: swap(e) for n, e in event.reset.items()},
-                        )
-                        for event in mode.events
-                    ),
-                )
-                for mode in self.modes
-            ),
+            "modes": tuple(mode.changed(table) for mode in self.modes),
             "delays": tuple(
                 replace(d, expression=swap(d.expression), duration=swap(d.duration))
                 for d in self.delays
