@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from importlib.metadata import version
 from xml.etree import ElementTree as ET
 
@@ -17,9 +17,12 @@ STOP_TIME, STEP_SIZE = 20.0, 1e-3
 VERSION = version("ballscrew")
 TOOL = f"ballscrew {VERSION}"
 
+Attributes = dict[str, str]
+WriteNumber = Callable[[ET.Element, str, Attributes, Attributes], None]
+
 
 def model_description(kernel: Kernel, interface: Interface) -> bytes:
-    """The XML text, the same for the same component in every process.
+    """The XML text of a readable FMU, the same for the same component in every process.
 
     Parameters
     ----------
@@ -27,19 +30,17 @@ def model_description(kernel: Kernel, interface: Interface) -> bytes:
     interface : Interface
     """
     guid = hashlib.sha256((kernel.source + repr(interface) + VERSION).encode()).hexdigest()
-    model = interface.layout.model
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=model,
-        guid=f"{{{guid[:8]}-{guid[8:12]}-{guid[12:16]}-{guid[16:20]}-{guid[20:32]}}}",
-        description=kernel.description,
-        version=VERSION,
-        license="MIT",
-        generationTool=f"{TOOL} with PythonFMU",
-        variableNamingConvention="structured",
-        numberOfEventIndicators="0",
+    parts = (guid[:8], guid[8:12], guid[12:16], guid[16:20], guid[20:32])
+    return text_of(
+        description(kernel, interface, f"{{{'-'.join(parts)}}}", f"{TOOL} with PythonFMU")
     )
+
+
+def description(kernel: Kernel, interface: Interface, guid: str, tool: str) -> ET.Element:
+    """The whole description of an FMU of FMI 2.0 that is for co-simulation only."""
+    model = interface.layout.model
+    root = root_of("2.0", model, "guid", guid, kernel, tool)
+    root.set("numberOfEventIndicators", "0")
     ET.SubElement(
         root,
         "CoSimulation",
@@ -53,18 +54,71 @@ def model_description(kernel: Kernel, interface: Interface) -> bytes:
         canSerializeFMUstate="true",
         providesDirectionalDerivative="false",
     )
-    units = ET.SubElement(root, "UnitDefinitions")
-    write_units(units, {v.unit for v in interface.variables})
-    types = {type_of(v.unit, v.nominal) for v in interface.variables} - {""}
-    if types:
-        definitions = ET.SubElement(root, "TypeDefinitions")
-        for name in sorted(types):
-            quantity, unit, shown = TYPES[name]
-            kind = ET.SubElement(definitions, "SimpleType", name=name)
-            ET.SubElement(kind, "Real", quantity=quantity, unit=unit, displayUnit=shown)
+    write_definitions(root, interface, _write_real, "SimpleType")
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="Why a step failed")
     ET.SubElement(categories, "Category", name="logAll", description="All messages")
+    write_experiment(root)
+    variables = ET.SubElement(root, "ModelVariables")
+    for v in interface.variables:
+        about, real = attributes_of(v, ("output",))
+        _write_real(variables, "ScalarVariable", about, real)
+    message = ET.SubElement(variables, "ScalarVariable", message_attributes(interface))
+    ET.SubElement(message, "String")
+    sort_variables(variables)
+    _write_structure(root, kernel, interface)
+    return root
+
+
+def root_of(
+    fmi: str, model: str, token_name: str, token: str, kernel: Kernel, tool: str = TOOL
+) -> ET.Element:
+    """The root element, without what only one version of FMI has."""
+    return ET.Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": fmi,
+            "modelName": model,
+            token_name: token,
+            "description": kernel.description,
+            "version": VERSION,
+            "license": "MIT",
+            "generationTool": tool,
+            "variableNamingConvention": "structured",
+        },
+    )
+
+
+def write_definitions(
+    root: ET.Element,
+    interface: Interface,
+    write: WriteNumber,
+    kind: str,
+    units: Collection[str] = (),
+) -> None:
+    """Units and types of numbers.
+
+    Parameters
+    ----------
+    write : function (parent, tag, attributes, attributes of a number) -> None
+    kind : str
+        Tag of a type.
+    units : collection of str
+        That no variable of the interface has.
+    """
+    used = {v.unit for v in interface.variables}.union(units)
+    write_units(ET.SubElement(root, "UnitDefinitions"), used)
+    types = {type_of(v.unit, v.nominal) for v in interface.variables} - {""}
+    if not types:
+        return
+    definitions = ET.SubElement(root, "TypeDefinitions")
+    for name in sorted(types):
+        quantity, unit, shown = TYPES[name]
+        number = {"quantity": quantity, "unit": unit, "displayUnit": shown}
+        write(definitions, kind, {"name": name}, number)
+
+
+def write_experiment(root: ET.Element) -> None:
     ET.SubElement(
         root,
         "DefaultExperiment",
@@ -73,50 +127,62 @@ def model_description(kernel: Kernel, interface: Interface) -> bytes:
         tolerance=repr(DEFAULT_TOLERANCE),
         stepSize=repr(STEP_SIZE),
     )
-    variables = ET.SubElement(root, "ModelVariables")
-    for v in interface.variables:
-        _write_variable(variables, v)
-    message = ET.SubElement(
-        variables,
-        "ScalarVariable",
-        name=MESSAGE,
-        valueReference=str(interface.message_reference),
-        description="why the last step failed; empty while all is well",
-        causality="local",
-        variability="discrete",
-        initial="calculated",
-    )
-    ET.SubElement(message, "String")
-    variables[:] = sorted(variables, key=lambda node: int(node.get("valueReference", "0")))
-    _write_structure(root, kernel, interface)
-    ET.indent(root)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"
 
 
-def _write_variable(parent: ET.Element, v: Variable) -> None:
-    attributes = {
+def attributes_of(v: Variable, calculated: Collection[str]) -> tuple[Attributes, Attributes]:
+    """Attributes of a variable, and those of its number.
+
+    Parameters
+    ----------
+    calculated : collection of str
+        Causalities of which initial values are said to be so.
+    """
+    about = {
         "name": v.name,
         "valueReference": str(v.reference),
         "description": v.description,
         "causality": v.causality,
         "variability": v.variability,
     }
-    if v.causality == "output":
-        attributes["initial"] = "calculated"
+    if v.causality in calculated:
+        about["initial"] = "calculated"
     elif v.causality == "parameter":
-        attributes["initial"] = "exact"
-    node = ET.SubElement(parent, "ScalarVariable", attributes)
+        about["initial"] = "exact"
     declared = type_of(v.unit, v.nominal)
-    real = {"declaredType": declared} if declared else {}
-    real["unit"] = v.unit
+    number = {"declaredType": declared} if declared else {}
+    number["unit"] = v.unit
     if math.isfinite(v.minimum):
-        real["min"] = repr(float(v.minimum))
+        number["min"] = repr(float(v.minimum))
     if math.isfinite(v.maximum):
-        real["max"] = repr(float(v.maximum))
-    real["nominal"] = repr(float(v.nominal))
+        number["max"] = repr(float(v.maximum))
+    number["nominal"] = repr(float(v.nominal))
     if v.start is not None:
-        real["start"] = repr(float(v.start))
-    ET.SubElement(node, "Real", real)
+        number["start"] = repr(float(v.start))
+    return about, number
+
+
+def message_attributes(interface: Interface) -> Attributes:
+    return {
+        "name": MESSAGE,
+        "valueReference": str(interface.message_reference),
+        "description": "why the last step failed; empty while all is well",
+        "causality": "local",
+        "variability": "discrete",
+        "initial": "calculated",
+    }
+
+
+def sort_variables(variables: ET.Element) -> None:
+    variables[:] = sorted(variables, key=lambda node: int(node.get("valueReference", "0")))
+
+
+def text_of(root: ET.Element) -> bytes:
+    ET.indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"
+
+
+def _write_real(parent: ET.Element, tag: str, about: Attributes, real: Attributes) -> None:
+    ET.SubElement(ET.SubElement(parent, tag, about), "Real", real)
 
 
 def _write_structure(root: ET.Element, kernel: Kernel, interface: Interface) -> None:

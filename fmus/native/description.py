@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from ..interface import TIME
-from ..model_description import TOOL, model_description
+from ..model_description import TOOL, description, text_of
 from ..uses import initial_uses
 from .dependencies import Dependency, dependencies_of
 from .sources import MAIN, NativeModel
@@ -21,9 +21,7 @@ def description_of(model: NativeModel, token: str) -> bytes:
     token : str
         The guid.
     """
-    root = ET.fromstring(model_description(model.kernel, model.interface))
-    root.set("guid", token)
-    root.set("generationTool", TOOL)
+    root = description(model.kernel, model.interface, token, TOOL)
     simulation = root.find("CoSimulation")
     assert simulation is not None
     simulation.set("providesDirectionalDerivative", "true")
@@ -44,8 +42,7 @@ def description_of(model: NativeModel, token: str) -> bytes:
         root.insert(0, exchange)
         root.set("numberOfEventIndicators", str(model.events))
     _describe_derivatives(root, model)
-    ET.indent(root)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"
+    return text_of(root)
 
 
 def _list_sources(parent: ET.Element) -> None:
@@ -67,14 +64,14 @@ def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
     outputs = structure.find("Outputs")
     assert outputs is not None
     for unknown, used in zip(outputs, uses.outputs, strict=True):
-        _write_dependencies(unknown, used, index)
+        write_dependencies(unknown, used)
     if not model.derivatives:
         return
     place = ET.Element("Derivatives")
     structure.insert(1, place)
     for derivative, used in zip(model.derivatives, uses.derivatives, strict=True):
         unknown = ET.SubElement(place, "Unknown", index=index[derivative.name])
-        _write_dependencies(unknown, used, index)
+        write_dependencies(unknown, used)
     initial = structure.find("InitialUnknowns")
     assert initial is not None
     for variables, results in ((model.state_variables, "states"), (model.derivatives, "rhs")):
@@ -86,9 +83,17 @@ def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
     initial[:] = sorted(initial, key=lambda unknown: int(unknown.get("index", "0")))
 
 
-def _write_dependencies(
-    unknown: ET.Element, used: Sequence[Dependency], index: Mapping[str, str]
+def write_dependencies(
+    unknown: ET.Element, used: Sequence[Dependency], time: int | None = None
 ) -> None:
-    named = [(int(index[d.known.name]), d.kind) for d in used if d.known]  # time is no variable
-    unknown.set("dependencies", " ".join(str(place) for place, _ in sorted(named)))
-    unknown.set("dependenciesKind", " ".join(kind for _, kind in sorted(named)))
+    """What an unknown depends on, by value reference, which in FMI 2.0 is the place as well.
+
+    Parameters
+    ----------
+    time : int, optional
+        The time's, where it is a variable.
+    """
+    known = ((d.known.reference if d.known else time, d.kind) for d in used)
+    named = sorted((place, kind) for place, kind in known if place is not None)
+    unknown.set("dependencies", " ".join(str(place) for place, _ in named))
+    unknown.set("dependenciesKind", " ".join(kind for _, kind in named))

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from xml.etree import ElementTree as ET
 
-from ...solver.kernel import DEFAULT_TOLERANCE
-from ..interface import MESSAGE, TIME, Variable
-from ..model_description import STEP_SIZE, STOP_TIME, TOOL, VERSION
-from ..units import TYPES, type_of, write_units
+from ..interface import TIME
+from ..model_description import (
+    Attributes,
+    attributes_of,
+    message_attributes,
+    root_of,
+    sort_variables,
+    text_of,
+    write_definitions,
+    write_experiment,
+)
 from ..uses import initial_uses
 from .dependencies import Dependency, dependencies_of
+from .description import write_dependencies
 from .sources import MAIN, NativeModel, is_intermediate
 
 _CAN = {
@@ -30,7 +37,7 @@ def build_description(identifier: str) -> bytes:
     files = ET.SubElement(configuration, "SourceFileSet", language="C99")
     ET.SubElement(files, "SourceFile", name=MAIN[3])
     ET.SubElement(configuration, "Library", name="m", external="true")
-    return _text(root)
+    return text_of(root)
 
 
 def description_of(model: NativeModel, token: str) -> bytes:
@@ -43,17 +50,7 @@ def description_of(model: NativeModel, token: str) -> bytes:
         The instantiation token.
     """
     kernel, interface = model.kernel, model.interface
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="3.0",
-        modelName=kernel.name,
-        instantiationToken=token,
-        description=kernel.description,
-        version=VERSION,
-        license="MIT",
-        generationTool=TOOL,
-        variableNamingConvention="structured",
-    )
+    root = root_of("3.0", kernel.name, "instantiationToken", token, kernel)
     if model.exchanges:
         ET.SubElement(
             root,
@@ -76,53 +73,26 @@ def description_of(model: NativeModel, token: str) -> bytes:
             "hasEventMode": "false",
         },
     )
-    units = ET.SubElement(root, "UnitDefinitions")
-    write_units(units, {v.unit for v in interface.variables} | {"s"})
-    types = {type_of(v.unit, v.nominal) for v in interface.variables} - {""}
-    if types:
-        definitions = ET.SubElement(root, "TypeDefinitions")
-        for name in sorted(types):
-            quantity, unit, shown = TYPES[name]
-            ET.SubElement(
-                definitions,
-                "Float64Type",
-                name=name,
-                quantity=quantity,
-                unit=unit,
-                displayUnit=shown,
-            )
+    write_definitions(root, interface, _write_float, "Float64Type", {"s"})
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="Why a call failed")
-    ET.SubElement(
-        root,
-        "DefaultExperiment",
-        startTime="0.0",
-        stopTime=repr(STOP_TIME),
-        tolerance=repr(DEFAULT_TOLERANCE),
-        stepSize=repr(STEP_SIZE),
-    )
+    write_experiment(root)
     _write_variables(ET.SubElement(root, "ModelVariables"), model)
     _write_structure(ET.SubElement(root, "ModelStructure"), model)
-    return _text(root)
+    return text_of(root)
 
 
 def _write_variables(parent: ET.Element, model: NativeModel) -> None:
     interface = model.interface
     derivatives = {d.name: s for d, s in zip(model.derivatives, model.state_variables, strict=True)}
     for v in interface.variables:
-        node = _write_variable(parent, v)
+        about, number = attributes_of(v, ("output", "local"))
+        if is_intermediate(v):
+            number["intermediateUpdate"] = "true"
         if v.name in derivatives:
-            node.set("derivative", str(derivatives[v.name].reference))
-    ET.SubElement(
-        parent,
-        "String",
-        name=MESSAGE,
-        valueReference=str(interface.message_reference),
-        description="why the last step failed; empty while all is well",
-        causality="local",
-        variability="discrete",
-        initial="calculated",
-    )
+            number["derivative"] = str(derivatives[v.name].reference)
+        _write_float(parent, "Float64", about, number)
+    ET.SubElement(parent, "String", message_attributes(interface))
     if model.exchanges:
         for k in range(model.events):
             ET.SubElement(
@@ -145,32 +115,11 @@ def _write_variables(parent: ET.Element, model: NativeModel) -> None:
         variability="continuous",
         unit="s",
     )
-    parent[:] = sorted(parent, key=lambda node: int(node.get("valueReference", "0")))
+    sort_variables(parent)
 
 
-def _write_variable(parent: ET.Element, v: Variable) -> ET.Element:
-    attributes = {
-        "name": v.name,
-        "valueReference": str(v.reference),
-        "description": v.description,
-        "causality": v.causality,
-        "variability": v.variability,
-    }
-    if v.causality != "input":
-        attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"
-    if declared := type_of(v.unit, v.nominal):
-        attributes["declaredType"] = declared
-    attributes["unit"] = v.unit
-    if math.isfinite(v.minimum):
-        attributes["min"] = repr(float(v.minimum))
-    if math.isfinite(v.maximum):
-        attributes["max"] = repr(float(v.maximum))
-    attributes["nominal"] = repr(float(v.nominal))
-    if v.start is not None:
-        attributes["start"] = repr(float(v.start))
-    if is_intermediate(v):
-        attributes["intermediateUpdate"] = "true"
-    return ET.SubElement(parent, "Float64", attributes)
+def _write_float(parent: ET.Element, tag: str, about: Attributes, number: Attributes) -> None:
+    ET.SubElement(parent, tag, about | number)
 
 
 def _write_structure(parent: ET.Element, model: NativeModel) -> None:
@@ -179,10 +128,7 @@ def _write_structure(parent: ET.Element, model: NativeModel) -> None:
 
     def dependent(kind: str, at: int, used: list[Dependency]) -> None:
         node = ET.SubElement(parent, kind, valueReference=str(at))
-        time = model.time_reference
-        known = sorted((d.known.reference if d.known else time, d.kind) for d in used)
-        node.set("dependencies", " ".join(str(reference) for reference, _ in known))
-        node.set("dependenciesKind", " ".join(kind for _, kind in known))
+        write_dependencies(node, used, model.time_reference)
 
     uses = dependencies_of(model)
     for v, used in zip(outputs, uses.outputs, strict=True):
@@ -199,8 +145,3 @@ def _write_structure(parent: ET.Element, model: NativeModel) -> None:
     if model.exchanges:
         for k, used in enumerate(uses.indicators):
             dependent("EventIndicator", model.first_indicator + k, used)
-
-
-def _text(root: ET.Element) -> bytes:
-    ET.indent(root)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"

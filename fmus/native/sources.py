@@ -24,7 +24,7 @@ from .partials import Entry, entry_of, partials
 
 MAIN = {2: "fmi2.c", 3: "fmi3.c"}
 _CORE = ("system.h", "factorize.h", "delays.h", "delays.c", "stepper.h", "stepper.c")
-_PARTS = ("component.h", "exported.h")
+_PARTS = ("component.h", "calls.h")
 _EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react")
 
 

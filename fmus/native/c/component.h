@@ -382,12 +382,19 @@ static const double *derivatives(Instance *c)
     return c->derivatives;
 }
 
-static void back_to_start(Instance *c)
+static Status back_to_start(Instance *c)
 {
     memset(&c->now, 0, sizeof c->now);
     memcpy(c->now.memory, INITIAL, sizeof c->now.memory);
     c->now.phase = INSTANTIATED;
     c->stale = 1;
+    return OK;
+}
+
+static Status enter(Instance *c, Phase phase)
+{
+    c->now.phase = phase;
+    return OK;
 }
 
 static Instance *make_instance(const char *name, int exchange)
@@ -500,6 +507,19 @@ static Status get_numbers(Instance *c, const uint32_t *references, size_t n, dou
         } else {
             values[k] = c->now.memory[v->place];
         }
+    }
+    return OK;
+}
+
+/* Why it cannot go on, the only String. */
+static Status get_failure(Instance *c, const uint32_t *references, size_t n, const char **values)
+{
+    if (n && (!references || !values))
+        return refuse(c, "a null pointer was given for %lu values", (unsigned long)n);
+    for (size_t k = 0; k < n; k++) {
+        if (references[k] != MESSAGE_REFERENCE)
+            return refuse(c, "no String has the value reference %lu", (unsigned long)references[k]);
+        values[k] = c->now.failure;
     }
     return OK;
 }
@@ -705,6 +725,14 @@ static Status get_array(Instance *c, const double *from, size_t there, double *v
         return refuse(c, "a null pointer was given for %lu %s", (unsigned long)n, what);
     if (n)
         memcpy(values, from, n * sizeof *values);
+    return OK;
+}
+
+static Status go_to(Instance *c, double time)
+{
+    if (!isfinite(time))
+        return refuse(c, "the time was set to %g, not a number", time);
+    set_time(c, time);
     return OK;
 }
 
