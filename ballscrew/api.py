@@ -766,11 +766,11 @@ def identify(
     """
     from .identification.identify import check_held
     from .identification.identify import identify as identified
-    from .identify_command import NAMES
     from .options import check_name
+    from .plant import LAWS
     from .results.identified_law import IdentifiedLaw
 
-    check_name("law", law, NAMES)
+    check_name("law", law, LAWS)
     check_held(law, dict(fixed or {}), offset)
     found: list[Record] = []
     for record in _paths(records):
@@ -811,12 +811,12 @@ def diagnose(
         With one line that says what cannot be used and why.
     """
     from .diagnosis.diagnose import diagnose as diagnosed
-    from .identify_command import NAMES
     from .options import check_name
+    from .plant import LAWS
     from .results.diagnosis_result import DiagnosisResult
 
     if law is not None:
-        check_name("law", law, NAMES)
+        check_name("law", law, LAWS)
     return DiagnosisResult.of(diagnosed(_paths(data), params, law, mapping, units=units, lead=lead))
 
 

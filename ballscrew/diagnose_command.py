@@ -162,10 +162,10 @@ def _records(options: argparse.Namespace) -> int:
 
 
 def _check_law(law: str | None) -> None:
-    from .identify_command import NAMES
+    from .plant import LAWS
 
     if law is not None:
-        check_name("--law", law, NAMES)
+        check_name("--law", law, LAWS)
 
 
 def _check_overwritten(options: argparse.Namespace) -> None:

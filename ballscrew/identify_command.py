@@ -19,6 +19,7 @@ from .options import (
     read_number,
 )
 from .params_option import add_params, bad_parameters, read_params
+from .plant import LAWS
 from .record_options import add_record_options, read_record_options
 from .results_folder import prepare_folder, save_results
 from .supervision import tell
@@ -28,15 +29,6 @@ if TYPE_CHECKING:
     from .identification.intervals import Interval
     from .orchestration.parameter_file import ParameterFile
 
-NAMES = (
-    "lugre",
-    "modified_lugre",
-    "directional_lugre",
-    "dahl",
-    "bliman_sorine",
-    "maxwell_slip",
-    "classical",
-)
 _EXAMPLES = """DATA are folders that `ballscrew rig` wrote, or CSV or MAT files with the columns
 time [s], force [N] (on the block, positive in +x) and x [m], x_fine [m] or v [m/s]. Separators,
 decimal commas, lines before the table and a line of units are found by themselves; a column without
@@ -68,7 +60,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     )
     add = parser.add_argument
     add("data", nargs="+", type=Path, metavar="DATA", help="rig folders, CSV or MAT files")
-    add("--law", required=True, metavar="NAME", help=", ".join(NAMES))
+    add("--law", required=True, metavar="NAME", help=", ".join(LAWS))
     add("--out", required=True, type=out_folder, metavar="DIR")
     add_record_options(add)
     add(
@@ -97,7 +89,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 def _identify(options: argparse.Namespace) -> int:
 
-    check_name("--law", options.law, NAMES)
+    check_name("--law", options.law, LAWS)
     columns = read_record_options(options)
     mass = None if options.mass is None else read_number("--mass", options.mass)
     from .diagnosis.prior_model import prior_model_from

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from .console import Progress
 from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder, read_named, read_number
 from .params_option import add_params, note_aside, read_params
+from .plant import DEFAULT_LAW
 from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ examples:
   ballscrew rig 2.4/7 --params out/identified/parameters.toml --out out/again
   ballscrew rig 2.4/7 --law lugre --export --out out/fmus
 """
-DEFAULT_LAW = "modified_lugre"
 MOST_DIGITS = 40  # of a seed: more than 128 bits need
 
 

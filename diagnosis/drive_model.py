@@ -15,9 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ..identification.fitted_law import LAWS
+from ..identification.fitted_law import BRISTLES, LAWS
 from ..identification.law_along_record import (
-    KINDS,
     LawValues,
     force_behind_gap,
     force_behind_spring,
@@ -115,7 +114,7 @@ class DriveModel:
     @property
     def can_bend(self) -> bool:
         """Whether the law's curve can be given one more bend, see `BEND`."""
-        return KINDS[self.law] == KINDS["lugre"]
+        return self.law in BRISTLES
 
     @property
     def linear_friction(self) -> float:
@@ -134,7 +133,9 @@ class DriveModel:
         for names in (("Fc",), ("Fc_pos",)):
             if all(n in v for n in names):
                 return abs(v[names[0]])
-        return abs(v["f1"] - v["f2"])
+        if self.law == "bliman_sorine":
+            return abs(v["f1"] - v["f2"])
+        return float(abs(self.curve(np.zeros(1))[0]))
 
     def changed(self, values: Mapping[str, float]) -> DriveModel:
         return replace(self, values={**self.values, **values})
@@ -170,10 +171,9 @@ class DriveModel:
     def _law_values(self) -> LawValues:
         half = len(LAWS[self.law].parameters)
         q = np.array([self.values[n] for n in self.law_parameters])
-        sharpness = self.values.get("Kv", 0.0) if self.law != "lugre" else 0.0
         bend = [self.values[n] for n in BEND] if self.can_bend and BEND[0] in self.values else []
         forwards, backwards = np.append(q[:half], bend), np.append(q[-half:], bend)
-        return LawValues(KINDS[self.law], forwards, backwards, sharpness)
+        return LawValues(self.law, forwards, backwards, self.values.get("Kv", 0.0))
 
 
 @cache

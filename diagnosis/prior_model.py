@@ -11,13 +11,13 @@ from ..fmus.interface import START
 from ..instruments.amplifier import PARAMETERS as AMPLIFIER
 from ..orchestration.parameter_file import (
     BALL_SCREW,
-    DEFAULT_LAW,
     DRIVE,
     BadParameters,
     ParameterFile,
     Value,
 )
 from ..orchestration.parameter_reading import read_parameters
+from ..plant import DEFAULT_LAW
 from ..plant.ball_screw import bare_ball_screw
 from ..plant.direct_drive import bare_direct_drive
 from ..plant.law import law as friction_law

@@ -32,17 +32,22 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from ..fmus.units import base_exponents
+from ..plant.law import law as law_of
 from ..plant.maxwell_slip import ELEMENTS
 from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ..records.force_record import Record
+from ..solver.component import symbol
 from .fit_errors import intervals_of, summed_up
 from .fit_result import Fit, fitted_names, without_direction
-from .fitted_law import LAWS, OFFSET, Law, coordinates_of
+from .fitted_law import LAWS, OFFSET, Law, claimed, coordinates_of
+from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .likelihood import Problem
 from .optimizer import Climb
 
 Vector = npt.NDArray[np.float64]
+Start = dict[str, float]
 
 _UNTIL_COMPARED = 12  # iterations from each first guess: with five the wrong one may be ahead
 
@@ -152,6 +157,8 @@ def _starts(course: StackedRecords, law: Law, offset: float) -> list[Vector]:
             f2 = 1.5 * level
             f1 = level + f2
             starts.append({"f1": f1, "f2": f2, "eps_f": (f1 / eta - f2) / sigma, "eta": eta})
+    elif law.name not in KINDS:
+        starts = _scaled_defaults(law.name, high, sigma, top)
     else:
         base = max(level - viscous * 0.3 * top, 0.3 * level)
         elements = {p.name: p.default for p in MAXWELL_SLIP}
@@ -170,3 +177,24 @@ def _starts(course: StackedRecords, law: Law, offset: float) -> list[Vector]:
             for share in (0.07, 0.25, 0.6)
         ]
     return [np.array([s[n] for n in law.parameters]) for s in starts]
+
+
+def _scaled_defaults(name: str, force: float, stiffness: float, speed: float) -> list[Start]:
+    """The defaults of a law of which nobody knows more, in units that suit the records.
+
+    Newtons, metres and seconds are changed such that friction and stiffness are about those of the
+    records, and speeds are what they were, a quarter, or four times that.
+    """
+    own = law_of(name)(symbol("v")).parameters
+    newton = force / (abs(claimed(name, "steady_state", {}, speed)) or force)
+    metre = newton * (claimed(name, "stiffness", {}) or stiffness) / stiffness
+    starts = []
+    for pace in (1.0, 0.25, 4.0):
+        second = metre / pace
+        size = {"kg": newton * second**2 / metre, "m": metre, "s": second}
+        starts.append({p.name: p.default * _factor(p.unit, size) for p in own})
+    return starts
+
+
+def _factor(unit: str, size: Mapping[str, float]) -> float:
+    return math.prod(size.get(base, 1.0) ** power for base, power in base_exponents(unit).items())

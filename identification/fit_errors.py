@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from .fit_result import DRAWN, Fit, draw_coordinates, fitted_names, without_direction
-from .fitted_law import OFFSET, values_of
+from .fitted_law import BRISTLES, OFFSET, values_of
 from .intervals import CONFIDENCE, NARROW, Interval, is_narrow
 from .law_along_record import with_backlash
 from .optimizer import OWN, Climb, Pieces
@@ -144,7 +144,7 @@ def _of_sensors(climb: Climb) -> Vector:
         if bare in _ELASTIC:
             way = presliding_way(law, values, name[len(bare) :])
             variances[j] = float(np.mean((course.backlash / way) ** 2 + course.gain_std**2))
-        elif bare == "sigma1":
+        elif bare == "sigma1" and law.name in BRISTLES:
             sigma0, sigma1 = np.exp(climb.point.coordinates[j - 1 : j + 1])
             variances[j] = (float(problem.clock_std.min()) * sigma0 / sigma1) ** 2
     return variances

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+import sympy as sp
 
-from ..plant.bliman_sorine import PARAMETERS as BLIMAN_SORINE
-from ..plant.classical import classical
-from ..plant.dahl import PARAMETERS as DAHL
+from ..plant import LAWS as NAMES
+from ..plant.law import claims, law
 from ..plant.lugre import PARAMETERS as LUGRE
 from ..plant.maxwell_slip import ELEMENTS
-from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
-from ..solver.component import symbol
+from ..solver.component import Parameter, symbol
 
 Vector = npt.NDArray[np.float64]
 
@@ -40,18 +40,37 @@ class Law:
     offset: bool = False
 
 
-LAWS = {
-    name: Law(
-        name, tuple(p.name for p in own), tuple(p.unit for p in own), name.startswith("directional")
-    )
-    for name, own in {
-        **dict.fromkeys(("lugre", "modified_lugre", "directional_lugre"), LUGRE),
-        "dahl": DAHL,
-        "bliman_sorine": BLIMAN_SORINE,
-        "maxwell_slip": MAXWELL_SLIP,
-        "classical": classical(symbol("v")).parameters,
-    }.items()
-}
+BRISTLES = ("lugre", "modified_lugre", "directional_lugre")
+"""LuGre and its kin. Kv of these is held: no record says anything of it."""
+
+
+def _fitted(name: str) -> Law:
+    """A law of the plants; parameters that are 0 where nobody changed them stay so."""
+    own: tuple[Parameter, ...] = LUGRE if name in BRISTLES else law(name)(symbol("v")).parameters
+    own = tuple(p for p in own if p.default > 0)
+    names, units = tuple(p.name for p in own), tuple(p.unit for p in own)
+    return Law(name, names, units, directional=name == "directional_lugre")
+
+
+LAWS = {name: _fitted(name) for name in NAMES}
+
+
+def claimed(name: str, what: str, values: Mapping[str, float], speed: float = 1e-6) -> float:
+    """What a law promises of itself, by a field of its `Claims`; 0 where it promises nothing.
+
+    Parameters
+    ----------
+    name, what : str
+    values : mapping of str to float
+        Those parameters that are fitted; the others have their defaults.
+    speed : float
+        [m/s]
+    """
+    promise = getattr(claims(name), what)
+    if promise is None:
+        return 0.0
+    known = {p.name: p.default for p in law(name)(symbol("v")).parameters} | {"v": speed}
+    return float(sp.sympify(promise).subs({symbol(n): v for n, v in (known | {**values}).items()}))
 
 
 def values_of(law: Law, coordinates: Vector) -> Vector:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .fit_result import Fit
-from .fitted_law import OFFSET, values_of
+from .fitted_law import BRISTLES, OFFSET, values_of
 from .intervals import NARROW
 from .layout import StackedRecords
 from .likelihood import Problem
@@ -139,7 +139,7 @@ def which_would_do(fit: Fit, parameter: str, resolution: float) -> str:
 def _plausible(fit: Fit) -> Vector:
     """The fit, with critical damping where sigma1 is not known: trials are judged at this point."""
     coordinates = fit.coordinates.copy()
-    for j, name in enumerate(fit.names):
+    for j, name in enumerate(fit.names if fit.law.name in BRISTLES else ()):
         if name.startswith("sigma1") and not fit.intervals[name].identified:
             sigma0 = fit.values[name.replace("sigma1", "sigma0")]
             sigma2 = fit.values[name.replace("sigma1", "sigma2")]
@@ -229,7 +229,7 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
             f"break-away is not seen {way}: the largest force stays below it, or no peak of "
             "static friction is told from sliding"
         )
-    if name == "sigma1":
+    if name == "sigma1" and fit.law.name in BRISTLES:
         sigma0 = values[parameter.replace("sigma1", "sigma0")]
         std = float(course.delay_std.min())
         lead = values[parameter] / sigma0
@@ -246,12 +246,12 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
             f"velocities {way} up to {float(np.quantile(speed, 0.99)):.2g} m/s do not tell the "
             "viscous slope from the rest"
         )
-    if name[:-1] in ("k", "alpha"):
+    if fit.law.name == "maxwell_slip" and name[:-1] in ("k", "alpha"):
         return (
             f"element {name[-1]} holds too little for the load cell, or yields where its "
             "neighbours may yield as well; the loading curve is known as a whole, not by elements"
         )
-    if name == "C":
+    if fit.law.name == "maxwell_slip" and name == "C":
         lag = values[parameter.replace("C", "Fs")] / values[parameter]
         return (
             f"slipping elements follow the curve within {1e3 * lag:.2g} ms: fast changes of "
@@ -266,6 +266,8 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
             "alpha": "the way from presliding to sliding",
         }[name]
         return f"too few samples {way} show {seen} for the noise of {fit.noise:.2g} N"
+    if fit.law.name != "bliman_sorine":
+        return f"too little of the motion {way} shows it for the noise of {fit.noise:.2g} N"
     return (
         "f1, f2 and eta grow together with hardly a change of the friction (eta near one); only "
         "the difference f1 - f2 and eps_f are seen well"

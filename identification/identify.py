@@ -20,6 +20,7 @@ from .friction_estimation import estimate_friction
 from .identifiability import ways, which_would_do, why_not
 from .identification import MISFIT, SIDES, Identification
 from .intervals import Interval, averaged
+from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .stribeck_fit import stribeck_points
 from .thesis_estimates import TOGETHER, thesis_estimates
@@ -210,6 +211,11 @@ def _remarks(
         notes.append(
             f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
             "where the block may stick, say nothing but how much force it stood"
+        )
+    if law not in KINDS:
+        notes.append(
+            f"{law} has no fast form in c/laws.c: its equations are solved from sample to sample, "
+            "which takes longer"
         )
     if law in ("modified_lugre", "directional_lugre"):
         notes.append("Kv is held at 1e8 s/m: no record here resolves |v| of 1e-8 m/s")

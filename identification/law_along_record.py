@@ -1,6 +1,7 @@
 """The friction laws along a given motion, compiled: what the estimators fit, see ``c/laws.c``.
 
-The equations come from ``plant``, see `laws_in_c`; a test compares each law with a stiff solver.
+The equations come from ``plant``, see `laws_in_c`; a test compares each law with a stiff solver. A
+law that has no exact step there has its equations solved, see `law_equations`.
 """
 
 from __future__ import annotations
@@ -15,29 +16,34 @@ import numpy as np
 import numpy.typing as npt
 
 from ..solver.core import SUFFIX, at
+from .fitted_law import BRISTLES
+from .law_equations import equations_of
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 Bounds = npt.NDArray[np.int64]
 
+ANY = 5
 KINDS = {
-    "lugre": 0,
-    "modified_lugre": 0,
-    "directional_lugre": 0,
+    **dict.fromkeys(BRISTLES, 0),
     "dahl": 1,
     "bliman_sorine": 2,
     "maxwell_slip": 3,
     "classical": 4,
 }
+"""Laws with an exact step of their own in ``c/laws.c``; of all others the equations are solved."""
+SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; no record here says anything of it
 
 
 class _Law(ct.Structure):
+    kept: tuple[Vector, Vector]
     _fields_ = (
         ("kind", ct.c_int32),
         ("count", ct.c_int32),
         ("forwards", ct.c_void_p),
         ("backwards", ct.c_void_p),
         ("sharpness", ct.c_double),
+        ("equations", ct.c_void_p),
     )
 
 
@@ -47,25 +53,32 @@ class LawValues:
 
     Attributes
     ----------
-    kind : int
-        One of `KINDS`.
+    name : str
     forwards, backwards : ndarray
         The law's parameters, in the order of the estimator's ``LAWS``, by direction of motion.
         LuGre's sigma0 goes with the side to which the bristles are bent; with two parameters more,
         its curve has one more bend at low speed.
     sharpness : float
-        Kv of the modified law [s/m]; 0 for abs(v) itself.
+        Kv of the modified law [s/m]; 0 for abs(v) itself, as the original has it.
     """
 
-    kind: int
+    name: str
     forwards: Vector
     backwards: Vector
-    sharpness: float
+    sharpness: float = SHARPNESS
 
     def told(self) -> _Law:
         """As compiled code takes it; `self` has to outlive it."""
-        forwards, backwards = at(self.forwards), at(self.backwards)
-        return _Law(self.kind, len(self.forwards), forwards, backwards, self.sharpness)
+        kind = KINDS.get(self.name, ANY)
+        forwards, backwards, equations = self.forwards, self.backwards, None
+        if kind == ANY:
+            equations = equations_of(self.name)
+            forwards, backwards = (equations.completed(q) for q in (forwards, backwards))
+        sharpness = 0.0 if self.name == "lugre" else self.sharpness
+        law = _Law(kind, len(forwards), at(forwards), at(backwards), sharpness)
+        law.equations = equations and equations.address
+        law.kept = forwards, backwards
+        return law
 
 
 @cache

@@ -6,13 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .fitted_law import Law, values_of
-from .law_along_record import KINDS, LawValues, friction_along, score
+from .law_along_record import LawValues, friction_along, score
 from .layout import AROUND, StackedRecords, break_aways
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; no record here says anything of it
 # Share of the largest force: what changes by more in a sampling interval hardly counts, since the
 # motion within it is not known, and wrong in the same way in all records.
 _SUDDEN = 0.05
@@ -29,7 +28,7 @@ class Problem:
         self.size = self.of_law + law.offset
         # Stribeck's curve falls: coordinates of Fc and Fs, which is never less
         self.peaked: list[tuple[int, int]] = []
-        if "Fs" in law.parameters:
+        if {"Fc", "Fs"} <= set(law.parameters):
             fc, fs = (law.parameters.index(n) for n in ("Fc", "Fs"))
             firsts = range(0, self.of_law, len(law.parameters))
             self.peaked = [(first + fc, first + fs) for first in firsts]
@@ -71,8 +70,7 @@ class Problem:
         half = len(self.law.parameters)
         forwards, backwards = values[:half], values[self.of_law - half : self.of_law]
         constant = float(values[-1]) if self.law.offset else 0.0
-        sharpness = 0.0 if self.law.name == "lugre" else SHARPNESS
-        law = LawValues(KINDS[self.law.name], forwards, backwards, sharpness)
+        law = LawValues(self.law.name, forwards, backwards)
         friction = friction_along(law, x, v, course.step, course.starts, shifts, vibration)
         friction += constant
         if self.law.name == "classical":

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..records.force_record import Record
 from .bliman_sorine_map import NoSolution, map_points, read_points
 from .dahl_fit import fit_dahl
-from .fitted_law import LAWS
+from .fitted_law import BRISTLES, LAWS
 from .friction_estimation import FrictionEstimate
 from .intervals import Interval, averaged, spread
 from .lugre_dynamics import assumed_damping, held_stiffness, secant_bias
@@ -38,7 +38,7 @@ def thesis_estimates(
     if law == "bliman_sorine":
         return _thesis_bliman_sorine(records, estimates)
     found = _thesis_lugre(records, estimates, points)
-    if law in ("classical", "maxwell_slip"):  # of these laws the thesis has the static curve only
+    if law not in BRISTLES:  # of the others the thesis has the static curve only
         return {"stribeck_eq_1_8": found["stribeck_eq_1_8"]}
     return found
 

@@ -9,13 +9,12 @@ import numpy as np
 
 from ..plant.maxwell_slip import ELEMENTS
 from .fit_result import Fit, draw_coordinates, without_direction
-from .fitted_law import OFFSET, Law
+from .fitted_law import BRISTLES, OFFSET, Law, claimed
 from .intervals import CONFIDENCE
 from .law_along_record import with_backlash
 from .layout import StackedRecords
 from .optimizer import UNDER
 
-_SLIDING = ("lugre", "modified_lugre", "directional_lugre", "maxwell_slip", "classical")
 _RIGID_YIELDING = 2e-5  # way on which a law without a stiffness is taken to break away [m]
 _BROKEN_AWAY = 5.0  # ways of Fs/sigma0 until a block slides
 _SLID = 50.0  # and that it must have slid in all, past them
@@ -44,7 +43,10 @@ def presliding_way(law: Law, values: Mapping[str, float], end: str = "") -> floa
         return (own["f1"] - own["f2"]) * own["eps_f"] / (own["f1"] / own["eta"] - own["f2"])
     if law.name == "maxwell_slip":
         return own["Fs"] / sum(own[f"k{i}"] for i in range(1, ELEMENTS + 1))
-    return own["Fs"] / own["sigma0"]
+    if law.name in BRISTLES:
+        return own["Fs"] / own["sigma0"]
+    stiffness = claimed(law.name, "stiffness", own)
+    return abs(claimed(law.name, "steady_state", own) / stiffness) if stiffness else _RIGID_YIELDING
 
 
 def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
@@ -57,12 +59,10 @@ def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     name = without_direction(parameter)
     end = parameter[len(name) :]
     static = "Fc" if fit.law.name == "dahl" else "Fs"
-    peaked = name not in ("Fs", "Vs") or (
-        fit.values["Fs" + end] >= (1 + UNDER) * fit.values["Fc" + end]
-    )
-    if not peaked:
+    falls = name in ("Fs", "Vs") and {"Fc", "Fs"} <= set(fit.law.parameters)
+    if falls and fit.values["Fs" + end] < (1 + UNDER) * fit.values["Fc" + end]:
         return True
-    if name not in {"dahl": fit.law.parameters, "bliman_sorine": ()}.get(fit.law.name, ("Fs",)):
+    if name not in (fit.law.parameters if fit.law.name == "dahl" else ("Fs",)):
         return False
     friction = (fit.predicted - course.inertial)[fit.spoken] - fit.values.get(OFFSET, 0.0)
     pull = {"_pos": friction, "_neg": -friction}.get(end, np.abs(friction))
@@ -82,7 +82,7 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     sliding = curve.copy()
     if fit.law.name == "maxwell_slip":  # shares of what is held when all elements slip
         sliding += ["C", "Fs", *(f"alpha{i}" for i in range(1, ELEMENTS + 1))]
-    if name == OFFSET or fit.law.name not in _SLIDING or (name not in sliding and not rigid):
+    if name == OFFSET or "Vs" not in fit.law.parameters or (name not in sliding and not rigid):
         return False
     end = parameter[len(name) :]
     yielding = presliding_way(fit.law, fit.values, end)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.interface import START, TOLERANCE
 from ..fmus.units import base_exponents
+from ..plant import DEFAULT_LAW, plant_of
 from ..solver.files import write_atomically
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ FORMAT = "ballscrew-parameters 1"
 FILE_NAME = "parameters.toml"
 BALL_SCREW, DRIVE, FMU = "ball_screw", "drive", "fmu"
 KINDS = (BALL_SCREW, DRIVE, FMU)
-DEFAULT_LAW = "modified_lugre"
 COMMANDS = ("voltage", "current", "force")
 
 
@@ -139,8 +139,7 @@ class ParameterFile:
                 f"{self.path}: kind is {self.kind!r}, which is no plant of the catalogue; say "
                 "which plant the values are for, by --plant"
             )
-        law = self.law or DEFAULT_LAW
-        return "plant" if law == DEFAULT_LAW else f"plant_{law}"
+        return plant_of(self.law or DEFAULT_LAW)
 
     def plant_values(
         self, known: Known, others: Collection[str] = ()

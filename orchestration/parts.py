@@ -13,9 +13,9 @@ from ..fmus.catalogue import fmu_kernel, has_equations, name_of
 from ..fmus.interface import START
 from ..fmus.reading import unpack
 from ..instruments import bare
-from ..plant import LAWS, PLANTS
+from ..plant import DEFAULT_LAW, LAWS, PLANTS
 from ..solver.kernel import Kernel, ParameterInfo
-from .parameter_file import BALL_SCREW, DEFAULT_LAW, FMU, ParameterFile, used
+from .parameter_file import BALL_SCREW, FMU, ParameterFile, used
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """The friction laws, and the plants that are exported by name.
 
-Adding a law is a file and a line in `LAWS`; making it a plant of its own, a function in `axis` and
-a line in `PLANTS`.
+Adding a law is a file and a line in `LAWS`: the plant with it, the rig and the estimator follow.
 """
 
 LAWS = {
@@ -14,13 +13,17 @@ LAWS = {
     "maxwell_slip": "ballscrew.plant.maxwell_slip:maxwell_slip",
 }
 
+DEFAULT_LAW = "modified_lugre"
+"""The law of the nominal plant."""
+
+
+def plant_of(law: str) -> str:
+    """Name of the plant with a law: ``plant`` with the nominal one, else ``plant_<law>``."""
+    return "plant" if law == DEFAULT_LAW else f"plant_{law}"
+
+
 PLANTS = {
     "plant": "ballscrew.plant.axis:axis",
-    "plant_classical": "ballscrew.plant.axis:classical_axis",
-    "plant_lugre": "ballscrew.plant.axis:lugre_axis",
-    "plant_directional_lugre": "ballscrew.plant.axis:directional_lugre_axis",
-    "plant_dahl": "ballscrew.plant.axis:dahl_axis",
-    "plant_bliman_sorine": "ballscrew.plant.axis:bliman_sorine_axis",
-    "plant_maxwell_slip": "ballscrew.plant.axis:maxwell_slip_axis",
+    **{plant_of(law): f"ballscrew.plant.axis:plant_{law}" for law in LAWS if law != DEFAULT_LAW},
     "plant_loaded": "ballscrew.plant.axis:loaded_axis",
 }

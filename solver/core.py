@@ -434,17 +434,17 @@ class Instance:
 
     def __init__(self, system: System, given: _Instance, info: Any) -> None:
         self._system, self._given, self._info = system, given, info
-        self._at = ct.addressof(given)
+        self.address = ct.addressof(given)
         self._step, self._output = system._core.core_step, system._core.core_output
 
     def advance(self, t0: float, t1: float, rtol: float, max_steps: int) -> int:
         """As `System.advance`; `NOT_FINITE` where it ends with a state that is no number."""
-        status = int(self._step(self._at, t0, t1, rtol, max_steps))
+        status = int(self._step(self.address, t0, t1, rtol, max_steps))
         while status == NO_ROOM:
             self._system.make_room()
-            status = int(self._step(self._at, float(self._info[REACHED]), t1, rtol, max_steps))
+            status = int(self._step(self.address, float(self._info[REACHED]), t1, rtol, max_steps))
         return status
 
     def out(self, t: float) -> None:
         """Write the outputs."""
-        self._output(self._at, t)
+        self._output(self.address, t)

@@ -3,19 +3,33 @@
  * them.
  *
  * Between two samples the velocity is taken as constant, and g(v) as moving evenly; then every law
- * here has an exact step, which is stable however stiff the law is. Every parameter comes twice, for
- * motion forwards and backwards. */
+ * named here has an exact step, which is stable however stiff the law is. Of all others the core
+ * solves the equations. Every parameter comes twice, for motion forwards and backwards. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
 
 #include "laws_from_plant.h"
 
-#define STATES (2 * ELEMENTS) /* of any law */
+#define STATES 32             /* of any law, at most */
 #define GAP_PARTS 8           /* steps between two samples */
 #define SPRING_STEP 0.15      /* over the spring's own time */
+#define SLOW 1e-6             /* velocity where no law asks how fast [m/s] */
+#define MOST_STEPS 10000
 
-enum { LUGRE, DAHL, BLIMAN_SORINE, MAXWELL_SLIP, CLASSICAL };
+enum { LUGRE, DAHL, BLIMAN_SORINE, MAXWELL_SLIP, CLASSICAL, ANY };
+
+/* The equations of a law without an exact step here, see law_equations.py: the core's functions, and
+ * what they read and write. Of v there are two, the second for the way back of a motion to and fro. */
+typedef struct {
+    int (*step)(const void *instance, double t0, double t1, double tolerance, int most);
+    void (*output)(const void *instance, double t);
+    const void *instance;
+    double *x, *v, *p, *next_step;
+    const double *start, *friction;
+    int64_t states;
+    double tolerance;
+} Equations;
 
 /* A law with its parameters by direction. LuGre's sigma0 goes with the side to which the bristles are
  * bent. */
@@ -24,6 +38,7 @@ typedef struct {
     int32_t count; /* of parameters */
     const double *forwards, *backwards;
     double sharpness; /* Kv of the modified law [s/m]; 0 for abs(v) itself */
+    const Equations *equations; /* of ANY law */
 } Law;
 
 static const double *towards_side(const Law *law, double side)
@@ -44,7 +59,8 @@ static inline double curve(const Law *law, const double *q, double v)
 {
     switch (law->kind) {
     case DAHL:
-    case BLIMAN_SORINE: return 0.0; /* they have none */
+    case BLIMAN_SORINE:
+    case ANY: return 0.0; /* they have none, or ask for none */
     case MAXWELL_SLIP: return maxwell_slip_curve(q, v);
     case CLASSICAL: return classical_curve(q, v);
     default: return bent(law, q, v);
@@ -61,6 +77,37 @@ static inline Pace pace_of(const Law *law, double v)
     return (Pace){v, curve(law, towards_side(law, v), v)};
 }
 
+/* A state without force. */
+static void begin(const Law *law, double *state)
+{
+    memset(state, 0, STATES * sizeof *state);
+    if (law->kind == ANY)
+        memcpy(state, law->equations->start, (size_t)law->equations->states * sizeof *state);
+}
+
+static void put_before_core(const Law *law, const double *state, const double *q, double v,
+                            double back)
+{
+    const Equations *const e = law->equations;
+    memcpy(e->x, state, (size_t)e->states * sizeof *state);
+    memcpy(e->p, q, (size_t)law->count * sizeof *q);
+    e->v[0] = v;
+    e->v[1] = back;
+}
+
+/* What the core makes of a state in a time h, half of it at each velocity; NAN where it fails. */
+static void follow(const Law *law, double *state, const double *q, double v, double back, double h)
+{
+    const Equations *const e = law->equations;
+    if (e->states == 0 || isnan(state[0]) || h == 0.0)
+        return;
+    put_before_core(law, state, q, v, back);
+    *e->next_step = h;
+    if (e->step(e->instance, 0.0, h, e->tolerance, MOST_STEPS))
+        e->x[0] = NAN;
+    memcpy(state, e->x, (size_t)e->states * sizeof *state);
+}
+
 /* Friction at a sample [N]. */
 static double friction_at(const Law *law, const double *state, Pace pace)
 {
@@ -71,16 +118,21 @@ static double friction_at(const Law *law, const double *state, Pace pace)
     case BLIMAN_SORINE: return bliman_sorine_friction(state);
     case MAXWELL_SLIP: return maxwell_slip_friction(state, q, v);
     case CLASSICAL: return classical_friction(q, sign_of(v), v, pace.curve);
+    case ANY:
+        put_before_core(law, state, q, v, v);
+        law->equations->output(law->equations->instance, 0.0);
+        return *law->equations->friction;
     default: break;
     }
     const double s = law->sharpness > 0.0 ? lugre_sign(v, law->sharpness) : sign_of(v);
     return lugre_friction(state, q, towards_side(law, state[0]), s, v, pace.curve);
 }
 
-/* What going `way` to and fro [m] leaves of the deflection. */
-static void wear(const Law *law, double *state, double way, double v)
+/* What going to and fro at a mean speed leaves of the deflection after h [s]. */
+static void wear(const Law *law, double *state, double speed, double h, double v)
 {
     const double *const q = towards_side(law, v);
+    const double way = speed * h;
     switch (law->kind) {
     case DAHL: state[0] *= exp(-dahl_decay(q) * way); return;
     case BLIMAN_SORINE:
@@ -93,6 +145,10 @@ static void wear(const Law *law, double *state, double way, double v)
                             maxwell_slip_rest(q, i, maxwell_slip_curve_at_rest(q)));
         return;
     case CLASSICAL: return;
+    case ANY:
+        if (speed != 0.0)
+            follow(law, state, q, speed, -speed, h);
+        return;
     default:
         state[0] *= exp(-lugre_run(towards_side(law, state[0]), lugre_curve_at_rest(q), way));
     }
@@ -217,6 +273,10 @@ static void move(const Law *law, double *state, double d, double h, Pace before,
     case BLIMAN_SORINE: move_bliman_sorine(towards_side(law, d), state, d); return;
     case MAXWELL_SLIP: move_elements(law, state, &m); return;
     case CLASSICAL: return;
+    case ANY:
+        h = h == HUGE_VAL ? fabs(d) / SLOW : h;
+        follow(law, state, towards_side(law, d), d / h, d / h, h);
+        return;
     default: move_bristles(law, state, &m);
     }
 }
@@ -228,7 +288,7 @@ API void friction_along(const Law *law, const double *x, const double *v, const 
     double state[STATES];
     for (int64_t r = 0; r < records; r++) {
         const double h = step[r];
-        memset(state, 0, sizeof state);
+        begin(law, state);
         /* slow, as far as the law is concerned: no sample saw it */
         const Pace still = {0.0, 0.0};
         move(law, state, shifts[r], HUGE_VAL, still, still);
@@ -238,7 +298,7 @@ API void friction_along(const Law *law, const double *x, const double *v, const 
             if (k + 1 == starts[r + 1])
                 break;
             const Pace next = pace_of(law, v[k + 1]);
-            wear(law, state, vibration[r] * h, v[k]);
+            wear(law, state, vibration[r], h, v[k]);
             move(law, state, x[k + 1] - x[k], h, now, next);
             now = next;
         }
@@ -267,7 +327,8 @@ static double pace_at(const Between *b, double s) { return b->v + s * b->change;
 API void mean_friction_along(const Law *law, const double *x, const double *v, int64_t n,
                              double step, int parts, double *friction)
 {
-    double state[STATES] = {0.0}, place = x[0];
+    double state[STATES], place = x[0];
+    begin(law, state);
     Pace pace = pace_of(law, v[0]);
     const double h = step / parts;
     for (int64_t k = 0; k < n - 1; k++) {
@@ -290,7 +351,8 @@ API void mean_friction_along(const Law *law, const double *x, const double *v, i
 API void force_behind_spring(const Law *law, const double *x, const double *v, int64_t n,
                              double step, double stiffness, double mass, double *force)
 {
-    double state[STATES] = {0.0}, block = x[0];
+    double state[STATES], block = x[0];
+    begin(law, state);
     Pace speed = pace_of(law, v[0]);
     const double damping = 0.2 * sqrt(stiffness * mass), rate = sqrt(stiffness / mass);
     const int parts = (int)fmax(4.0, ceil(step * rate / SPRING_STEP));
@@ -320,7 +382,8 @@ API void force_behind_spring(const Law *law, const double *x, const double *v, i
 API void force_behind_gap(const Law *law, const double *x, const double *v, int64_t n, double step,
                           double gap, double mass, double *force)
 {
-    double state[STATES] = {0.0}, block = x[0], side = 0.0;
+    double state[STATES], block = x[0], side = 0.0;
+    begin(law, state);
     Pace speed = pace_of(law, 0.0);
     const double h = step / GAP_PARTS;
     for (int64_t k = 0; k < n - 1; k++) {

@@ -19,7 +19,7 @@ from synthetic.rigs import PRESCRIBED, identify_random_rig
 
 from ballscrew.identification.fit import fit_along
 from ballscrew.identification.fitted_law import LAWS, coordinates_of
-from ballscrew.identification.law_along_record import KINDS, LawValues, friction_along, score
+from ballscrew.identification.law_along_record import LawValues, friction_along, score
 from ballscrew.identification.layout import lay_out
 from ballscrew.identification.likelihood import Problem
 from ballscrew.identification.optimizer import Climb
@@ -102,7 +102,7 @@ def along(name, x, v, h):
         np.array([truth.get(f"{n}_{side}", truth.get(n, 0.0)) for n in names])
         for side in ("pos", "neg")
     )
-    law = LawValues(KINDS[name], one, other, 0.0 if name == "lugre" else 1e8)
+    law = LawValues(name, one, other)
     return friction_along(law, x, v, np.array([h]), np.array([0, len(x)]), np.zeros(1), np.zeros(1))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from synthetic.records import record_of, sine_velocity
 
-from ballscrew.identify_command import NAMES, add_parser
+from ballscrew.identify_command import add_parser
 from ballscrew.options import BadRequest
 from ballscrew.orchestration.parameter_reading import read_parameters
 
@@ -171,9 +171,3 @@ def test_a_record_of_the_velocity_gives_the_parameters_and_says_so(data, tmp_pat
     told = json.loads((tmp_path / "out" / "identified.json").read_text())["parameters"]
     assert told["Fc"]["low"] <= DAHL["Fc"] <= told["Fc"]["high"]
     assert "x is the integral of v" in capsys.readouterr().err
-
-
-def test_the_command_knows_all_laws_that_can_be_identified():
-    from ballscrew.identification.fitted_law import LAWS
-
-    assert tuple(LAWS) == NAMES
