@@ -42,7 +42,7 @@ _PUBLIC = {
     ),
     "connect": "ballscrew.solver.connect",
     "interconnect": "ballscrew.solver.interconnect",
-    "Coupling": "ballscrew.orchestration.coupling",
+    "Coupling": "ballscrew.orchestration.couplings",
     "Reference": "ballscrew.orchestration.reference_signal",
 }
 __all__ = sorted(_PUBLIC)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import sympy as sp
 
-    from .orchestration.coupling import Coupling
+    from .orchestration.couplings import Coupling
     from .orchestration.parameter_file import ParameterFile
     from .orchestration.reference_signal import Reference
     from .orchestration.workers import Processes
@@ -262,7 +262,7 @@ def run(  # noqa: PLR0913
     """
     from .loop_options import read_coupling
     from .orchestration.closed_loop import Study, run_study
-    from .orchestration.coupling import Coupling
+    from .orchestration.couplings import Coupling
     from .results.run_result import RunResult
 
     if coupling is not None and not isinstance(coupling, Coupling):

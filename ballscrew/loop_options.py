@@ -20,18 +20,18 @@ from .options import (
     read_number,
     read_step,
 )
+from .orchestration.couplings import Coupling
 from .params_option import add_params, params_values, read_params
 from .plant import PLANTS
 from .sides import check_labels, labels_of, mappings, meant, sided
 
 if TYPE_CHECKING:
     from .orchestration.closed_loop import Study
-    from .orchestration.coupling import Coupling
     from .orchestration.reference_signal import Reference
     from .orchestration.system import SystemStudy
 
 
-COUPLINGS = ("jacobi", "gauss-seidel", "interface-jacobian", "monolithic")
+COUPLINGS = tuple(coupling.value for coupling in Coupling)
 SECOND_NAMES = {"tangent": "interface-jacobian"}
 
 
@@ -180,8 +180,6 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
 
 def read_coupling(option: str, name: str) -> Coupling:
     """The coupling of this name, or of its second name."""
-    from .orchestration.coupling import Coupling
-
     name = SECOND_NAMES.get(name, name)
     if name not in COUPLINGS:
         raise BadRequest(f"{option} is {name!r}, expected one of {', '.join(COUPLINGS)}")

@@ -21,7 +21,8 @@ from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.export import export
 from ballscrew.orchestration.clock import Clock
 from ballscrew.orchestration.compiled import PAIR
-from ballscrew.orchestration.coupling import Coupling, Loop
+from ballscrew.orchestration.coupling import Loop
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.group import initialize
 from ballscrew.orchestration.isolated import open_fmu
 from ballscrew.orchestration.loop_run import RecordedLoop, RunLog

@@ -15,7 +15,7 @@ from ..fmus.reading import Description, unpack
 from ..fmus.set_point import SET_POINT
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
 from .closed_loop_result import ClosedLoopResult
-from .coupling import Coupling
+from .couplings import Coupling
 from .fmu_instance import FmuInstance
 from .isolated import TIME_LIMIT, IsolatedInstance, open_fmu
 from .loop_run import CouplingError, LoopRun

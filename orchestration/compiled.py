@@ -16,12 +16,13 @@ from .structs import VECTOR, Struct
 
 Vector = npt.NDArray[np.float64]
 
-JACOBI, GAUSS_SEIDEL, INTERFACE_JACOBIAN = range(3)
 DIRECT, STEPPED, SAMPLED = range(3)
 USES = 3  # what states are saved for
 RAMP_SHARE = 2 / 3  # of a defect, that a ramp makes up for
 RUNAWAY = 1e4  # times an output's nominal value, beyond which a loop diverges
 GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED = range(6)
+
+OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
 
 CONTROLLER = np.dtype(
     [
@@ -54,7 +55,9 @@ LOOP = np.dtype(
         ("unsolved", np.int64),  # communication points at which an algebraic loop had no solution
         ("signals", VECTOR),  # which outputs the controller measures
         ("controller", CONTROLLER),
-        ("coupling", np.int64),
+        ("delayed", np.int64),
+        ("tangent", np.int64),
+        ("own", np.intp),  # address of an `OWN_STEP`; 0 if there is none
         ("corrected", np.int64),
         ("averaged", np.int64),
         # what goes from step to step: outputs, last commands, and the law at the end of the last

@@ -18,6 +18,8 @@ far the plant's outputs move under the correction is the residual's effect.
 
 from __future__ import annotations
 
+import ctypes
+import importlib
 from dataclasses import dataclass
 from enum import Enum
 
@@ -26,6 +28,7 @@ import numpy.typing as npt
 
 from . import compiled
 from .compiled import ask
+from .couplings import Coupling
 from .fmi_calls import Bound, failure_of, raising
 from .fmu_instance import Instance
 from .structs import Struct, struct
@@ -33,13 +36,6 @@ from .wiring import Wiring
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-
-
-class Coupling(Enum):
-    JACOBI = "jacobi"
-    GAUSS_SEIDEL = "gauss-seidel"
-    INTERFACE_JACOBIAN = "interface-jacobian"
-    MONOLITHIC = "monolithic"
 
 
 class Answer(Enum):
@@ -55,11 +51,6 @@ _ANSWERS = {
     Answer.STEPPED: compiled.STEPPED,
     Answer.SAMPLED: compiled.SAMPLED,
 }
-_COUPLINGS = {
-    Coupling.JACOBI: compiled.JACOBI,
-    Coupling.GAUSS_SEIDEL: compiled.GAUSS_SEIDEL,
-    Coupling.INTERFACE_JACOBIAN: compiled.INTERFACE_JACOBIAN,
-}
 
 
 @dataclass(frozen=True)
@@ -69,6 +60,34 @@ class Law:
     command: Vector
     gain: Matrix
     rate: Vector
+
+
+def law_of(numbers: Vector, m: int, n: int) -> Law:
+    """The parts of a law that compiled code has in one array, (m (2 + n),); nothing is copied."""
+    return Law(numbers[:m], numbers[m : m * (1 + n)].reshape(m, n), numbers[m * (1 + n) :])
+
+
+class OwnStep:
+    """What a coupling makes of the law that the plant applies, as compiled code calls it."""
+
+    def __init__(self, place: str, law: Law) -> None:
+        self.address = 0
+        self.error: BaseException | None = None
+        if not place:
+            return
+        module, _, function = place.partition(":")
+        change = getattr(importlib.import_module(module), function)
+
+        def call(h: float) -> int:
+            try:
+                change(law, h)
+            except BaseException as error:  # an interruption too: raised where we are back
+                self.error = error
+                return 0
+            return 1
+
+        self._called = compiled.OWN_STEP(call)
+        self.address = ctypes.cast(self._called, ctypes.c_void_p).value or 0
 
 
 class ControllerSide:
@@ -156,8 +175,7 @@ class ControllerSide:
         law = self._empty_law()
         with raising(self.bound):
             ask("law_at", self._side, t, h, signals, reference, probe, law)
-        m, n = self.m, self.n
-        return Law(law[:m], law[m : m * (1 + n)].reshape(m, n), law[m * (1 + n) :])
+        return law_of(law, self.m, self.n)
 
     def advance(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Move the controller from t to t + h with these signals held."""
@@ -227,7 +245,8 @@ class Loop:
             commands=np.array([plant.nominal(theirs) for _, theirs in wiring.commands]),
             ring=np.zeros(m * (m + 2)),
             signals=np.array(at, dtype=np.int64),
-            coupling=_COUPLINGS[coupling],
+            delayed=coupling.late,
+            tangent=coupling.law,
             corrected=corrected,
             averaged=averaged,
             outputs=self.outputs,
@@ -238,8 +257,11 @@ class Loop:
             **{name: np.zeros(m) for name in ("kept_late", "residual", "command", "first")}
         )
         self._whole.set(**{name: np.zeros(n) for name in ("start", "end", "mean")})
-        laws = ("following", "kept_following", "law", "applied", "stepped")
+        laws = ("following", "kept_following", "law", "stepped")
         self._whole.set(**{name: np.zeros(m * (2 + n)) for name in laws})
+        applied = np.zeros(m * (2 + n))
+        self._own = OwnStep(coupling.own, law_of(applied, m, n))
+        self._whole.set(applied=applied, own=self._own.address)
         rooms = ("kept_outputs", "effect", "reached")
         self._whole.set(**{name: np.zeros(len(outputs)) for name in rooms})
         self._whole.set(goal=np.zeros(len(reference)))
@@ -266,4 +288,4 @@ class Loop:
 
     def failure(self) -> BaseException | None:
         """What went wrong in the last call that failed."""
-        return failure_of(self._bound, self._side.bound)
+        return self._own.error or failure_of(self._bound, self._side.bound)

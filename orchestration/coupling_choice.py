@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .coupling import Answer, Coupling, Loop, Vector
+from .coupling import Answer, Loop, Vector
+from .couplings import Coupling
 from .fmu_instance import Instance
 from .loop_run import CouplingError
 from .verdict import ACCURACY, scales
@@ -23,10 +24,11 @@ def choose_coupling(
     """
     if wanted is Coupling.MONOLITHIC:
         raise CouplingError("the monolithic coupling runs no FMUs; see run_monolithic")
-    if wanted is Coupling.INTERFACE_JACOBIAN and not wiring.accepts_law:
+    if wanted and wanted.law and not wiring.accepts_law:
+        name = wanted.value.replace("jacobian", "Jacobian")
         raise CouplingError(
-            f"interface-Jacobian coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., "
-            "u_rate) and there are none; use gauss-seidel"
+            f"{name} coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., u_rate) and "
+            "there are none; use gauss-seidel"
         )
     if wiring.is_empty:
         return Coupling.JACOBI, f"{plant.name} runs alone, nothing is coupled"

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .compiled import COURSE, RUNAWAY
-from .coupling import Coupling, Loop
+from .coupling import Loop
+from .couplings import Coupling
 from .fmu_instance import StepFailed
 from .memory import check_memory
 from .reference_signal import Reference

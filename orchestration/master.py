@@ -22,8 +22,9 @@ from .compiled import (
     STEP_FAILED,
     library,
 )
-from .coupling import Answer, Coupling, Loop
+from .coupling import Answer, Loop
 from .coupling_choice import choose_coupling, late_start, tangent_reason
+from .couplings import Coupling
 from .fmu_instance import Instance
 from .group import initialize
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
@@ -103,7 +104,7 @@ def run_loop(  # noqa: PLR0913
     values = (dict(plant_values or {}), dict(controller_values or {}))
     start = reference.all_at(0.0, wiring.orders)
     chosen, reason = choose_coupling(wiring, plant, controller, coupling)
-    tangent = chosen is Coupling.INTERFACE_JACOBIAN
+    tangent = chosen.law
     corrected = _corrects(corrections, adaptive, tangent, missing)
     parts = _Parts(plant, controller, wiring, values, stop, start, chosen)
     main = parts.loop(corrected, averaged=tangent or corrected, fresh=False)
@@ -199,7 +200,7 @@ class _Parts:
         The other scheme sees a set-point that is `curved` within the steps no better; half of the
         step does, beside it.
         """
-        tangent = self.coupling is Coupling.INTERFACE_JACOBIAN
+        tangent = self.coupling.law
         if reversible:
             other = self.loop(not main.corrected, averaged=not tangent, judges=True)
             if not curved:
@@ -209,13 +210,13 @@ class _Parts:
 
     def late(self, main: RecordedLoop, blind: bool) -> Callable[[], RecordedLoop] | None:
         """A loop whose commands come at other times; None where that tells nothing."""
-        tangent = self.coupling is Coupling.INTERFACE_JACOBIAN
+        tangent = self.coupling.law
         answer = main.loop.answer
         # a sampled command comes when it comes; one within the law follows all that moves
         in_time = answer is Answer.SAMPLED or (tangent and answer is Answer.DIRECT)
         if in_time or not blind:
             return None
-        if self.coupling is Coupling.JACOBI:
+        if self.coupling.late:
             other = Coupling.GAUSS_SEIDEL
             return lambda: self.loop(False, averaged=False, other=other, judges=True)
 
@@ -352,11 +353,11 @@ class _Ended:
         if not self.reversible:
             contraction, others = _grid_contraction(outputs, *others), others[:1]
         smaller = "use a smaller --step"
-        if coupling is not Coupling.INTERFACE_JACOBIAN:
+        if not coupling.law:
             smaller += ", or --coupling interface-jacobian where both sides support it"
         smaller += f"; this run had steps of {self.clock.used[1]:g} s"
         loop = self.main.loop
-        if coupling is Coupling.JACOBI:
+        if coupling.late:
             smaller = late_start(loop, np.concatenate(self.course.commands), ours) or smaller
         return verdict_of(
             names,

@@ -29,7 +29,7 @@ from .closed_loop import (
     own_step,
 )
 from .closed_loop_result import ClosedLoopResult
-from .coupling import Coupling
+from .couplings import Coupling
 from .fmu_instance import Instance
 from .group import Feed, Group
 from .isolated import TIME_LIMIT, open_fmu

@@ -13,7 +13,7 @@ from ..fmus.set_point import DERIVATIVES
 from ..solver.kernel import CONTROLLER, PLANT, IntegrationError, Kernel, Model
 from ..solver.stored import stored_kernel
 from .compiled import RUNAWAY
-from .coupling import Coupling
+from .couplings import Coupling
 from .loop_run import LoopRun
 from .master import Progress, step_that_meets
 from .memory import check_memory

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop_run import LoopRun
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference

@@ -19,7 +19,7 @@ import numpy as np
 import sympy as sp
 
 from ballscrew.fmus.feedback_law import STEP_START, accept_law, report_law
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import StepFailed
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference

@@ -37,10 +37,14 @@ def temporary_files_go_with_the_run() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def fmus() -> dict[str, Path]:
-    """Paths of all exported FMUs by name."""
-    from ballscrew.fmus.catalogue import NAMES, fmu
+    """Paths of exported FMUs by name, each made when it is asked for."""
+    from ballscrew.fmus.catalogue import fmu
 
-    return {name: fmu(name) for name in NAMES}
+    class Made(dict[str, Path]):
+        def __missing__(self, name: str) -> Path:
+            return self.setdefault(name, fmu(name))
+
+    return Made()
 
 
 @pytest.fixture(scope="session")

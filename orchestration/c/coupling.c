@@ -1,6 +1,6 @@
 /* One communication step of a plant and a controller.
  *
- * What the couplings are is told in coupling.py. A *law* is one array here, in the order of the ports
+ * What the couplings are is told in couplings.py. A *law* is one array here, in the order of the ports
  * that it is read from: m commands, their derivatives by n signals each, their own rates. */
 #include "calls.h"
 
@@ -10,7 +10,6 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-enum { JACOBI, GAUSS_SEIDEL, INTERFACE_JACOBIAN };
 enum { DIRECT, STEPPED, SAMPLED };
 enum { CHECKPOINT, CORRECTION, PROBE }; /* what states are saved for */
 
@@ -45,7 +44,9 @@ typedef struct {
     int64_t unsolved; /* communication points at which an algebraic loop found no solution */
     Places signals; /* which outputs the controller measures */
     Controller controller;
-    int64_t coupling, corrected, averaged;
+    int64_t delayed, tangent;  /* whether commands come one step late; whether the law is asked for */
+    int (*own)(double h);      /* changes what the plant applies; NULL: nothing does */
+    int64_t corrected, averaged;
     /* what goes from step to step: outputs, last commands, and the law at the end of the last step,
      * which is where the next begins */
     Vector outputs, late, following;
@@ -320,7 +321,7 @@ static int settle(Loop *l, double t, double h, const double *reference, double *
     if (!changed || c->answer != DIRECT)
         return 1;
     TRY(solve_ring(l, reference, law, outputs, signals));
-    return law_at(c, t, h, signals, reference, l->coupling == INTERFACE_JACOBIAN, law);
+    return law_at(c, t, h, signals, reference, (int)l->tangent, law);
 }
 
 /* The controller's true commands at the present signals. With `last`, no step beyond t is tried: a
@@ -360,7 +361,7 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
 {
     Controller *const c = &l->controller;
     double *const law = l->law.at;
-    const int tangent = l->coupling == INTERFACE_JACOBIAN;
+    const int tangent = (int)l->tangent;
     if (l->has_following)
         copy(l->following.at, law, l->law.size);
     else
@@ -417,13 +418,13 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
         for (int64_t k = 0; k < l->goal.size; k++)
             l->goal.at[k] = c->real.at[c->n + k] ? 0.5 * (before[k] + after[k]) : after[k];
         TRY(advance(c, t, h, l->mean.at, l->goal.at));
-    } else if (l->coupling == JACOBI && !l->corrected) {
+    } else if (l->delayed && !l->corrected) {
         TRY(advance(c, t, h, l->start.at, before));
         TRY(read_commands(c, l->late.at));
     } else {
         TRY(advance(c, t, h, end, after));
     }
-    TRY(law_at(c, t + h, h, end, after, l->coupling == INTERFACE_JACOBIAN, l->following.at));
+    TRY(law_at(c, t + h, h, end, after, (int)l->tangent, l->following.at));
     TRY(settle(l, t + h, h, after, l->following.at, l->reached.at, end));
     l->has_following = 1;
     copy(l->following.at, l->command.at, c->m);
@@ -486,11 +487,13 @@ static int step(Loop *l, double t, double h, const double *before, const double 
     signals_of(l, l->outputs.at, l->start.at);
     TRY(law_of_step(l, t, h, before, after));
     copy(l->law.at, l->applied.at, l->law.size);
-    if (l->coupling == JACOBI && !l->corrected) {
+    if (l->delayed && !l->corrected) {
         if (l->controller.m > 0 && isnan(l->late.at[0])) /* a co-run begins with the command that the run begins with */
             copy(l->law.at, l->late.at, l->controller.m);
         copy(l->late.at, l->applied.at, l->controller.m);
     }
+    if (l->own)
+        TRY(l->own(h));
     if (!l->corrected) {
         TRY(move_both(l, t, h, before, after));
         find_residual(l, h, l->residual.at);

@@ -6,7 +6,7 @@ import pytest
 from cases import case, maker
 
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.reference_signal import Reference
 
 STRICT = "if(t+h>m->stop)return 3;"

@@ -12,7 +12,7 @@ from cases import ballscrew, cart_position, case, last_row, maker
 
 from ballscrew.cli import main
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.system import SystemStudy, run_system
 from ballscrew.stability.fmu_cell import run_fmu_cell

@@ -23,7 +23,7 @@ ENCODER, VELOCITY, CURRENT = map(
 )
 FAITHFUL = {"first_harmonic": 0.0, "second_harmonic": 0.0}
 SILENT = {"offset": 0.0, "gain_error": 0.0, "deviation": 0.0}
-INPUT = {"position_encoder": "x", "velocity_estimate": "x", "current_sensor": "i"}
+INPUT = {name: component(name).inputs[0].name for name in INSTRUMENTS}
 
 
 def course(kernel, signal, values=None):

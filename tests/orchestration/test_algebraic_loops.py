@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.step_choice import choose_step

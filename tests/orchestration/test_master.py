@@ -5,7 +5,7 @@ import pytest
 
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.orchestration.closed_loop import BadParameter, Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import StepFailed
 from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.reference_signal import Reference

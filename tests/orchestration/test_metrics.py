@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop_run import LoopRun
 from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.verdict import Verdict

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.reference_motions import move, read_motion
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.study.loop import StudyLoop

@@ -11,7 +11,7 @@ from pythonfmu.builder import FmuBuilder
 
 from ballscrew.cli import main
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.reference_signal import Reference

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ballscrew.orchestration import pictures
 from ballscrew.orchestration.closed_loop import Study
 from ballscrew.orchestration.closed_loop_result import ClosedLoopResult
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop_run import LoopRun
 from ballscrew.orchestration.pictures import save_comparison_picture, save_run_pictures
 from ballscrew.orchestration.thinning import rows_over_plane, rows_over_time

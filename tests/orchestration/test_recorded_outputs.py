@@ -5,7 +5,7 @@ import pytest
 from pythonfmu.builder import FmuBuilder
 
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 
 COUNTING = """
 from pythonfmu import Fmi2Causality, Fmi2Slave, Integer, Real

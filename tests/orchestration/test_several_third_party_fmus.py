@@ -12,7 +12,7 @@ from pythonfmu.builder import FmuBuilder
 from third_party_fmus import proportional
 
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.orchestration.wiring import WiringError
 

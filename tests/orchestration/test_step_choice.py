@@ -9,7 +9,7 @@ import pytest
 
 from ballscrew.cli import main
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop_run import UNBOUNDED, LoopRun
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.step_choice import choose_step

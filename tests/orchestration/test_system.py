@@ -12,7 +12,7 @@ from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.system_export import CannotConnect, export_system
 from ballscrew.fmus.system_reading import BadSystem
 from ballscrew.orchestration.closed_loop import BadParameter, Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.system import SystemStudy, run_system
 from ballscrew.orchestration.whole_loop import run_monolithic

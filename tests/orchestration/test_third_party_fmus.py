@@ -7,7 +7,7 @@ import pytest
 from pythonfmu.builder import FmuBuilder
 
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.wiring import WiringError
 
 SCRIPT = """

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from wired_loop import OUTPUTS, missing_for_ecos, run_in, wired
 
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference

@@ -19,7 +19,7 @@ from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
 from ballscrew.fmus.native.export import export_native, write_native
 from ballscrew.fmus.native.sources import catalogued_model, variational_model
 from ballscrew.instruments import INSTRUMENTS
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference

@@ -1,0 +1,42 @@
+"""The couplings of a plant and a controller; a new one is a line here, and a file of its own.
+
+Every step begins with what the controller says at the last communication point: its commands and,
+where a coupling asks for the `law`, their derivatives by the signals and their own rates. What the
+plant applies over the step is that, or what a coupling's `own` function makes of it; commands that
+are `late` arrive one step later.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Coupling(Enum):
+    """A coupling by its name.
+
+    Attributes
+    ----------
+    late : bool
+        Whether the commands arrive one step late.
+    law : bool
+        Whether the plant applies the feedback law inside its own solver.
+    own : str
+        ``module:function`` of what a step does that these do not say; empty where it does nothing
+        more. The function is given the law, see `coupling.Law`, and the step [s], and changes the
+        law's arrays to what the plant is to apply. It keeps nothing: steps are taken back.
+    """
+
+    JACOBI = "jacobi", True
+    GAUSS_SEIDEL = "gauss-seidel"
+    INTERFACE_JACOBIAN = "interface-jacobian", False, True
+    MONOLITHIC = "monolithic"
+
+    late: bool
+    law: bool
+    own: str
+
+    def __new__(cls, name: str, late: bool = False, law: bool = False, own: str = "") -> Coupling:
+        member = object.__new__(cls)
+        member._value_ = name
+        member.late, member.law, member.own = late, law, own
+        return member
