@@ -19,7 +19,7 @@ Vector = npt.NDArray[np.float64]
 DIRECT, STEPPED, SAMPLED = range(3)
 USES = 3  # what states are saved for
 RAMP_SHARE = 2 / 3  # of a defect, that a ramp makes up for
-RUNAWAY = 1e4  # times an output's nominal value, beyond which a loop diverges
+FARTHEST = 1e4  # times an output's nominal value, beyond which a loop diverges
 GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED = range(6)
 
 OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)

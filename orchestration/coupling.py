@@ -95,7 +95,7 @@ class ControllerSide:
 
     Parameters
     ----------
-    FMU instance : Participant
+    instance : Instance
         Initialized.
     wiring : Wiring
     signals, reference : ndarray
@@ -188,7 +188,7 @@ class Loop:
 
     Parameters
     ----------
-    plant, controller : Participant
+    plant, controller : Instance
         Initialized.
     coupling : Coupling
         Not monolithic.

@@ -57,7 +57,7 @@ class Bound:
 
     Parameters
     ----------
-    FMU instance : Participant
+    instance : Instance
         Initialized.
     inputs, outputs : sequence of str
         As many of the first of them as wanted are set or read in one call.
@@ -144,7 +144,7 @@ class _PythonCalls:
     ) -> None:
         self._given, self._taken = given, taken
         self.error: BaseException | None = None
-        self._participant = instance
+        self._instance = instance
         self._states: dict[int, Any] = {}
         self._count = 0
 
@@ -184,9 +184,9 @@ class _PythonCalls:
 
     def _save(self, _: Any, slot: int) -> None:
         self._count += 1
-        self._states[self._count] = self._participant.save()
+        self._states[self._count] = self._instance.save()
         ctypes.c_void_p.from_address(slot).value = self._count
 
     def _release(self, _: Any, slot: int) -> None:
         number = ctypes.c_void_p.from_address(slot).value
-        self._participant.release(self._states.pop(number or 0))
+        self._instance.release(self._states.pop(number or 0))

@@ -92,7 +92,7 @@ def initialize(
 
 
 class Group:
-    """Participants that feed each other, as one FMU instance.
+    """FMU instances that feed each other, as one FMU instance.
 
     They are stepped one after the other in the order of the signals, each with the newest values of
     those before it. Outputs are named ``member.port``.
@@ -100,7 +100,7 @@ class Group:
     Parameters
     ----------
     name : str
-    members : mapping of str to Participant
+    members : mapping of str to Instance
         Not initialized yet.
     feeds : sequence of Feed
     inputs : sequence of str

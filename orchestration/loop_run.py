@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .compiled import COURSE, RUNAWAY
+from .compiled import COURSE, FARTHEST
 from .coupling import Loop
 from .couplings import Coupling
 from .fmu_instance import StepFailed
@@ -23,7 +23,7 @@ Vector = npt.NDArray[np.float64]
 
 CHUNK = 4096  # most steps between two looks at the clock on the wall
 NEGLIGIBLE = 1e-7  # of the range: effects that add up to less are round-off
-UNKNOWN = 1e12  # as RUNAWAY, of an output whose nominal value is not known
+UNKNOWN = 1e12  # as FARTHEST, of an output whose nominal value is not known
 UNBOUNDED = StepFailed("").advice
 
 
@@ -144,7 +144,7 @@ def bounds(nominal: Vector, start: Vector) -> Vector:
     """
     size = np.maximum(np.maximum(nominal, 1.0), np.abs(np.nan_to_num(start)))
     told = nominal != 1.0
-    return np.where(told | (np.mean(told) > 0.5), RUNAWAY, UNKNOWN) * size
+    return np.where(told | (np.mean(told) > 0.5), FARTHEST, UNKNOWN) * size
 
 
 def check_room(outputs: int, commands: int, co_runs: int, steps: float) -> None:

@@ -62,7 +62,7 @@ def run_loop(  # noqa: PLR0913
 
     Parameters
     ----------
-    plant, controller : Participant
+    plant, controller : Instance
         Not initialized yet.
     reference : Reference
         For the controller's set-point, see `wire`.

@@ -1,4 +1,4 @@
-"""Run a closed loop that an .ssp describes, ours or a third-party."""
+"""Run a closed loop that an .ssp describes, ours or a third party's."""
 
 from __future__ import annotations
 

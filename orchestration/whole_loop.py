@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..fmus.set_point import DERIVATIVES
 from ..solver.kernel import CONTROLLER, PLANT, IntegrationError, Kernel, Model
 from ..solver.stored import stored_kernel
-from .compiled import RUNAWAY
+from .compiled import FARTHEST
 from .couplings import Coupling
 from .loop_run import LoopRun
 from .master import Progress, step_that_meets
@@ -244,7 +244,7 @@ def _simulate(
             if period > 0 and abs(t / period - round(t / period)) < ROUND_OFF:
                 model.sample(t)
             table[row] = list(model.outputs(t, model.x).values())
-            left = np.abs(table[row]) > RUNAWAY * nominal
+            left = np.abs(table[row]) > FARTHEST * nominal
             if not np.isfinite(table[row]).all() or left.any():
                 name = kernel.outputs[int(np.argmax(np.abs(table[row]) / nominal))].name
                 stopped = f"the loop diverges: {name} leaves every bound at t = {t:.6g} s"

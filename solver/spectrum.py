@@ -15,7 +15,7 @@ from .kernel import MAX_STEPS, Model, describe_failure
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-RUNAWAY = 1e6  # times a state's nominal value
+FARTHEST = 1e6  # times a state's nominal value
 APART = 1000.0  # ratio of rates up to which the explicit pair is tried
 ZERO = 1e-9  # share of the fastest rate below which one is none
 Watch = Callable[[float, Vector | None], bool]
@@ -74,7 +74,7 @@ def follow_tangents(
     times: npt.ArrayLike,
     count: int | None = None,
     frame: npt.ArrayLike | None = None,
-    runaway: float = RUNAWAY,
+    farthest: float = FARTHEST,
 ) -> Spectrum:
     """Follow a model from its present state, and `count` tangents with it.
 
@@ -92,8 +92,8 @@ def follow_tangents(
     frame : array_like, shape (count, n), optional
         The tangents at the start, a row each, orthonormal; the states' axes if left out.
         Finite-time exponents depend on them.
-    runaway : float
-        A state beyond this many times its nominal magnitude has diverge.
+    farthest : float
+        A state beyond this many times its nominal magnitude has diverged.
 
     Returns
     -------
@@ -115,13 +115,13 @@ def follow_tangents(
         raise ValueError(f"the frame has the shape {rows.shape}, expected {(count, n)}")
     grid = np.asarray(times, dtype=float)
     if _may_be_explicit(model, float(grid[0])):
-        smooth = _stride(model, grid, rows.copy(), runaway)
+        smooth = _stride(model, grid, rows.copy(), farthest)
         if smooth is not None:
             return smooth
     if count < n:
-        return _walk(model, grid, rows, runaway, collocating=True)
+        return _walk(model, grid, rows, farthest, collocating=True)
     start, held, info = model.x.copy(), model.u.copy(), model.info.copy()
-    run = _walk(model, grid, rows.copy(), runaway, collocating=False)
+    run = _walk(model, grid, rows.copy(), farthest, collocating=False)
     # The slow ones again, by themselves, where they are slow beside others.
     mean_step = (run.time[-1] - grid[0]) / max(1.0, model.info[core.ACCEPTED] - info[core.ACCEPTED])
     with np.errstate(invalid="ignore"):
@@ -131,7 +131,7 @@ def follow_tangents(
         return run
     end, last, notes = model.x.copy(), model.u.copy(), model.info.copy()
     model.x[:], model.u[:], model.info[:] = start, held, info
-    again = _walk(model, grid, rows[:leading], runaway, collocating=True)
+    again = _walk(model, grid, rows[:leading], farthest, collocating=True)
     model.x[:], model.u[:], model.info[:] = end, last, notes
     if again.failure:
         return run
@@ -187,20 +187,22 @@ def _may_be_explicit(model: Model, t: float) -> bool:
     return any(np.any(matrix != seen[0]) for matrix in seen)
 
 
-def _stride(model: Model, grid: Vector, frame: Matrix, runaway: float) -> Spectrum | None:
+def _stride(model: Model, grid: Vector, frame: Matrix, farthest: float) -> Spectrum | None:
     """As `_walk`, by the explicit pair; None, and the model as it was, where that is too stiff."""
     before = model.info.copy()
     nominal = model.kernel.nominal
-    run = _followed(model, grid, frame, runaway, nominal, explicitly=True)
+    run = _followed(model, grid, frame, farthest, nominal, explicitly=True)
     if run is None:
         model.info[:] = before
     return run
 
 
-def _walk(model: Model, grid: Vector, frame: Matrix, runaway: float, collocating: bool) -> Spectrum:
+def _walk(
+    model: Model, grid: Vector, frame: Matrix, farthest: float, collocating: bool
+) -> Spectrum:
     nominal = model.kernel.nominal
     scale = np.asarray(2.0 ** np.round(np.log2(nominal)), dtype=float)
-    run = _followed(model, grid, frame, runaway, scale, collocating=collocating)
+    run = _followed(model, grid, frame, farthest, scale, collocating=collocating)
     assert run is not None  # nothing is too stiff for the stiff stepper
     return run
 
@@ -209,7 +211,7 @@ def _followed(
     model: Model,
     grid: Vector,
     frame: Matrix,
-    runaway: float,
+    farthest: float,
     scale: Vector,
     collocating: bool = False,
     explicitly: bool = False,
@@ -218,7 +220,7 @@ def _followed(
     states = np.empty((len(grid), n))
     states[0] = model.x
     growth, trace = np.zeros((len(grid), count)), np.zeros(len(grid))
-    bound = runaway * model.kernel.nominal
+    bound = farthest * model.kernel.nominal
 
     def walk(times: Vector, *along: Matrix | Vector) -> int:
         told = core.Walk(
@@ -364,7 +366,7 @@ def follow_returns(
         here = model.x.copy()
         none = np.empty(0), np.empty((0, n))
         return Returns(*none, here, here, start, f"{WATCHED} at t = {start:.6g} s", False)
-    bound = RUNAWAY * model.kernel.nominal
+    bound = FARTHEST * model.kernel.nominal
     times, states = np.empty(most), np.empty((most, n))
     low, high = np.empty(n), np.empty(n)
     told = core.Crossings(

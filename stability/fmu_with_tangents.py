@@ -54,7 +54,7 @@ class Side:
 
     Parameters
     ----------
-    FMU instance : Participant
+    instance : Instance
     """
 
     def __init__(self, instance: Instance) -> None:

@@ -114,7 +114,7 @@ def follow_over_fmus(  # noqa: PLR0913
 
     Parameters
     ----------
-    plant, controller : Participant
+    plant, controller : Instance
         Not initialized yet. The plant has tangents, at least as many as are followed.
     reference : float
         Set-point, for every input of the controller that the plant does not drive.

@@ -46,6 +46,15 @@ def test_links_within_the_documentation_lead_somewhere(page):
             assert (page.parent / target).exists(), target
 
 
+WRITTEN_BY_THE_READER = {"controllers/pi.py"}
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md", ROOT / "CHANGELOG.md"])
+def test_every_source_that_a_page_names_is_there(page):
+    named = set(re.findall(r"`((?:[\w-]+/)+[\w-]+\.(?:py|c|h))`", page.read_text("utf-8")))
+    assert [n for n in sorted(named - WRITTEN_BY_THE_READER) if not (ROOT / n).exists()] == []
+
+
 def test_every_page_is_in_the_site_s_contents():
     index = (ROOT / "docs" / "index.md").read_text("utf-8")
     listed = set(re.findall(r"^([\w/-]+)$", index, re.M))

@@ -156,7 +156,7 @@ def test_what_is_ours_is_known_by_content_not_by_name(tmp_path):
     assert not is_ours(fake)
 
 
-def test_no_process_outlives_its_participant_nor_a_failed_opening(tmp_path):
+def test_no_process_outlives_its_instance_nor_a_failed_opening(tmp_path):
     def children():
         with open(f"/proc/{os.getpid()}/task/{os.getpid()}/children") as stream:
             return set(stream.read().split())
@@ -172,7 +172,7 @@ def test_no_process_outlives_its_participant_nor_a_failed_opening(tmp_path):
     assert children() <= before
 
 
-def test_a_dead_participant_says_so_again_and_closes(tmp_path):
+def test_a_dead_instance_says_so_again_and_closes(tmp_path):
     one = IsolatedInstance(proportional(tmp_path, "Dies", in_step="import os; os._exit(3)"), "one")
     one.initialize({}, 1.0)
     read = one.reader(["u"])

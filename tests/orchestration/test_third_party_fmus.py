@@ -1,4 +1,4 @@
-"""FMUs that are not ours: a third-party ports, probing, and what happens without saved states."""
+"""FMUs that are not ours: other names of ports, probing, and what happens without saved states."""
 
 import textwrap
 

@@ -14,7 +14,7 @@ from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, State, symbol
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import (
-    RUNAWAY,
+    FARTHEST,
     _may_be_explicit,
     _stride,
     _walk,
@@ -29,11 +29,11 @@ MATRIX = [[-1.0, 4.0, 0.0], [-4.0, -2.0, 1.0], [3.0, 0.0, -9.0]]
 
 def explicitly(model, stop, count=None):
     n = len(model.x)
-    return _stride(model, np.array([0.0, stop]), np.eye(n)[: count or n], RUNAWAY)
+    return _stride(model, np.array([0.0, stop]), np.eye(n)[: count or n], FARTHEST)
 
 
 def stiffly(model, stop):
-    return _walk(model, np.array([0.0, stop]), np.eye(len(model.x)), RUNAWAY, collocating=False)
+    return _walk(model, np.array([0.0, stop]), np.eye(len(model.x)), FARTHEST, collocating=False)
 
 
 def test_the_order_is_eight_on_a_nonlinear_problem():
@@ -167,7 +167,7 @@ def test_times_close_together_are_no_stiffness():
     """At rest only the tangents have errors, and here none that count."""
     rest = float(np.sqrt(72.0))
     model = Model(lorenz(), {"x_start": rest, "y_start": rest, "z_start": 27.0}, 1e-9)
-    run = _stride(model, np.linspace(0.0, 1.0, 1001), np.eye(3), RUNAWAY)
+    run = _stride(model, np.linspace(0.0, 1.0, 1001), np.eye(3), FARTHEST)
     assert run is not None
     assert run.growth[-1].sum() == pytest.approx(-41.0 / 3.0, rel=1e-9)
 

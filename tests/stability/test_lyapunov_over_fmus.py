@@ -30,8 +30,8 @@ def share_of_allowed(found, expected):
 
 
 @pytest.fixture(scope="module")
-def stranger(tmp_path_factory):
-    return state_feedback(tmp_path_factory.mktemp("strangers"), "Feedback")
+def third_party(tmp_path_factory):
+    return state_feedback(tmp_path_factory.mktemp("third_party"), "Feedback")
 
 
 def equations_of_the_stranger():
@@ -66,8 +66,8 @@ def _no_compiler(name, tangents):
     raise ready.CompilerFailed("hidden")
 
 
-def test_a_third_party_controller_is_probed_in_a_process_of_its_own(stranger):
-    loop = FmuLoop(str(stranger), mapping=STATE_FEEDBACK_PORTS)
+def test_a_third_party_controller_is_probed_in_a_process_of_its_own(third_party):
+    loop = FmuLoop(str(third_party), mapping=STATE_FEEDBACK_PORTS)
     run = loop_lyapunov_over_fmus(loop, STOP, STEP)
     expected = loop_lyapunov(equations_of_the_stranger(), STOP)
     assert "controller: third-party FMU, probed by differences" in run.method
@@ -99,7 +99,7 @@ def test_a_plain_export_of_a_controller_with_a_state_is_probed(native, fmi):
     assert run.exponents.sum() == pytest.approx(expected.sum(), rel=1e-4)
     assert run.exponents[-1] == pytest.approx(expected[-1], rel=2e-3)
     assert "differ by a constant over the time" in run.method
-    assert run.sum_rule_error() is None  # a stranger tells no trace
+    assert run.sum_rule_error() is None  # a third-party FMU tells no trace
 
 
 def test_without_equations_the_signals_tell_and_it_is_said_that_they_tell_no_more(native):

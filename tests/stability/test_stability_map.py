@@ -172,8 +172,8 @@ def test_borders_lie_between_cells_of_different_verdict_with_their_width(whole):
     lines = (folder / "borders.csv").read_text().splitlines()
     assert len(lines) == summary.borders + 1
     assert lines[0] == "sigma0_hat,sigma1_hat,along,width,below,above"
-    runaway = [line.split(",") for line in lines[1:] if line.endswith("diverges")]
-    along = [row for row in runaway if row[2] == "sigma0_hat"]
+    diverging = [line.split(",") for line in lines[1:] if line.endswith("diverges")]
+    along = [row for row in diverging if row[2] == "sigma0_hat"]
     assert along
     for row in along:
         # the edge of the basin at 8 cm: 66968.9 to 66969.0
