@@ -101,9 +101,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 def _diagnose(options: argparse.Namespace) -> int:
     if options.judge is not None:
-        from .judge_command import judged
+        from .judge_command import judge_models
 
-        return judged(options)
+        return judge_models(options)
     if options.out is None:
         raise BadRequest("--out DIR is missing, the folder for the results")
     if not options.data:

@@ -15,7 +15,14 @@ from .console import tell_export
 from .controllers import CONTROLLERS
 from .instruments import INSTRUMENTS
 from .options import TRUSTED, BadRequest, check_part, out_folder, read_whole_number
-from .params_option import add_params, apart, bad_parameters, baked, plant_of, read_params
+from .params_option import (
+    add_params,
+    apart,
+    bad_parameters,
+    kernel_with_values,
+    plant_of,
+    read_params,
+)
 from .plant import PLANTS
 from .results_folder import prepare_folder, write_or_refuse
 from .sides import check_labels
@@ -155,7 +162,7 @@ def _export_one(
     """Write one FMU or .ssp with the start values of a parameter file, or the nominal ones."""
     from .fmus import catalogue
     from .fmus.export import export_kernel
-    from .fmus.start_values import told_where_to_go
+    from .fmus.start_values import with_set_point
     from .fmus.system_export import export_system
     from .solver.files import write_atomically
 
@@ -166,11 +173,11 @@ def _export_one(
             def fmu(part: str, side: str) -> Path:
                 # under the part's own name, which complaints tell
                 path = Path(folder) / side / f"{catalogue.name_of(part)}.fmu"
-                kernel = told_where_to_go(catalogue.fmu_kernel(part))
+                kernel = with_set_point(catalogue.fmu_kernel(part))
                 if told is None:
                     path.parent.mkdir(exist_ok=True)
                     return Path(shutil.copyfile(catalogue.stored_fmu(kernel), path))
-                return export_kernel(baked(told, part, kernel), path)
+                return export_kernel(kernel_with_values(told, part, kernel), path)
 
             base, instruments = apart(told, name)
             sides = fmu(plant, "plant"), fmu(base, "controller"), target
@@ -185,7 +192,7 @@ def _export_one(
     else:
         kernel = catalogue.fmu_kernel(name)
     if told:
-        kernel = baked(told, name, kernel, plant)
+        kernel = kernel_with_values(told, name, kernel, plant)
         write_or_refuse(lambda: export_kernel(kernel, target))
     else:
         if options.variational:

@@ -20,7 +20,7 @@ _NAMES = {"prior": "prior model", "adjusted": "values adjusted", "corrected": "c
 _WIDE = 30  # of a column of figures
 
 
-def judged(options: argparse.Namespace) -> int:
+def judge_models(options: argparse.Namespace) -> int:
     """Judge the models of ``--params`` on the records of ``--judge``, and print the scores.
 
     Raises

@@ -23,7 +23,7 @@ from .options import (
 from .orchestration.couplings import Coupling
 from .params_option import add_params, params_values, read_params
 from .plant import PLANTS
-from .sides import check_labels, labels_of, mappings, meant, sided
+from .sides import check_labels, labels_of, mappings, meant, split_side
 
 if TYPE_CHECKING:
     from .orchestration.closed_loop import Study
@@ -223,7 +223,7 @@ def read_settings(
     # what is said of one controller wins over what is said of all
     texts = read_named("--set", options.set, "SIDE.NAME=VALUE")
     for name in sorted(texts, key=lambda name: not name.startswith("controller.")):
-        side, parameter = sided(name, controllers)
+        side, parameter = split_side(name, controllers)
         if not side or not parameter:
             *sides, last = ("plant", "controller", *labels_of(controllers))
             forms = ", ".join(f"{side}.NAME=VALUE" for side in sides)

@@ -10,7 +10,7 @@ from typing import Any
 
 from .console import Stages, print_notes
 from .named_loop import add_loop_options, read_loop
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, guarded, read_number
+from .options import NOT_TRUSTED, TRUSTED, BadRequest, guard, read_number
 from .results_folder import prepare_folder, save_results
 
 _EXAMPLES = """examples:
@@ -73,10 +73,10 @@ def _lyapunov(options: argparse.Namespace) -> int:
 
             over = FmuLoop(asked.controller, **loop, mapping=asked.mapping)
             step = asked.step
-            result = guarded(lambda: loop_lyapunov_over_fmus(over, stop, step, stages))
+            result = guard(lambda: loop_lyapunov_over_fmus(over, stop, step, stages))
         else:
             loop |= {"tolerance": asked.tolerance, "watching": Watching(stages, budget)}
-            result = guarded(lambda: loop_lyapunov(asked.controller, stop, **loop))
+            result = guard(lambda: loop_lyapunov(asked.controller, stop, **loop))
     except NoExponents as error:
         raise BadRequest(str(error)) from error
     finally:

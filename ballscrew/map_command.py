@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from .console import Bar, print_notes
 from .named_loop import add_loop_options, read_loop
-from .options import TRUSTED, BadRequest, guarded
+from .options import TRUSTED, BadRequest, guard
 from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
 from .worker_options import add_worker_options, open_workers, read_worker_count
@@ -78,7 +78,7 @@ def _map(options: argparse.Namespace) -> int:
 
     try:
         loop = asked.plant, asked.controller
-        axes = [guarded(lambda t=text: read_axis(t, *loop)) for text in (options.x, options.y)]
+        axes = [guard(lambda t=text: read_axis(t, *loop)) for text in (options.x, options.y)]
         for axis in axes:
             _only_once(axis, options)
         study = MapStudy(
@@ -88,7 +88,7 @@ def _map(options: argparse.Namespace) -> int:
             fmus=_fmus(asked, options),
             **{n: v for n, v in vars(asked).items() if n not in ("told", "step", "mapping")},
         )
-        guarded(study.check)
+        guard(study.check)
         prepare_folder(options.out, [options.params])
         workers = open_workers(options, count)
         progress = _MapProgress()
@@ -98,7 +98,7 @@ def _map(options: argparse.Namespace) -> int:
             save_map_picture(study, stage)
 
         again, refine = options.resume, options.refine
-        summary = guarded(
+        summary = guard(
             lambda: make_map(study, options.out, workers, again, refine, progress, beside)
         )
         progress.finish()

@@ -11,7 +11,7 @@ from .loop_options import read_settings
 from .options import (
     BadRequest,
     check_part,
-    guarded,
+    guard,
     out_folder,
     read_length,
     read_number,
@@ -163,8 +163,8 @@ def read_loop(
     controller_values = told_of[options.controller] | given_to[options.controller]
     from .orchestration.closed_loop import check_part_values
 
-    guarded(lambda: check_part_values("plant", plant, plant_values))
-    guarded(lambda: check_part_values("controller", options.controller, controller_values))
+    guard(lambda: check_part_values("plant", plant, plant_values))
+    guard(lambda: check_part_values("controller", options.controller, controller_values))
     return NamedLoop(
         options.controller,
         plant,

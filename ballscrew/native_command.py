@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from .console import tell_export
 from .options import BAD_REQUEST, TRUSTED, BadRequest
-from .params_option import apart, baked, plant_of
+from .params_option import apart, kernel_with_values, plant_of
 from .results_folder import write_or_refuse
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def export(
                 model = stored_model(kernel.name, kernel, partial(loop, name, plant))
             else:
                 model = catalogued_model(name)
-            kernel = baked(told, name, model.kernel, plant)
+            kernel = kernel_with_values(told, name, model.kernel, plant)
             model = with_kernel(model, kernel)
 
             def make(model: NativeModel = model, target: Path = target) -> None:
@@ -126,7 +126,7 @@ def export_systems(
     from .fmus.catalogue import name_of
     from .fmus.native.export import NativeFmu, write_native
     from .fmus.native.sources import catalogued_model, with_kernel
-    from .fmus.start_values import told_where_to_go
+    from .fmus.start_values import with_set_point
     from .fmus.system_export import CannotConnect, export_system
     from .fmus.units import BadUnit
     from .solver.compilers import CompilerFailed
@@ -137,7 +137,7 @@ def export_systems(
 
         def write(name: str, side: str) -> NativeFmu:
             model = catalogued_model(name)
-            model = with_kernel(model, baked(told, name, told_where_to_go(model.kernel)))
+            model = with_kernel(model, kernel_with_values(told, name, with_set_point(model.kernel)))
             path = Path(folder) / side / f"{name_of(name)}.fmu"
             return write_native(model, path, 2, _platforms(options))
 

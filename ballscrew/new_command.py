@@ -54,7 +54,7 @@ def new(options: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         for target, template in targets.items():
             with target.open("x", encoding="utf-8", newline="\n") as stream:
-                stream.write(_filled(template, name))
+                stream.write(_fill(template, name))
 
     write_or_refuse(write)
     file, test = map(str, targets)
@@ -75,7 +75,7 @@ def _check_name(name: str) -> None:
         raise BadRequest(f"NAME is {name!r}, which means a part already; choose another")
 
 
-def _filled(template: str, name: str) -> str:
+def _fill(template: str, name: str) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(

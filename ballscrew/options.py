@@ -151,7 +151,7 @@ def out_folder(text: str) -> Path:
     return Path(text)
 
 
-def guarded(action: Any) -> Any:
+def guard(action: Any) -> Any:
     """Run and turn what the user can mend into one line."""
     from .fmus.catalogue import UnknownComponent
     from .fmus.reading import FmuError

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .options import BadRequest, guarded
+from .options import BadRequest, guard
 
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile, Values
@@ -76,8 +76,8 @@ def params_values(
         return plant or "plant", {}, {name: {} for name in controllers}
     with bad_parameters():
         plant = plant or told.plant_name
-        values = guarded(lambda: _plant_values(told, plant))
-        values_of = {n: guarded(lambda n=n: _controller_values(told, n)) for n in controllers}
+        values = guard(lambda: _plant_values(told, plant))
+        values_of = {n: guard(lambda n=n: _controller_values(told, n)) for n in controllers}
     _note_other_fmus(told, controllers)
     return plant, values, values_of
 
@@ -161,7 +161,9 @@ def plant_of(options: argparse.Namespace, told: ParameterFile | None) -> str:
         return told.plant_name if told else "plant"
 
 
-def baked(told: ParameterFile | None, name: str, kernel: Kernel, plant: str = "") -> Kernel:
+def kernel_with_values(
+    told: ParameterFile | None, name: str, kernel: Kernel, plant: str = ""
+) -> Kernel:
     """The kernel of a part with the file's start values.
 
     Parameters
@@ -196,7 +198,7 @@ def baked(told: ParameterFile | None, name: str, kernel: Kernel, plant: str = ""
     of_controller = told.controllers.get(table_of(told, name), {})
     with bad_parameters():
         if plant:
-            add(PLANT, guarded(lambda: _plant_values(told, plant)), of_plant)
+            add(PLANT, guard(lambda: _plant_values(told, plant)), of_plant)
             add(CONTROLLER, _controller_values(told, name), of_controller)
         elif _is_plant(name):
             add("", _plant_values(told, name), of_plant)

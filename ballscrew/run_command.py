@@ -11,7 +11,7 @@ from typing import Any
 from .console import Progress, print_figures, print_notes
 from .controllers import CONTROLLERS
 from .loop_options import add_closed_loop_options, read_studies, read_system_study
-from .options import NOT_TRUSTED, OWN, TRUSTED, guarded
+from .options import NOT_TRUSTED, OWN, TRUSTED, guard
 from .results_folder import prepare_folder, save_results
 
 _EXAMPLES = """examples:
@@ -60,12 +60,12 @@ def run(options: argparse.Namespace) -> int:
 
     if isinstance(study, Study):
         progress = Progress(study.stop)
-        result = RunResult.of(guarded(lambda: run_study(study, progress)))
+        result = RunResult.of(guard(lambda: run_study(study, progress)))
     else:
         from .orchestration.system import run_system
 
         progress = Progress(study.stop)
-        result = RunResult.of(guarded(lambda: run_system(study, progress)))
+        result = RunResult.of(guard(lambda: run_system(study, progress)))
     progress.finish()
     save_results(options.out, result.save)
     figures = result.figures()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from .options import BadRequest, guarded, read_named
+from .options import BadRequest, guard, read_named
 
 
 def mappings(options: argparse.Namespace, controllers: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -14,7 +14,7 @@ def mappings(options: argparse.Namespace, controllers: Sequence[str]) -> dict[st
     texts = read_named("--map", options.map, "THEIRS=OURS")
     found: dict[str, dict[str, str]] = {name: {} for name in controllers}
     for theirs, ours in texts.items():
-        side, port = sided(theirs, controllers)
+        side, port = split_side(theirs, controllers)
         if not side:
             for name in _owners(theirs, options.plant or "plant", controllers):
                 found[name][theirs] = ours
@@ -39,8 +39,8 @@ def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
         part = part_of(name)
         return port in part.inputs or port in part.outputs
 
-    owners = [name for name in controllers if guarded(lambda n=name: has(n))]
-    return controllers if not owners or guarded(lambda: has(plant)) else owners
+    owners = [name for name in controllers if guard(lambda n=name: has(n))]
+    return controllers if not owners or guard(lambda: has(plant)) else owners
 
 
 def check_labels(option: str, parts: Sequence[str]) -> None:
@@ -74,7 +74,7 @@ def labels_of(controllers: Sequence[str]) -> dict[str, str]:
     return {label: c for label, c in labels.items() if label not in ("plant", "controller")}
 
 
-def sided(name: str, controllers: Sequence[str]) -> tuple[str, str]:
+def split_side(name: str, controllers: Sequence[str]) -> tuple[str, str]:
     """Side and name of ``SIDE.NAME``: plant, controller, or a controller's own; "" if it has none.
 
     A file's name may have dots: the longest that fits is meant.

@@ -19,7 +19,7 @@ from .options import (
     TRUSTED,
     BadRequest,
     check_part,
-    guarded,
+    guard,
     read_number,
 )
 from .results_folder import prepare_folder, save_results
@@ -70,7 +70,7 @@ def _studies(options: argparse.Namespace) -> list[Study]:
             raise BadRequest(f"--sampled is {options.sampled} s, expected more than 0")
     for controller in asked:
         check_part(option, controller, CONTROLLERS)
-    put = [guarded(lambda c=c: in_practice(c, period is not None, options.noise)) for c in asked]
+    put = [guard(lambda c=c: in_practice(c, period is not None, options.noise)) for c in asked]
     studies = read_studies(options, [name for name, _ in put], option)
     for k, (study, (_, practice)) in enumerate(zip(studies, put, strict=True)):
         values = dict(study.controller_values or {})
@@ -97,7 +97,7 @@ def swap_controllers(options: argparse.Namespace) -> int:
     from .solver.files import finite_or_null
 
     progress = Progress(studies[0].stop)
-    result = Comparison.of(guarded(lambda: swap(studies, lambda name, t: progress(t, name))))
+    result = Comparison.of(guard(lambda: swap(studies, lambda name, t: progress(t, name))))
     progress.finish()
     save_results(options.out, result.save)
     if options.json:

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 from ..plant.ball_screw import ball_screw
 from ..solver.component import Component, Parameter, State, symbol
-from .limited import U_MAX, limited, voltage_output
+from .limited import U_MAX, limit, voltage_output
 from .linearization import TUNABLE as IOL_TUNABLE
 from .linearization import estimates_of, input_output_linearization
 
@@ -37,7 +37,7 @@ def iol_observed() -> Component:
     hats, *_ = estimates_of(next(t for t in plant.terms if t.name == "friction"))
     observed = {symbol(s.name): symbol(s.name + "_hat") for s in plant.all_states}
     command = known.output("u").value.xreplace(observed)
-    believed = {**hats, **observed, symbol("u"): limited(command)}
+    believed = {**hats, **observed, symbol("u"): limit(command)}
     rates = {s.name: plant.derivative(s.name).xreplace(believed) for s in plant.all_states}
     rates["x"] += symbol("l") * (symbol("x") - symbol("x_hat"))
     return replace(

@@ -24,7 +24,7 @@ U_MAX = Parameter(
 )
 
 
-def limited(command: sp.Expr) -> sp.Expr:
+def limit(command: sp.Expr) -> sp.Expr:
     """The command within both signs of `u_max`."""
     return clip(command, -symbol("u_max"), symbol("u_max"))
 
@@ -40,7 +40,7 @@ def ramp(value: sp.Expr, low: sp.Expr, high: sp.Expr) -> sp.Expr:
 
 def voltage_output(command: sp.Expr) -> Output:
     """The limited command as the output `u`."""
-    return Output("u", "V", "motor terminal voltage", limited(command), nominal=10.0)
+    return Output("u", "V", "motor terminal voltage", limit(command), nominal=10.0)
 
 
 def tracking_time(default: float, source: str) -> Parameter:
@@ -50,5 +50,5 @@ def tracking_time(default: float, source: str) -> Parameter:
 
 def tracked_integral(rate: sp.Expr, command: sp.Expr) -> State:
     """The integral `w` [V] with this rate [V/s], which is part of the command."""
-    excess = limited(command) - command
+    excess = limit(command) - command
     return State("w", "V", "integral part", rate + excess / symbol("Tt"), nominal=0.1)

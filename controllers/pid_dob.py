@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from ..plant.axis import axis
 from ..solver.component import Component, Parameter, State, symbol
-from .limited import limited, voltage_output
+from .limited import limit, voltage_output
 from .limited_pid import PID_VOLTAGE, pid_integral, pid_parameters
 from .linearization import measurements_of
 from .pid import TUNABLE as PID_TUNABLE
@@ -32,7 +32,7 @@ def pid_dob() -> Component:
     speed = symbol("v")
     disturbance = symbol("q") + lag / (b * time) * speed
     command = PID_VOLTAGE - disturbance
-    rate = ((1 - lag / time) * speed / b - limited(command) - symbol("q")) / time
+    rate = ((1 - lag / time) * speed / b - limit(command) - symbol("q")) / time
     return Component(
         name="pid_dob",
         description="Position PID with a disturbance observer",

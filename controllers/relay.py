@@ -11,7 +11,7 @@ import sympy as sp
 
 from ..plant.axis import axis
 from ..solver.component import Component, Event, Mode, Parameter, symbol
-from .limited import U_MAX, limited, voltage_output
+from .limited import U_MAX, limit, voltage_output
 from .linearization import measurements_of
 
 TUNABLE = {"level": (0.5, 36.0), "width": (1e-6, 5e-3)}
@@ -48,7 +48,7 @@ def relay() -> Component:
         outputs=(voltage_output(sp.Integer(0)),),
         modes=(
             Mode("off", outputs={"u": sp.Integer(0)}, events=(forward, backward)),
-            Mode("forward", outputs={"u": limited(symbol("level"))}, events=(backward,)),
-            Mode("backward", outputs={"u": limited(-symbol("level"))}, events=(forward,)),
+            Mode("forward", outputs={"u": limit(symbol("level"))}, events=(backward,)),
+            Mode("backward", outputs={"u": limit(-symbol("level"))}, events=(forward,)),
         ),
     )

@@ -9,7 +9,7 @@ left of the command, at errors up to ``Fs/(m slope pole)``.
 
 from __future__ import annotations
 
-from ..instruments.saturation import saturated
+from ..instruments.saturation import saturate
 from ..plant.axis import axis
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, voltage_output
@@ -35,7 +35,7 @@ def sliding_mode() -> Component:
     level = LEVEL_RATIO * static / plant.force_per_volt
     pole = FASTEST_SHARE / plant.electrical_time
     layer = plant.speed_per_volt / plant.lag * level / pole
-    command = EQUIVALENT_VOLTAGE - symbol("level") * saturated(SURFACE / symbol("layer"), 1)
+    command = EQUIVALENT_VOLTAGE - symbol("level") * saturate(SURFACE / symbol("layer"), 1)
     return Component(
         name="sliding_mode",
         description="Sliding mode control with a boundary layer",

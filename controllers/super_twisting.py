@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ..instruments.saturation import saturated
+from ..instruments.saturation import saturate
 from ..plant.axis import axis
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
@@ -52,7 +52,7 @@ def super_twisting() -> Component:
     bound = values["sigma0"] * values["Vs"] / plant.inertia
     frequency = FASTEST_SHARE / plant.electrical_time
     layer = INTEGRAL_GAIN * bound / frequency**2
-    switched = saturated(SURFACE / symbol("layer"), 1)
+    switched = saturate(SURFACE / symbol("layer"), 1)
     root = symbol("k1") * sp.sqrt(symbol("C")) * smoothed_root(SURFACE, symbol("layer"))
     rate = symbol("k2") * symbol("C") * switched
     command = EQUIVALENT_VOLTAGE - VOLTS_PER_RATE * root + symbol("w")

@@ -12,7 +12,7 @@ from .interface import Interface
 from .terminals import terminals_and_icons
 
 
-def accompanying(kernel: Kernel, interface: Interface, fmi: int) -> dict[str, bytes]:
+def accompanying_files(kernel: Kernel, interface: Interface, fmi: int) -> dict[str, bytes]:
     """Bytes of each file by its name in the FMU.
 
     Parameters

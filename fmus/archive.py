@@ -74,7 +74,7 @@ def _check_name(name: str) -> None:
         raise BadArchive(f"holds {name!r}, which climbs out of its folder; nothing was unpacked")
 
 
-def packed(files: Mapping[str, bytes]) -> bytes:
+def pack(files: Mapping[str, bytes]) -> bytes:
     """A zip file's bytes, the same for the same files in the same order."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:

@@ -18,11 +18,11 @@ from ..controllers import ALONE, CONTROLLERS
 from ..instruments import INSTRUMENTS, bare, without_instruments, without_sampling
 from ..plant import PLANTS
 from ..solver import kernel_cache
-from ..solver.component_file import loaded_component, names_file
+from ..solver.component_file import load_component, names_file
 from ..solver.kernel import Kernel
 from ..solver.stored import fingerprint, stored_kernel
 from .carried_runtime import carried_runtime
-from .made_here import keep, kept
+from .made_here import is_kept, keep
 
 if TYPE_CHECKING:
     from ..solver.component import Component
@@ -67,7 +67,7 @@ def component(part: str | Component) -> Component:
     if is_sampled or instruments:
         return put_into_practice(component(name), is_sampled, instruments)
     if names_file(part):
-        return loaded_component(part)
+        return load_component(part)
     module, _, function = _place_of(part).partition(":")
     return cast("Component", getattr(importlib.import_module(module), function)())
 
@@ -173,7 +173,7 @@ def stored_fmu(kernel: Kernel) -> Path:
     content = kernel.to_json() + package + fingerprint(_EXPORT)
     stem = kernel_cache.hashed_name(kernel.name, content)
     path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
-    if kept(path):
+    if is_kept(path):
         return path
     from .export import export_kernel
 

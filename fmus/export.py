@@ -15,8 +15,8 @@ from ..solver.component import Component
 from ..solver.files import naming, write_atomically
 from ..solver.kernel import Kernel
 from ..solver.kernel_cache import hashed_name
-from .accompanying import accompanying, licence
-from .archive import packed
+from .accompanying import accompanying_files, licence
+from .archive import pack
 from .carried_runtime import carried_runtime
 from .feedback_law import accept_law, report_law
 from .interface import interface_of
@@ -106,7 +106,7 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
             [sources / package, *(sources / f"{name}.py" for name in texts)],
             Path(folder) / f"{kernel.name}.fmu",
         )
-        ours = accompanying(kernel, interface, 2) | {
+        ours = accompanying_files(kernel, interface, 2) | {
             "modelDescription.xml": model_description(kernel, interface),
             "documentation/licenses/pythonfmu.txt": licence("pythonfmu"),
         }
@@ -146,4 +146,4 @@ def _normalized(built: Path, ours: dict[str, bytes]) -> bytes:
     with zipfile.ZipFile(built) as old:
         files = {name.replace(os.sep, "/"): old.read(name) for name in old.namelist()} | ours
     names = sorted(files, key=lambda n: (n != "modelDescription.xml", n))
-    return packed({name: files[name] for name in names})
+    return pack({name: files[name] for name in names})

@@ -31,7 +31,7 @@ class Variable:
     place : int
         Its place in the memory.
     reference : int
-        Its value reference, which is its number in the model description; see `numbered`.
+        Its value reference, which is its number in the model description; see `number_variables`.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Variable:
     reference: int = 0
 
 
-def numbered(variables: Iterable[Variable], first: int) -> tuple[Variable, ...]:
+def number_variables(variables: Iterable[Variable], first: int) -> tuple[Variable, ...]:
     """The variables with value references from `first` on, in their order."""
     return tuple(replace(v, reference=first + k) for k, v in enumerate(variables))
 
@@ -131,7 +131,7 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
     for v in variables:
         initial[v.place] = v.start or 0.0
     initial[tolerance] = DEFAULT_TOLERANCE
-    listed = numbered(variables, 1)
+    listed = number_variables(variables, 1)
     layout = Layout(
         model=model,
         inputs=len(kernel.inputs),

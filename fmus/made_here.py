@@ -28,7 +28,7 @@ def is_ours(path: Path) -> bool:
         return False
 
 
-def kept(path: Path) -> bool:
+def is_kept(path: Path) -> bool:
     """Whether an FMU of the user's cache is there, as it was written."""
     return kernel_cache.is_whole(path) and is_ours(path)
 

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..solver import kernel_cache
-from ..solver.compilers import CompilerFailed, compiled_in, compiler_for, own_platform
+from ..solver.compilers import CompilerFailed, compile_in, compiler_for, own_platform
 
 _STANDARDS = {
     "C89": "gnu90",
@@ -72,10 +72,10 @@ def _library(
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     made = kernel_cache.entry(kernel_cache.COMPILED, digest.hexdigest())
     if not kernel_cache.is_whole(made):
-        library = compiled_in(folder, name, arguments, "compiled")
+        library = compile_in(folder, name, arguments, "compiled")
         if names := _with_prefix(library, identifier):
             named = [f"-Wl,--defsym={plain}={identifier}_{plain}" for plain in names]
-            library = compiled_in(folder, name, [*arguments, *named], "compiled")
+            library = compile_in(folder, name, [*arguments, *named], "compiled")
         kernel_cache.write(made, library)
     return made
 

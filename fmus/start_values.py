@@ -34,7 +34,7 @@ def with_start_values(
     )
 
 
-def told_where_to_go(kernel: Kernel) -> Kernel:
+def with_set_point(kernel: Kernel) -> Kernel:
     """A copy whose set-point, of a controller or a loop, starts where a run by default goes."""
     return replace(
         kernel,

@@ -16,7 +16,7 @@ from xml.etree import ElementTree as ET
 from ..instruments import MEASURED
 from ..solver.files import write_atomically
 from ..solver.kernel import DEFAULT_TOLERANCE
-from .archive import packed
+from .archive import pack
 from .law_ports import gain_port, rate_port, reference_port
 from .model_description import TOOL
 from .reading import NumberVariable, unpack
@@ -129,7 +129,7 @@ def export_system(
         values = goals if side is last else _period(side, last)
         files[f"resources/{side.name}.fmu"] = side.fmu
         files[f"resources/{side.name}.ssv"] = _parameter_set(side, values)
-    write_atomically(path, packed(files))
+    write_atomically(path, pack(files))
     return path
 
 

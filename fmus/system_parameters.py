@@ -17,7 +17,7 @@ from .system_xml import (
     Unit,
     check_root,
     number,
-    parsed,
+    parse,
     plain_type,
     scaling_of,
     truth,
@@ -107,7 +107,7 @@ class Bindings:
             raise BadSystem(f"{where} lies in an FMU (sourceBase), which is not known here")
         if node.get("source") is not None:
             file = self._network.file(node.get("source"), where)
-            return parsed(file, tag), file.name
+            return parse(file, tag), file.name
         inner = next(iter(holder), None) if holder is not None else None
         if inner is None:
             raise BadSystem(f"{where} has neither a source nor a {tag.rpartition('}')[2]} in it")

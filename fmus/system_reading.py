@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 from .archive import BadArchive, unpack_archive
 from .system_network import Component, Network, SystemConnection, SystemOutput, SystemPort
 from .system_parameters import Bindings
-from .system_xml import SSD, BadSystem, Unit, number, parsed, units_of
+from .system_xml import SSD, BadSystem, Unit, number, parse, units_of
 
 __all__ = [
     "BadSystem",
@@ -142,7 +142,7 @@ def read_system(path: Path | str) -> SystemStructure:
 def _read(path: Path, folder: Path) -> SystemStructure:
     if not (folder / DESCRIPTION).is_file():
         raise BadSystem(f"holds no {DESCRIPTION}, so it is no .ssp")
-    root = parsed(folder / DESCRIPTION, SSD + "SystemStructureDescription")
+    root = parse(folder / DESCRIPTION, SSD + "SystemStructureDescription")
     system = root.find(SSD + "System")
     if system is None:
         raise BadSystem(f"{DESCRIPTION} holds no System")

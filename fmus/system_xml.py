@@ -124,7 +124,7 @@ def conversion(before: Unit, after: Unit, where: str) -> tuple[float, float]:
     return before.factor / after.factor, (before.offset - after.offset) / after.factor
 
 
-def parsed(file: Path, tag: str) -> ET.Element:
+def parse(file: Path, tag: str) -> ET.Element:
     """The root element of a file, which must be `tag` in a version that is known here.
 
     Raises

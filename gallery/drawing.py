@@ -9,11 +9,11 @@ from typing import Any
 
 from ballscrew.orchestration.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
 
-__all__ = ["COLOURS", "DASHES", "drawn", "part", "write_figure"]
+__all__ = ["COLOURS", "DASHES", "drawing", "part", "write_figure"]
 
 
 @contextmanager
-def drawn(columns: int = 1, rows: int = 1, height: float = 3.8) -> Iterator[tuple[Any, Any]]:
+def drawing(columns: int = 1, rows: int = 1, height: float = 3.8) -> Iterator[tuple[Any, Any]]:
     """A figure and its axes, flat, to draw into in the style of all pictures."""
     import matplotlib as mpl
 

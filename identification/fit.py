@@ -38,9 +38,9 @@ from ..plant.maxwell_slip import ELEMENTS
 from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ..records.force_record import Record
 from ..solver.component import symbol
-from .fit_errors import intervals_of, summed_up
+from .fit_errors import intervals_of, sum_up
 from .fit_result import Fit, fitted_names, without_direction
-from .fitted_law import LAWS, OFFSET, Law, claimed, coordinates_of
+from .fitted_law import LAWS, OFFSET, Law, claim_of, coordinates_of
 from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .likelihood import Problem
@@ -115,7 +115,7 @@ def fit_along(
     for _ in range(3):
         best.look_back()
         cost = best.run(25)
-    fit = summed_up(best, cost)
+    fit = sum_up(best, cost)
     return replace(fit, intervals=intervals_of(fit, best, follow, fixed))
 
 
@@ -186,8 +186,8 @@ def _scaled_defaults(name: str, force: float, stiffness: float, speed: float) ->
     records, and speeds are what they were, a quarter, or four times that.
     """
     own = law_of(name)(symbol("v")).parameters
-    newton = force / (abs(claimed(name, "steady_state", {}, speed)) or force)
-    metre = newton * (claimed(name, "stiffness", {}) or stiffness) / stiffness
+    newton = force / (abs(claim_of(name, "steady_state", {}, speed)) or force)
+    metre = newton * (claim_of(name, "stiffness", {}) or stiffness) / stiffness
     starts = []
     for pace in (1.0, 0.25, 4.0):
         second = metre / pace

@@ -29,7 +29,7 @@ _ELASTIC = ("sigma0", "sigma", "alpha", "eps_f", "k1", "k2", "k3", "k4")
 _FROM_PIECES = "maximum likelihood, errors from pieces of the records"
 
 
-def summed_up(climb: Climb, cost: float) -> Fit:
+def sum_up(climb: Climb, cost: float) -> Fit:
     problem, point = climb.problem, climb.point
     course = problem.course
     pieces = climb.normal(point)

@@ -55,7 +55,7 @@ def _fitted(name: str) -> Law:
 LAWS = {name: _fitted(name) for name in NAMES}
 
 
-def claimed(name: str, what: str, values: Mapping[str, float], speed: float = 1e-6) -> float:
+def claim_of(name: str, what: str, values: Mapping[str, float], speed: float = 1e-6) -> float:
     """What a law promises of itself, by a field of its `Claims`; 0 where it promises nothing.
 
     Parameters

@@ -167,7 +167,7 @@ def smooth_motion(
     smooth, strength = _to_noise(readings, noise, resolution, like)
     times = step * (np.arange(n) - before)
     # where a stronger smoothing would change the course, this one has changed it, too
-    bent = np.abs(_smoothed(readings, _STRONGER * strength) - smooth) if noise else 0 * smooth
+    bent = np.abs(_smooth(readings, _STRONGER * strength) - smooth) if noise else 0 * smooth
     spline = CubicSpline(times, smooth)
     at = np.clip(times + later, times[0], times[-1])
     v = spline(at, 1)
@@ -260,18 +260,18 @@ def _to_noise(
         strength = like.strength
     else:
         strength = _strength(readings, noise, np.ones(bends))
-        bent = np.diff(_smoothed(readings, strength), 2) ** 2
+        bent = np.diff(_smooth(readings, strength), 2) ** 2
         near = np.convolve(bent, np.ones(_NEAR) / _NEAR, "same")
         calm = near / max(float(near.mean()), 1e-300) + _LEAST_BENDS
         strength = _strength(readings, noise, 1.0 / calm)
-    smooth = _smoothed(readings, strength)
+    smooth = _smooth(readings, strength)
     for _ in range(8):  # a counted position is known to within half a count
         outside = np.abs(smooth - data) > (0.55 * resolution if resolution else 4 * noise)
         outside &= weights > 0
         if not np.any(outside):
             break
         weights[outside] *= 6.0
-        smooth = _smoothed(readings, strength)
+        smooth = _smooth(readings, strength)
     return smooth, strength
 
 
@@ -280,14 +280,14 @@ def _strength(readings: _Readings, noise: float, shape: Vector) -> Vector:
     low, high = 1e-3, _STRONGEST
     while high > 1.5 * low:
         middle = math.sqrt(low * high)
-        if readings.misfit(_smoothed(readings, middle * shape)) > noise**2:
+        if readings.misfit(_smooth(readings, middle * shape)) > noise**2:
             high = middle
         else:
             low = middle
     return _WEAKER * low * shape
 
 
-def _smoothed(readings: _Readings, strength: Vector) -> Vector:
+def _smooth(readings: _Readings, strength: Vector) -> Vector:
     """Minimise the weighted squares of all residuals and of all second differences."""
     data, weights, edges, still = (
         readings.data,

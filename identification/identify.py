@@ -19,7 +19,7 @@ from .fitted_law import LAWS, OFFSET
 from .friction_estimation import estimate_friction
 from .identifiability import ways, which_would_do, why_not
 from .identification import MISFIT, SIDES, Identification
-from .intervals import Interval, averaged
+from .intervals import Interval, average
 from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .stribeck_fit import stribeck_points
@@ -122,7 +122,7 @@ def identify(
     fixed = dict(fixed or {})
     check_held(law, fixed, offset)
     fit = fit_along(records, law, course, fixed=fixed, offset=offset)
-    judged = {n: _judged(fit, n, course) for n in fit.names}
+    judged = {n: _judge(fit, n, course) for n in fit.names}
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
     unkept = OFFSET in judged and (told is None or told.kind != DRIVE)
     notes += _remarks(records, law, fit, offset, unkept)
@@ -171,7 +171,7 @@ def _each_way(
     held = dict(fixed) | ({OFFSET: guess[OFFSET]} if OFFSET in guess else {})
     law = fit.law.name
     apart = fit_along(records, law, course, tied=False, guess=guess, follow=False, fixed=held)
-    split = {n: _judged(apart, n, course) for n in apart.names}
+    split = {n: _judge(apart, n, course) for n in apart.names}
     return _by_direction(split, fit.law.parameters), _difference(apart, split, fixed)
 
 
@@ -225,7 +225,7 @@ def _remarks(
     return notes
 
 
-def _judged(fit: Fit, name: str, course: StackedRecords) -> Interval:
+def _judge(fit: Fit, name: str, course: StackedRecords) -> Interval:
     interval = fit.intervals[name]
     if interval.identified:
         return interval
@@ -240,7 +240,7 @@ def _by_direction(
     split: Mapping[str, Interval], names: Sequence[str]
 ) -> dict[str, dict[str, Interval]]:
     table = {side: {n: split[n + end] for n in names} for side, end in SIDES.items()}
-    table["averaged"] = {n: averaged(table["forwards"][n], table["backwards"][n]) for n in names}
+    table["averaged"] = {n: average(table["forwards"][n], table["backwards"][n]) for n in names}
     return table
 
 

@@ -101,7 +101,7 @@ def student_interval(
     return Interval(value, unit, error, low, high, method, narrow, "" if narrow else because)
 
 
-def averaged(first: Interval, second: Interval) -> Interval:
+def average(first: Interval, second: Interval) -> Interval:
     """The mean of both directions' values, as the thesis takes it for its nominal parameters."""
     value = 0.5 * (first.value + second.value)
     method = "mean of both directions"

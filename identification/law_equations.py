@@ -48,7 +48,7 @@ class LawEquations:
     def __init__(self, name: str) -> None:
         part = f"along_{name}"
         module = LAWS[name].partition(":")[0]
-        kernel = stored_kernel(part, lambda: moved_to_and_fro(law(name), part), __name__, module)
+        kernel = stored_kernel(part, lambda: motion_to_and_fro(law(name), part), __name__, module)
         model = Model(kernel, tolerance=_TOLERANCE)
         if len(model.x) > MOST_STATES:
             raise ValueError(f"{name} has {len(model.x)} states, expected {MOST_STATES} at most")
@@ -78,7 +78,7 @@ class LawEquations:
 equations_of = cache(LawEquations)
 
 
-def moved_to_and_fro(friction: Law, name: str) -> Component:
+def motion_to_and_fro(friction: Law, name: str) -> Component:
     """The component: a law at a velocity `v`, and half of the time at a velocity `back`.
 
     Both are the same where nothing vibrates; a body that vibrates goes to and fro so fast that what

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..records.force_record import Record
 from .friction_estimation import FrictionEstimate, Motion, estimate_friction
-from .replay import replayed
+from .replay import replay
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -120,7 +120,7 @@ def lay_out(
     gain_std = np.where(stds > 0, usual, 1e-7)
     x, v, inertial = together([e.motion for e in estimates])
     random = np.random.default_rng(0)
-    replays = [together([replayed(e, random) for e in estimates]) for _ in range(EXAMPLES)]
+    replays = [together([replay(e, random) for e in estimates]) for _ in range(EXAMPLES)]
     return StackedRecords(
         x=x,
         v=v,

@@ -13,7 +13,7 @@ import numpy as np
 from .friction_estimation import FrictionEstimate, Motion, smooth_motion
 
 
-def replayed(estimate: FrictionEstimate, random: np.random.Generator) -> Motion:
+def replay(estimate: FrictionEstimate, random: np.random.Generator) -> Motion:
     """One example of the motion of a record, measured and rebuilt once more.
 
     Parameters

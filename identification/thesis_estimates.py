@@ -14,7 +14,7 @@ from .bliman_sorine_map import NoSolution, map_points, read_points
 from .dahl_fit import fit_dahl
 from .fitted_law import BRISTLES, LAWS
 from .friction_estimation import FrictionEstimate
-from .intervals import Interval, averaged, spread
+from .intervals import Interval, average, spread
 from .lugre_dynamics import assumed_damping, held_stiffness, secant_bias
 from .stribeck_fit import STUCK, StribeckPoints, fit_stribeck
 
@@ -57,7 +57,7 @@ def _thesis_lugre(
     static = sides.get("forwards") or sides.get("backwards")
     if len(sides) == 2:
         static = {
-            n: averaged(sides["forwards"][n], sides["backwards"][n])
+            n: average(sides["forwards"][n], sides["backwards"][n])
             for n in ("Fc", "Fs", "Vs", "sigma2")
         }
         result["stribeck_eq_1_8"]["averaged"] = {n: asdict(i) for n, i in static.items()}

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..plant.maxwell_slip import ELEMENTS
 from .fit_result import Fit, draw_coordinates, without_direction
-from .fitted_law import BRISTLES, OFFSET, Law, claimed
+from .fitted_law import BRISTLES, OFFSET, Law, claim_of
 from .intervals import CONFIDENCE
 from .law_along_record import with_backlash
 from .layout import StackedRecords
@@ -45,8 +45,10 @@ def presliding_way(law: Law, values: Mapping[str, float], end: str = "") -> floa
         return own["Fs"] / sum(own[f"k{i}"] for i in range(1, ELEMENTS + 1))
     if law.name in BRISTLES:
         return own["Fs"] / own["sigma0"]
-    stiffness = claimed(law.name, "stiffness", own)
-    return abs(claimed(law.name, "steady_state", own) / stiffness) if stiffness else _RIGID_YIELDING
+    stiffness = claim_of(law.name, "stiffness", own)
+    return (
+        abs(claim_of(law.name, "steady_state", own) / stiffness) if stiffness else _RIGID_YIELDING
+    )
 
 
 def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:

@@ -6,7 +6,7 @@ import sympy as sp
 
 from ..solver.component import Component, DiscreteState, Input, Output, Parameter, symbol
 from .sampling_period import sampling_period
-from .saturation import saturated
+from .saturation import saturate
 
 CONVERSION_SAMPLES = 8
 """Samples of the acquisition that one conversion of the AD7747 takes: 40 ms."""
@@ -34,7 +34,7 @@ def capacitance_sensor() -> Component:
     done = taken >= symbol("samples")
     step = 2 * symbol("range") / 2**24
     mean = total / taken + symbol("noise")
-    code = saturated(sp.floor(mean / step + sp.Rational(1, 2)) * step, symbol("range"))
+    code = saturate(sp.floor(mean / step + sp.Rational(1, 2)) * step, symbol("range"))
     held = symbol("held")
     relative = held * PER_PICOFARAD
     displacement = symbol("c0") + symbol("c1") * relative + symbol("c2") * relative**2

@@ -17,7 +17,7 @@ PHASE = Parameter(
 )
 
 
-def counted(position: sp.Expr, per_metre: sp.Expr, phase: sp.Expr) -> sp.Expr:
+def counter_reading(position: sp.Expr, per_metre: sp.Expr, phase: sp.Expr) -> sp.Expr:
     """A position as a counter gives it that is zero where it was turned on.
 
     Parameters
@@ -39,7 +39,7 @@ def encoder() -> Component:
     was.
     """
     per_metre = symbol("counts") * symbol("p")
-    position = counted(symbol("x"), per_metre, symbol("phase"))
+    position = counter_reading(symbol("x"), per_metre, symbol("phase"))
     return Component(
         name="encoder",
         description="Incremental encoder on the motor shaft",

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import Component, Input, Output, Parameter, symbol
-from .saturation import saturated
+from .saturation import saturate
 
 
 def load_cell() -> Component:
     """Force between screw side and block, as the load cell and its converter give it."""
     resolution, capacity = symbol("resolution"), symbol("capacity")
     # before the steps as well: compiled code counts them in 64 bits
-    felt = saturated(symbol("force") + symbol("noise"), 2 * capacity)
+    felt = saturate(symbol("force") + symbol("noise"), 2 * capacity)
     steps = sp.floor(felt / resolution + sp.Rational(1, 2))
     return Component(
         name="load_cell",
@@ -28,6 +28,6 @@ def load_cell() -> Component:
             Input("noise", "N", "noise before the converter", nominal=0.03),
         ),
         outputs=(
-            Output("force_read", "N", "force by the cell", saturated(steps * resolution, capacity)),
+            Output("force_read", "N", "force by the cell", saturate(steps * resolution, capacity)),
         ),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import Component, Input, Output, Parameter, symbol
-from .encoder import PHASE, counted
+from .encoder import PHASE, counter_reading
 
 _SIGNAL = "an exposed linear encoder with 1 Vpp signals"
 
@@ -23,7 +23,7 @@ def position_encoder() -> Component:
             for k, order in enumerate(("first", "second"), start=1)
         )
     )
-    position = counted(symbol("x") + error, 1 / symbol("resolution"), symbol("phase"))
+    position = counter_reading(symbol("x") + error, 1 / symbol("resolution"), symbol("phase"))
     return Component(
         name="position_encoder",
         description="Position encoder: interpolation error and resolution",

@@ -5,6 +5,6 @@ from __future__ import annotations
 import sympy as sp
 
 
-def saturated(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
+def saturate(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
     """A value held within both signs of a limit."""
     return sp.Max(-limit, sp.Min(limit, value))

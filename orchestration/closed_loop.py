@@ -22,10 +22,10 @@ from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
 from .parameter_file import ParameterFile
 from .parts import label_of, loop_label, part_of, used_parameters
-from .port_units import converted
+from .port_units import convert
 from .reference_signal import Reference
 from .sampling import UnknownPeriod, sampling_period
-from .state_trial import checked_state
+from .state_trial import check_state
 from .step_choice import FIRST, choose_step, only_step
 from .whole_loop import run_monolithic
 from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
@@ -193,10 +193,10 @@ def run_parts(
     for side, values in ((plant, study.plant_values), (controller, study.controller_values)):
         check_values(side.name, values or {}, [*side.parameters, *side.inputs])
     given = ((plant, study.plant_values), (controller, study.controller_values))
-    states = [checked_state(fmu, v or {}, study.stop, study.step) for fmu, v in given]
+    states = [check_state(fmu, v or {}, study.stop, study.step) for fmu, v in given]
     wiring = wire(plant, controller, study.mapping)
     wiring.check_given(study.plant_values or {}, study.controller_values or {})
-    controller, units = converted(plant, controller, wiring, study.mapping)
+    controller, units = convert(plant, controller, wiring, study.mapping)
     notes = _connection_notes(study, plant, controller, wiring) + units.notes
     notes += states[0] + states[1]
     if not has_equations(study.controller):

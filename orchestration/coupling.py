@@ -29,7 +29,7 @@ import numpy.typing as npt
 from . import compiled
 from .compiled import ask
 from .couplings import Coupling
-from .fmi_calls import Bound, failure_of, raising
+from .fmi_calls import Bound, failure_of, raise_failures
 from .fmu_instance import Instance
 from .structs import Struct, struct
 from .wiring import Wiring
@@ -147,7 +147,7 @@ class ControllerSide:
     def _follows(self, signals: Vector, reference: Vector) -> bool:
         """Whether the output follows the inputs at once."""
         law = self._empty_law()
-        with raising(self.bound):
+        with raise_failures(self.bound):
             ask("command_at", self._side, signals, reference, law[: self.m])
             ask("probe_gains", self._side, 0.0, 0.0, signals, reference, law)
             ask("set_inputs", self._side, signals, reference)
@@ -159,27 +159,27 @@ class ControllerSide:
     def last_command(self) -> Vector:
         """The commands as they stand, nothing newly set."""
         commands = np.empty(self.m)
-        with raising(self.bound):
+        with raise_failures(self.bound):
             ask("read_commands", self._side, commands)
         return commands
 
     def command_at(self, signals: Vector, reference: Vector) -> Vector:
         """Set the inputs and read the commands."""
         commands = np.empty(self.m)
-        with raising(self.bound):
+        with raise_failures(self.bound):
             ask("command_at", self._side, signals, reference, commands)
         return commands
 
     def law_at(self, t: float, h: float, signals: Vector, reference: Vector, probe: bool) -> Law:
         """The commands, and with `probe` their derivatives, at the given signals."""
         law = self._empty_law()
-        with raising(self.bound):
+        with raise_failures(self.bound):
             ask("law_at", self._side, t, h, signals, reference, probe, law)
         return law_of(law, self.m, self.n)
 
     def advance(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Move the controller from t to t + h with these signals held."""
-        with raising(self.bound):
+        with raise_failures(self.bound):
             ask("advance", self._side, t, h, signals, reference)
 
 
@@ -229,7 +229,7 @@ class Loop:
         calls = self._whole.part("plant")
         self._bound = Bound(plant, names, plant.outputs, compiled.USES, calls)
         outputs = np.empty(len(plant.outputs))
-        with raising(self._bound):
+        with raise_failures(self._bound):
             ask("read_outputs", calls, outputs)
         at = [list(plant.outputs).index(s) for s, _ in wiring.signals]
         self._side = ControllerSide(
@@ -282,7 +282,7 @@ class Loop:
     def command(self, t: float, h: float, reference: Vector) -> Vector:
         """The controller's true command at the present signals."""
         commands = np.zeros(self._side.m)
-        with raising(self._bound, self._side.bound):
+        with raise_failures(self._bound, self._side.bound):
             ask("command", self._whole, t, h, reference, False, commands)
         return commands
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from .fmi_status import OK
 from .fmi_versions import STATE, STEP
-from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance, ended
+from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance, describe_end
 from .structs import VECTOR, Struct, Vector
 
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # what failed
@@ -107,7 +107,7 @@ class Bound:
         said = {
             PUT: f"refuses the values of {', '.join(self._inputs)}",
             TAKE: f"cannot give {', '.join(self._outputs)}",
-            MOVE: ended(status),
+            MOVE: describe_end(status),
             SAVE: "cannot save its state",
             RESTORE: "cannot restore its state",
         }
@@ -120,7 +120,7 @@ def failure_of(*bound: Bound) -> BaseException | None:
 
 
 @contextlib.contextmanager
-def raising(*bound: Bound) -> Iterator[None]:
+def raise_failures(*bound: Bound) -> Iterator[None]:
     """Raise a failed call as the error that the FMU instance itself would raise."""
     try:
         yield

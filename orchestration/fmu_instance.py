@@ -36,7 +36,7 @@ SAMPLE_TIME = "sample_time"
 SHORTER = "it asks for shorter steps: use a smaller --step"
 
 
-def ended(status: int) -> str:
+def describe_end(status: int) -> str:
     """How a step ended with a status of FMI that is none of success."""
     words = {
         DISCARD: "discards the step, as too long for it",
@@ -165,7 +165,7 @@ class FmuInstance(AnyFmu):
     def __init__(
         self, source: Path | str | UnpackedFmu, name: str, calls: type[Fmi2] | None = None
     ) -> None:
-        self._fmu, self._clean = opened_source(self, source)
+        self._fmu, self._clean = open_source(self, source)
         self.name = name
         description = self.description
         self._variables = {v.name: v for v in description.variables}
@@ -290,7 +290,7 @@ class FmuInstance(AnyFmu):
             status = getattr(error, "status", FATAL)
             raise self.failed(status, str(error).rstrip(".")) from error
         if status > OK:
-            raise self.failed(status, ended(status))
+            raise self.failed(status, describe_end(status))
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
@@ -378,7 +378,7 @@ def inputs_of(description: Description) -> list[str]:
     return [n for n in inputs if not description.exchanges or n not in law]
 
 
-def opened_source(
+def open_source(
     owner: object, source: Path | str | UnpackedFmu
 ) -> tuple[UnpackedFmu, Callable[[], object]]:
     """The FMU unpacked, and how to remove a folder made for `owner`, which ends with it anyway."""

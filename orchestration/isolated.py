@@ -37,7 +37,7 @@ from .fmu_instance import (
     StepFailed,
     Writer,
     inputs_of,
-    opened_source,
+    open_source,
 )
 from .isolated_host import DISCARDED, OK, REFUSED, Request, receive, send
 
@@ -68,7 +68,7 @@ class IsolatedInstance(AnyFmu):
     def __init__(
         self, source: Path | str | UnpackedFmu, name: str, time_limit: float = TIME_LIMIT
     ) -> None:
-        self._fmu, self._clean = opened_source(self, source)
+        self._fmu, self._clean = open_source(self, source)
         self.name = name
         self.time_limit = time_limit
         description = self._fmu.description

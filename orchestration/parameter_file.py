@@ -161,8 +161,8 @@ class ParameterFile:
         """
         use = {n: v for n, v in self.plant.items() if n in known or n not in others}
         found = {n: v for n, v in self.found.items() if n in known}
-        values = checked(use, known, f"{self.path}: [plant]")
-        values |= checked(found, known, f"{self.path}: [found]")
+        values = check_values(use, known, f"{self.path}: [plant]")
+        values |= check_values(found, known, f"{self.path}: [found]")
         for coulomb in [n for n in values if n in ("Fc", "Fc_pos", "Fc_neg")]:
             breakaway = coulomb.replace("Fc", "Fs")
             if breakaway in known:
@@ -172,7 +172,7 @@ class ParameterFile:
     def controller_values(self, name: str, known: Known) -> dict[str, float]:
         """Values for the controller of this name, checked; raises `BadParameters`."""
         where = f"{self.path}: [controller.{name}]"
-        return checked(self.controllers.get(name, {}), known, where)
+        return check_values(self.controllers.get(name, {}), known, where)
 
     def text(self) -> str:
         """The file's text, TOML."""
@@ -226,7 +226,9 @@ def _written(text: str) -> str:
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
-def used(known: Known, values: Mapping[str, float], told: Values, source: str) -> dict[str, Value]:
+def list_used(
+    known: Known, values: Mapping[str, float], told: Values, source: str
+) -> dict[str, Value]:
     """All parameters of a part with the values that they had, as a parameter file lists them.
 
     Initial states and the solver's tolerance are listed only where they were given.
@@ -253,7 +255,7 @@ def used(known: Known, values: Mapping[str, float], told: Values, source: str) -
     return found
 
 
-def checked(values: Values, known: Known, where: str) -> dict[str, float]:
+def check_values(values: Values, known: Known, where: str) -> dict[str, float]:
     """The plain numbers of values whose names, units and ranges fit.
 
     Raises

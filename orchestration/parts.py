@@ -15,7 +15,7 @@ from ..fmus.reading import unpack
 from ..instruments import bare
 from ..plant import DEFAULT_LAW, LAWS, PLANTS
 from ..solver.kernel import Kernel, ParameterInfo
-from .parameter_file import BALL_SCREW, FMU, ParameterFile, used
+from .parameter_file import BALL_SCREW, FMU, ParameterFile, list_used
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def used_parameters(
     file = told or ParameterFile()
     source = "given to this run"
     known = _settable(part_of(plant), plant_values)
-    values = used(known, plant_values, {**file.plant, **file.found}, source)
+    values = list_used(known, plant_values, {**file.plant, **file.found}, source)
     kind, law = FMU, ""
     own = set(known)
     name = plant.removeprefix("plant").removeprefix("_") or DEFAULT_LAW
@@ -166,7 +166,7 @@ def used_parameters(
         if kind == BALL_SCREW:
             own |= set(part_of(told.plant_name).parameters)
     described = {
-        label_of(name): used(
+        label_of(name): list_used(
             _settable(part_of(name), given),
             given,
             file.controllers.get(table_of(file, name), {}),

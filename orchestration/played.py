@@ -88,7 +88,7 @@ class Played(Fmi2):
             step=ctypes.cast(given._step, ctypes.c_void_p).value,
             output=ctypes.cast(given._output, ctypes.c_void_p).value,
             sample=system._system.sample,
-            instance=given._at,
+            instance=given.address,
             system=system.address,
             discrete=at["inputs"],
             **{name: at[name] for name in _PLACES},

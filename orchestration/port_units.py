@@ -233,7 +233,7 @@ class Converted:
         return Converted(self._instance.reopened(), self._scales)
 
 
-def converted(
+def convert(
     plant: FmuInstance | IsolatedInstance,
     controller: FmuInstance | IsolatedInstance,
     wiring: Wiring,

@@ -19,7 +19,7 @@ SAME = 1e-5  # of an output's size, that two passes may differ by: solvers that 
 _TRIED: dict[tuple[str, int, int], bool] = {}  # by path, time and size of the file
 
 
-def checked_state(
+def check_state(
     fmu: FmuInstance | IsolatedInstance, values: Mapping[str, float], stop: float, step: float
 ) -> tuple[str, ...]:
     """Let an FMU do without saved states where it does not come back to them; a note of it.

@@ -38,7 +38,7 @@ from .master import Progress, run_loop
 from .parts import readable
 from .port_units import AS_IS, POSITION, scale_of_results
 from .reference_signal import Reference
-from .state_trial import checked_state
+from .state_trial import check_state
 from .step_choice import FIRST, choose_step, only_step
 from .system_goal import Fmus, Goal, goal_of
 from .system_law import accepts_law, commands_of, reports_law
@@ -123,7 +123,7 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
         values = _values(system, study, fmus)
         own = own_step({f.path.name: f.description for f in fmus.values()})
         first = study.step or own or min(FIRST, stop)
-        states = [checked_state(f, values[name], stop, first) for name, f in fmus.items()]
+        states = [check_state(f, values[name], stop, first) for name, f in fmus.items()]
         loop = _loop(system, fmus, study)
         reference = study.reference or Reference.constant(loop.set_point(system, values, fmus))
 

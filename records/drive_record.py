@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from .bad_record import BadRecord
 from .resolution import encoder_count
-from .sampling import evened
-from .table import in_si, read_table, renamed
+from .sampling import even_out
+from .table import in_si, read_table, rename
 from .velocity import INTEGRATED, VELOCITY, columns_wanted, with_position
 from .velocity import QUANTITIES as VELOCITIES
 
@@ -124,7 +124,7 @@ def _read(
 ) -> DriveRecord:
     file = path / "record.csv" if path.is_dir() else path
     found = read_table(file)
-    table = renamed(
+    table = rename(
         found,
         mapping,
         columns_wanted(found, mapping, QUANTITIES),
@@ -134,10 +134,10 @@ def _read(
     signals, measured = in_si(table, units, QUANTITIES, lead)
     command = measured.get("u", CURRENT)
     command = FORCE if command == "torque" else command
-    return checked(str(path), signals, command, table.row)
+    return check_record(str(path), signals, command, table.row)
 
 
-def checked(
+def check_record(
     name: str,
     signals: Mapping[str, Vector],
     command: str = VOLTAGE,
@@ -182,7 +182,7 @@ def checked(
     signals = {n: v[known] for n, v in signals.items() if np.any(np.isfinite(v[known]))}
     if len(rows) < _FEWEST:
         raise BadRecord(f"{name}: is too short: {len(rows)} samples, expected at least {_FEWEST}")
-    signals, step, said = evened(name, signals, lambda k: row(int(rows[k])))
+    signals, step, said = even_out(name, signals, lambda k: row(int(rows[k])))
     if step >= _SLOWEST:
         raise BadRecord(
             f"{name}: sampled every {step:.4g} s, at {1 / step:.3g} Hz: too slow to see friction, "

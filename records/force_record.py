@@ -20,7 +20,7 @@ from scipy.stats import t as student
 
 from .bad_record import BadRecord
 from .sampling import JITTER, check_forwards
-from .table import Table, in_si, read_table, renamed
+from .table import Table, in_si, read_table, rename
 from .velocity import INTEGRATED, VELOCITY, columns_wanted, with_position
 from .velocity import QUANTITIES as VELOCITIES
 
@@ -173,7 +173,7 @@ def read_record(
         file = path / "record.csv"
         about = _read_about(path / "trial.json")
     found = read_table(file)
-    table = renamed(
+    table = rename(
         found,
         mapping,
         columns_wanted(found, mapping, QUANTITIES),

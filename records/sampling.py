@@ -48,7 +48,7 @@ def check_forwards(
     return steps
 
 
-def evened(
+def even_out(
     name: Path | str, signals: Mapping[str, Vector], row: Callable[[int], int]
 ) -> tuple[dict[str, Vector], float, str]:
     """Signals at even instants, their interval [s], and what was done to them; empty for nothing.

@@ -137,7 +137,7 @@ def _vectors(name: str, array: npt.NDArray[np.generic]) -> dict[str, Vector]:
     return {}
 
 
-def renamed(
+def rename(
     table: Table,
     mapping: Mapping[str, str],
     known: Sequence[str],

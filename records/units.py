@@ -76,7 +76,7 @@ _SPELLINGS = {
 _SIZED = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)(?:\s*\*\s*|\s+)(.+)")
 
 
-def spelt(unit: str) -> str:
+def spell(unit: str) -> str:
     """A unit as `UNITS` spells it; other text as it is."""
     unit = unit.strip().replace("μ", "µ")  # two characters look the same
     return _SPELLINGS.get(unit, unit)
@@ -84,7 +84,7 @@ def spelt(unit: str) -> str:
 
 def quantity_of(unit: str) -> str:
     """The quantity that a unit measures; empty for none that is known."""
-    return next((q for q, units in UNITS.items() if spelt(unit) in units), "")
+    return next((q for q, units in UNITS.items() if spell(unit) in units), "")
 
 
 class Conversion:
@@ -118,7 +118,7 @@ class Conversion:
         BadRecord
         """
         sized = _SIZED.fullmatch(text.strip())
-        size, unit = (_number(sized[1]), spelt(sized[2])) if sized else (1.0, spelt(text))
+        size, unit = (_number(sized[1]), spell(sized[2])) if sized else (1.0, spell(text))
         self.quantity = quantity_of(unit)
         if not math.isfinite(size) or size == 0.0 or self.quantity not in quantities:
             known = ", ".join(u for q in quantities for u in UNITS[q])

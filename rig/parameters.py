@@ -9,8 +9,8 @@ from ..orchestration.parameter_file import (
     BadParameters,
     ParameterFile,
     Value,
-    checked,
-    used,
+    check_values,
+    list_used,
 )
 from ..orchestration.parts import part_of
 from ..solver.kernel import ParameterInfo
@@ -57,7 +57,7 @@ def values_for(
         if any(part.name == name for part in WIRINGS[control].parts):
             head = f"{name}."
             theirs = {n.removeprefix(head): p for n, p in known.items() if n.startswith(head)}
-            numbers = checked(own, theirs, f"{told.path}: [rig.{name}]")
+            numbers = check_values(own, theirs, f"{told.path}: [rig.{name}]")
             found |= {head + n: v for n, v in numbers.items()}
     return found
 
@@ -83,6 +83,6 @@ def used_by_trial(
         }
         values = {n.removeprefix(head): v for n, v in given.items() if n.startswith(head)}
         said = file.plant if part == PLANT else file.rig.get(part, {})
-        parts[part] = used(kept, values, said, "given to this trial")
+        parts[part] = list_used(kept, values, said, "given to this trial")
     plant = parts.pop(PLANT)
     return ParameterFile(law=law, plant=plant, controllers=file.controllers, rig=parts)

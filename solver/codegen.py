@@ -18,7 +18,7 @@ from .formulas import Writer, formula, label
 from .functions import slopes, symbols_in
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
 from .kernel_cache import hashed_name
-from .tape import UnsupportedComponent, recorded
+from .tape import UnsupportedComponent, record_tape
 
 _HEAD = '''"""The equations of {name}, generated."""
 
@@ -279,7 +279,7 @@ def generate(component: Component) -> Kernel:
         source=source,
         delays=[StateInfo(d.name, d.unit, "", d.start, d.nominal) for d in component.delays],
         tapes=b64encode(
-            recorded(
+            record_tape(
                 source,
                 len(component.all_states),
                 held,

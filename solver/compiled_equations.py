@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import resources
 
 from . import kernel_cache
-from .compilers import CompilerFailed, compiled, compiler_for, own_platform
+from .compilers import CompilerFailed, compile_library, compiler_for, own_platform
 from .core import FUNCTIONS
 from .tape import functions
 from .translation import in_c
@@ -49,7 +49,9 @@ def compile_equations(module: str, source: str, states: int) -> bool:
     head = resources.files(__package__).joinpath("c", "system.h").read_text(encoding="utf-8")
     text = "\n".join(['#include "system.h"\n', *parts, _TAIL % filled])
     try:
-        data = compiled(platform, {"system.h": head, "equations.c": text}, "equations.c", module)
+        data = compile_library(
+            platform, {"system.h": head, "equations.c": text}, "equations.c", module
+        )
         kernel_cache.write(path, data)
     except (CompilerFailed, OSError):
         return False  # slower, with the same numbers

@@ -76,7 +76,7 @@ def compiler_for(name: str) -> list[str]:
     return []
 
 
-def compiled(name: str, sources: Mapping[str, str], main: str, stem: str) -> bytes:
+def compile_library(name: str, sources: Mapping[str, str], main: str, stem: str) -> bytes:
     """The shared library for a platform.
 
     Parameters
@@ -97,21 +97,21 @@ def compiled(name: str, sources: Mapping[str, str], main: str, stem: str) -> byt
     with tempfile.TemporaryDirectory(prefix="ballscrew-compile-") as folder:
         for file, text in sources.items():
             (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
-        return compiled_in(Path(folder), name, [*FLAGS, main], stem)
+        return compile_in(Path(folder), name, [*FLAGS, main], stem)
 
 
-def compiled_in(folder: Path, name: str, arguments: Sequence[str], stem: str) -> bytes:
+def compile_in(folder: Path, name: str, arguments: Sequence[str], stem: str) -> bytes:
     """The shared library for a platform, of files that lie in a folder, where it is made, too.
 
     Parameters
     ----------
     folder : Path
     name : str
-        As in `compiled`.
+        As in `compile_library`.
     arguments : sequence of str
         Flags and sources, as the compiler is run in that folder.
     stem : str
-        As in `compiled`.
+        As in `compile_library`.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from typing import Any
 import sympy as sp
 
 from .contract_error import ContractError as ContractError
-from .functions import FUNCTIONS, symbols_in, unsupported
+from .functions import FUNCTIONS, symbols_in, unsupported_function
 
 Number = float | int
 
@@ -516,7 +516,7 @@ class Component:
                 f"{self.name}: the discrete state {self.discrete[0].name!r} needs a sample_time"
             )
         for where, expression in self.expressions():
-            wrong = unsupported(sp.sympify(expression))
+            wrong = unsupported_function(sp.sympify(expression))
             if wrong:
                 raise ContractError(
                     f"{self.name}: {where} uses {wrong}, which is not supported; "

@@ -58,7 +58,7 @@ def read_component(part: str) -> Component:
     return made
 
 
-def loaded_component(part: str) -> Component:
+def load_component(part: str) -> Component:
     """The component as it was when it was last read; read now if it never was.
 
     All of one run sees the same equations, also if the file is edited meanwhile.

@@ -208,7 +208,7 @@ class System:
     Parameters
     ----------
     tapes : bytes
-        See `tape.recorded`.
+        See `tape.record_tape`.
     equations : str, optional
         File of the same equations compiled, see ``compiled_equations.py``.
 

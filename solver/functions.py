@@ -59,7 +59,7 @@ _PARTS = (
 )
 
 
-def unsupported(expression: sp.Expr) -> str:
+def unsupported_function(expression: sp.Expr) -> str:
     """Name of the first function in it that is not supported; empty if there is none."""
     for node in sp.preorder_traversal(expression):
         if isinstance(node, ImaginaryUnit | NaN | ComplexInfinity) or not isinstance(node, _PARTS):

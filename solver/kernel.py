@@ -85,7 +85,7 @@ class Kernel:
 
     ``events`` are those of the mode that has most. ``module`` is the name of the equations' module,
     ending in a hash of its text, ``source``; ``delays`` are the delayed signals; ``tapes`` are the
-    same equations for the compiled core, see `tape.recorded`, in base 64.
+    same equations for the compiled core, see `tape.record_tape`, in base 64.
     """
 
     name: str

@@ -84,7 +84,7 @@ class Tape:
 _NO_TAPE = Tape(np.zeros(0, _OPERATION), np.zeros(0))
 
 
-def recorded(
+def record_tape(
     source: str, states: int, held: int, events: int, delays: int = 0, first: int = 0
 ) -> bytes:
     """All functions of a system, as `core.System` reads them.

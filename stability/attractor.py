@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..solver.core import EVENTS
 from ..solver.kernel import IntegrationError, Model
 from ..solver.spectrum import Returns, Spectrum, follow_returns, follow_tangents
-from .equilibria import Equilibrium, driven, equilibrium_near, sample_after, stands
+from .equilibria import Equilibrium, equilibrium_near, is_driven, sample_after, stands
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -635,7 +635,7 @@ def _unclosed(
 
 def _alone(model: Model, time: float, period: float) -> int:
     """How many exponents are zero of themselves: the direction of time's, of what has no clock."""
-    return int(model.sample_time == 0.0 and not driven(model, time, period))
+    return int(model.sample_time == 0.0 and not is_driven(model, time, period))
 
 
 def _weighted(rates: Matrix) -> tuple[Vector, Vector]:

@@ -71,7 +71,7 @@ def run_cell(
     try:
         model = model_at(study, x, y, tolerance, system)
     except ValueError as none:
-        return undecided(NO_DESIGN, str(none))
+        return undecided_cell(NO_DESIGN, str(none))
     setpoint = next(
         (model.u[k] for k, i in enumerate(model.kernel.inputs) if i.role == "reference"), 0.0
     )
@@ -97,7 +97,7 @@ def run_cell(
             growth += float(tail.growth[-1, 0])
             model.x[:], model.u[:] = end
     if lost:
-        ended = undecided(REASONS[OTHER_SOLVER], lost)
+        ended = undecided_cell(REASONS[OTHER_SOLVER], lost)
         if away:
             ended = Cell(Kind.DIVERGES, math.nan, math.nan, math.nan)
         return replace(ended, lambda1=growth / at * _BITS)
@@ -107,7 +107,7 @@ def run_cell(
     return Cell(motion.kind, error, growth / study.stop * _BITS, swing, reason_of(motion))
 
 
-def undecided(reason: str, evidence: str) -> Cell:
+def undecided_cell(reason: str, evidence: str) -> Cell:
     """A cell of which nothing is known but why."""
     return Cell(Kind.UNDECIDED, math.nan, math.nan, math.nan, f"{reason}: {evidence}")
 

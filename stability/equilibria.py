@@ -147,7 +147,7 @@ def stands(model: Model, time: float, span: float, state: Vector, within: float)
     return bool(np.abs(shift).max() <= within and np.abs(left).max() * span <= within)
 
 
-def driven(model: Model, time: float, span: float) -> bool:
+def is_driven(model: Model, time: float, span: float) -> bool:
     """Whether time alone changes rates or indicators, in the present state and mode.
 
     Equations hold the time where a set-point may move; it need not.

@@ -15,10 +15,10 @@ from ..orchestration.reference_signal import Reference
 from ..orchestration.wiring import WiringError
 from ..solver.tape import UnsupportedComponent
 from .attractor import Attractor
-from .cell import LAST, NO_DESIGN, Cell, reason_of, undecided
+from .cell import LAST, NO_DESIGN, Cell, reason_of, undecided_cell
 from .fmu_parts import FmuLoop, FmuParts, OverFmus, opened_parts
 from .fmu_with_tangents import TangentsImpossible
-from .lyapunov import agreed
+from .lyapunov import agree
 from .signal_motion import signal_motion
 from .study import BadMap, MapStudy
 from .tangents_over_fmus import ACCURACY, TangentRun
@@ -56,7 +56,7 @@ def run_fmu_cell(
     try:
         plant_values, controller_values, setpoint = study.values_at(x, y)
     except ValueError as error:
-        return undecided(NO_DESIGN, str(error))
+        return undecided_cell(NO_DESIGN, str(error))
     names = study.controller, study.plant
     loop = FmuLoop(*names, setpoint, plant_values, controller_values, fmus.mapping)
     step, lambda1 = share * fmus.step, math.nan
@@ -71,7 +71,7 @@ def run_fmu_cell(
         else:
             run, motion = _coupled(loop, parts, study.stop, step)
     except StepFailed as error:
-        return undecided(REFUSED, str(error))
+        return undecided_cell(REFUSED, str(error))
     reason = reason_of(motion)
     if run.stopped or POSITION not in run.outputs:
         return Cell(motion.kind, math.nan, lambda1, math.nan, reason)
@@ -104,7 +104,7 @@ def _coupled(loop: FmuLoop, parts: FmuParts, stop: float, step: float) -> tuple[
     if run.verdict.trusted:
         return run, motion
     finer, again = at(0.5 * step)
-    return finer, agreed(motion, again, "half the step")
+    return finer, agree(motion, again, "half the step")
 
 
 def check_parts(study: MapStudy, fmus: OverFmus) -> None:

@@ -14,7 +14,7 @@ from ..fmus.tangent_ports import is_tangent_port, tangent_states
 from ..orchestration.fmu_instance import FmuInstance
 from ..orchestration.isolated import IsolatedInstance, open_fmu
 from ..orchestration.parts import part_of
-from ..orchestration.state_trial import checked_state
+from ..orchestration.state_trial import check_state
 from ..orchestration.wiring import PLANT, names_on
 from ..solver.tape import UnsupportedComponent
 from .fmu_with_tangents import ordinary
@@ -150,7 +150,7 @@ def opened_parts(plant: str, controller: str, tangents: int) -> Iterator[FmuPart
                 return None
             instance = open_fmu(Path(name), side)
             opened.callback(instance.close)
-            checked_state(instance, {}, *TRIAL)
+            check_state(instance, {}, *TRIAL)
             return instance
 
         def opened_name(side: str, name: str) -> tuple[_Instance, str]:

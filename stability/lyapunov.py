@@ -298,10 +298,7 @@ def lyapunov(
         motions.append(classify_attractor(onward, stop, stop, exponents=average is None))
         if watch.over:
             break
-    if watch.over:
-        motion = _by_motion(make, stop, runs[0], watch)
-    else:
-        motion = agreed(motions[0], motions[1])
+    motion = _by_motion(make, stop, runs[0], watch) if watch.over else agree(motions[0], motions[1])
     perturbations: list[PerturbationGrowth] = []
     goes_on = motion.kind is not Kind.DIVERGES and not watch.over
     if average and onward is not None and goes_on:
@@ -340,7 +337,7 @@ def _by_motion(make: Maker, stop: float, run: Spectrum, watch: Watching) -> Attr
             return Attractor(Kind.UNDECIDED, spent, MORE_TIME)
         else:
             motions.append(becomes(model, sample_after(model, brief), brief))
-    motion = agreed(motions[0], motions[1])
+    motion = agree(motions[0], motions[1])
     would = MORE_TIME if motion.kind is Kind.UNDECIDED else motion.would_decide
     text = f"{spent}; from the motion alone: {motion.evidence}"
     return replace(motion, evidence=text, would_decide=would)
@@ -353,7 +350,7 @@ def _ended(run: Spectrum, model: Model) -> Attractor:
     return Attractor(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
 
 
-def agreed(first: Attractor, second: Attractor, how: str = "a tenth of the tolerance") -> Attractor:
+def agree(first: Attractor, second: Attractor, how: str = "a tenth of the tolerance") -> Attractor:
     """The second verdict, the tighter, unless the first is another; `how` says what is tighter."""
     same = first.kind is second.kind
     text = f"{first.kind.value} ({first.evidence}) against {second.kind.value}"

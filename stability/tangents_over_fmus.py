@@ -32,7 +32,7 @@ from ..orchestration.fmu_instance import FmuInstance, Instance, StepFailed
 from ..orchestration.group import initialize
 from ..orchestration.isolated import IsolatedInstance
 from ..orchestration.loop_run import bounds
-from ..orchestration.port_units import converted
+from ..orchestration.port_units import convert
 from ..orchestration.structs import struct
 from ..orchestration.wiring import PLANT, Wiring, names_on, wire
 from .fmu_with_tangents import Side, TangentsImpossible, ordinary
@@ -144,7 +144,7 @@ def follow_over_fmus(  # noqa: PLR0913
     """
     _check_saving(plant, controller)
     wiring = wire(ordinary(plant), ordinary(controller), mapping)
-    controller, units = converted(plant, controller, wiring, mapping)
+    controller, units = convert(plant, controller, wiring, mapping)
     refs = np.array([0.0 if order else reference for order in wiring.orders])
     p = Side(plant)
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...solver.compilers import PLATFORMS, compiled, compiler_for, own_platform
+from ...solver.compilers import PLATFORMS, compile_library, compiler_for, own_platform
 from ...solver.component import Component
 from ...solver.files import write_atomically
-from ..accompanying import accompanying
-from ..archive import packed
+from ..accompanying import accompanying_files
+from ..archive import pack
 from ..export import with_law_ports
 from ..made_here import remember
 from ..model_description import VERSION
@@ -99,11 +99,11 @@ def write_native(
         files["sources/buildDescription.xml"] = texts_and_build
     for name in able:
         kind = PLATFORMS[name]
-        library = compiled(name, texts, MAIN[fmi], stem)
+        library = compile_library(name, texts, MAIN[fmi], stem)
         files[f"binaries/{kind.folder[fmi]}/{stem}{kind.suffix}"] = library
-    files |= accompanying(model.kernel, model.interface, fmi)
+    files |= accompanying_files(model.kernel, model.interface, fmi)
     files |= {f"sources/{name}": text.encode() for name, text in sorted(texts.items())}
-    write_atomically(path, packed(files))
+    write_atomically(path, pack(files))
     remember(path)
     return NativeFmu(path, able, tuple(name for name in wanted if name not in able))
 

@@ -13,7 +13,7 @@ from ...solver import kernel_cache
 from ...solver.compilers import CompilerFailed, compiler_for, own_platform
 from ...solver.stored import fingerprint
 from ..catalogue import fmu, fmu_kernel, variational_fmu, variational_kernel
-from ..made_here import keep, kept
+from ..made_here import is_kept, keep
 from .export import write_native
 from .sources import catalogued_model, variational_model
 
@@ -56,7 +56,7 @@ def _native(name: str, tangents: int) -> Path:
     content = kernel.to_json() + _way_of_making()
     stem = kernel_cache.hashed_name(f"{kernel.name}_native", content)
     path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
-    if kept(path):
+    if is_kept(path):
         return path
     platform = own_platform()
     if not platform or not compiler_for(platform):

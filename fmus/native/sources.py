@@ -18,7 +18,7 @@ from ...solver.tape import functions
 from ...solver.translation import in_c
 from ..catalogue import component, fmu_kernel, variational_kernel
 from ..export import with_law_ports
-from ..interface import MESSAGE, Interface, Variable, interface_of, numbered
+from ..interface import MESSAGE, Interface, Variable, interface_of, number_variables
 from ..variational import variational
 from .partials import Entry, entry_of, partials
 
@@ -157,7 +157,7 @@ def _model(kernel: Kernel, derived: Kernel) -> NativeModel:
         for k, s in enumerate(kernel.states)
         if k not in shown
     ]
-    own = numbered(hidden, interface.message_reference + 1)
+    own = number_variables(hidden, interface.message_reference + 1)
     of_place = {v.place: v for v in own}
     states = [
         outputs[shown.index(k)] if k in shown else of_place[layout.states + k]
@@ -175,7 +175,7 @@ def _model(kernel: Kernel, derived: Kernel) -> NativeModel:
         )
         for k, (s, state) in enumerate(zip(kernel.states, states, strict=True))
     ]
-    derivatives = numbered(rates, interface.message_reference + 1 + len(own))
+    derivatives = number_variables(rates, interface.message_reference + 1 + len(own))
     return NativeModel(
         kernel,
         derived,

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 import ballscrew
 
-from ..drawing import COLOURS, drawn, part
+from ..drawing import COLOURS, drawing, part
 from ..finding import Finding
 
 DRIVE = part(__file__, "drive")
@@ -225,7 +225,7 @@ def findings() -> list[Finding]:
 
 
 def picture() -> Any:
-    with drawn(2, 2, height=3.4) as (figure, (swing, frequency, lead, swap)):
+    with drawing(2, 2, height=3.4) as (figure, (swing, frequency, lead, swap)):
         gains = np.concatenate([np.linspace(4.3, 30.0, 30), np.linspace(32.0, 0.997 * end(), 50)])
         theory = [predicted(gain) for gain in gains]
         cycles = [cycle(gain) for gain in SHOWN]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..drawing import COLOURS, DASHES, drawn
+from ..drawing import COLOURS, DASHES, drawing
 from ..finding import Finding
 from .cycles import (
     CLASSICAL,
@@ -174,7 +174,7 @@ def _of_coulomb() -> list[Finding]:
 
 
 def picture() -> Any:
-    with drawn(2, 2, height=3.7) as (figure, (plane, swings, starts, laws)):
+    with drawing(2, 2, height=3.7) as (figure, (plane, swings, starts, laws)):
         _draw_plane(plane)
         _draw_swings(swings)
         _draw_starts(starts)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import ballscrew
 
-from ..drawing import COLOURS, drawn, part
+from ..drawing import COLOURS, drawing, part
 from ..finding import Finding
 
 BALL = part(__file__, "ball")
@@ -107,7 +107,7 @@ def findings() -> list[Finding]:
 
 
 def picture() -> Any:
-    with drawn(2) as (figure, (whole, end)):
+    with drawing(2) as (figure, (whole, end)):
         run, endless, (time, rows, speeds) = motion(step=1e-3), motion(1e-4, 1e-3), table()
         end.plot(
             endless.time,

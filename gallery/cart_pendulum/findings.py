@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 import ballscrew
 
-from ..drawing import COLOURS, drawn, part
+from ..drawing import COLOURS, drawing, part
 from ..finding import Finding
 
 CART, DRY, LUGRE = (part(__file__, name) for name in ("cart", "dry_cart", "lugre_cart"))
@@ -183,7 +183,7 @@ def findings() -> list[Finding]:
 
 
 def picture() -> Any:
-    with drawn(2, 2, height=3.4) as (figure, (course, orbit, force, size)):
+    with drawing(2, 2, height=3.4) as (figure, (course, orbit, force, size)):
         for k, (plant, label) in enumerate(((CART, "no friction"), (DRY, "0.1 N of friction"))):
             run = motion(plant, 45.0, 0.02)
             course.plot(

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 import ballscrew
 
-from ..drawing import COLOURS, DASHES, drawn, part
+from ..drawing import COLOURS, DASHES, drawing, part
 from ..finding import Finding
 
 MOTOR, LUGRE = part(__file__, "motor"), part(__file__, "motor_lugre")
@@ -216,7 +216,7 @@ def _draw_map(axes: Any) -> None:
 
 
 def picture() -> Any:
-    with drawn(2, 2) as (figure, (course, rest, map_of_gains, slow)):
+    with drawing(2, 2) as (figure, (course, rest, map_of_gains, slow)):
         for k, law in enumerate(LAWS):
             run = motion(law, 1.0, 1.0, 1e-3)
             style = {"color": COLOURS[k], "ls": DASHES[k], "lw": 1.4, "label": law}

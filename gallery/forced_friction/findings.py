@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 import ballscrew
 
-from ..drawing import COLOURS, DASHES, drawn, part
+from ..drawing import COLOURS, DASHES, drawing, part
 from ..finding import Finding
 
 OSCILLATOR = part(__file__, "oscillator")
@@ -301,7 +301,7 @@ def _exponents(axes: Any) -> None:
 
 
 def picture() -> Any:
-    with drawn(2, 2) as (figure, (swings, plane, courses, exponents)):
+    with drawing(2, 2) as (figure, (swings, plane, courses, exponents)):
         _swings(swings)
         across, along, swing = _map()
         shade = plane.pcolormesh(

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 import ballscrew
 
-from ..drawing import COLOURS, drawn, part
+from ..drawing import COLOURS, drawing, part
 from ..finding import Finding
 
 OSCILLATOR = part(__file__, "oscillator")
@@ -240,7 +240,7 @@ def findings() -> list[Finding]:
 
 
 def picture() -> Any:
-    with drawn(2, 2, height=3.4) as (figure, (course, orbits, rates, section)):
+    with drawing(2, 2, height=3.4) as (figure, (course, orbits, rates, section)):
         shares, x = sweep()
         course.plot(shares, x, ".", ms=1.0, color=COLOURS[0])
         known = np.linspace(1.7, HIGH, 60)

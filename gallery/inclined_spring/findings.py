@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..drawing import COLOURS, DASHES, drawn
+from ..drawing import COLOURS, DASHES, drawing
 from ..finding import Finding
 from .motions import (
     AGEING,
@@ -172,7 +172,7 @@ def _of_cycles() -> list[Finding]:
 
 
 def picture() -> Any:
-    with drawn(2, 2) as (figure, (angles, swings, plane, course)):
+    with drawing(2, 2) as (figure, (angles, swings, plane, course)):
         _draw_angles(angles)
         _draw_swings(swings)
         _draw_plane(plane)

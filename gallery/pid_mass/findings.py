@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 
 import ballscrew
 
-from ..drawing import COLOURS, DASHES, drawn, part
+from ..drawing import COLOURS, DASHES, drawing, part
 from ..finding import Finding
 
 MASS, PID = part(__file__, "mass"), part(__file__, "pid_law")
@@ -222,7 +222,7 @@ def _shade(axes: Any, cells: tuple[Any, Any, Any]) -> None:
 
 
 def picture() -> Any:
-    with drawn(2, 2) as (figure, (plane, decay, gains, starts)):
+    with drawing(2, 2) as (figure, (plane, decay, gains, starts)):
         for static, colour, dash in ((1.5, COLOURS[1], "-"), (1.0, COLOURS[0], DASHES[1])):
             style = {"color": colour, "ls": dash, "label": f"Fs = {static:g} Fc"}
             fine = motion(100.0, 0.04, static)

@@ -23,7 +23,7 @@ import numpy as np
 
 import ballscrew
 
-from ..drawing import COLOURS, DASHES, drawn, part
+from ..drawing import COLOURS, DASHES, drawing, part
 from ..finding import Finding
 
 SERVO = part(__file__, "servo")
@@ -377,7 +377,7 @@ def _map(axes: Any, law: str, title: str) -> None:
 
 
 def picture() -> Any:
-    with drawn(2, 2) as (figure, (plane, sizes, velocity, error)):
+    with drawing(2, 2) as (figure, (plane, sizes, velocity, error)):
         _plane(plane)
         _sizes(sizes)
         _map(velocity, BY_VELOCITY, "Nothing compensated at rest")

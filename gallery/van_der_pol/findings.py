@@ -7,7 +7,7 @@ from typing import Any
 
 import ballscrew
 
-from ..drawing import COLOURS, DASHES, drawn, part
+from ..drawing import COLOURS, DASHES, drawing, part
 from ..finding import Finding
 
 OSCILLATOR = part(__file__, "van_der_pol")
@@ -66,7 +66,7 @@ def findings() -> list[Finding]:
 
 
 def picture() -> Any:
-    with drawn(2) as (figure, (phase, course)):
+    with drawing(2) as (figure, (phase, course)):
         for k, mu in enumerate((0.1, 1.0, 4.0)):
             run = motion(mu, 60.0, 0.1 if mu < 1 else 2.0).run
             style = {"color": COLOURS[k], "ls": DASHES[k], "lw": 1.4, "label": f"mu = {mu:g}"}

@@ -8,7 +8,7 @@ from cases import ballscrew, case
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.prior_model import lead_of, prior_model_from, with_lead
 from ballscrew.orchestration.parameter_reading import read_parameters
-from ballscrew.records.drive_record import checked, read_drive_records
+from ballscrew.records.drive_record import check_record, read_drive_records
 
 LEAD = 0.001
 
@@ -49,7 +49,7 @@ def test_neither_a_scale_nor_a_resistance_that_is_wrong_is_nothing(tmp_path, col
         model = model.changed({"R": factor * model.values["R"]})
     else:
         signals[column] = factor * signals[column]
-    found = diagnose_records([checked("scaled", signals)], model)
+    found = diagnose_records([check_record("scaled", signals)], model)
     assert found.verdict == "unexplained"
     assert found.final_residual.force > 10.0 * found.floor.force
     assert found.left_of_friction > 0.5

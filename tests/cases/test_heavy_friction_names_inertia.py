@@ -7,7 +7,7 @@ from cases import case
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.prior_model import read_prior_model
-from ballscrew.records.drive_record import checked, read_drive_records
+from ballscrew.records.drive_record import check_record, read_drive_records
 
 
 @pytest.mark.parametrize("rate", [50, 200])
@@ -15,7 +15,7 @@ def test_a_white_force_is_noise_in_newtons(tmp_path, rate):
     folder = case("heavy_friction_names_inertia", tmp_path)
     (record,) = read_drive_records([folder / f"f_m25_{rate}Hz.csv"])
     half = {n: s[: len(s) // 2] for n, s in record.signals.items()}  # twenty seconds are enough
-    found = diagnose_records([checked("half", half)], read_prior_model(folder / "p25.toml"))
+    found = diagnose_records([check_record("half", half)], read_prior_model(folder / "p25.toml"))
     assert found.verdict == "none"
     assert found.causes == ()
     assert found.final_residual.force == pytest.approx(found.floor.force, rel=0.3)

@@ -20,7 +20,7 @@ from ballscrew.diagnosis.residuals import residual
 from ballscrew.orchestration.parameter_file import BadParameters
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import CURRENT, FORCE, checked
+from ballscrew.records.drive_record import CURRENT, FORCE, check_record
 
 LOAD = 0.6
 
@@ -56,7 +56,7 @@ def test_the_gain_is_the_motors_force_per_ampere_and_the_mass_all_that_moves():
 def test_the_current_leaves_the_same_residual_as_the_voltage(signals):
     """The load is what both balances miss: only what they take for the motor's force differs."""
     left = []
-    for record in (checked("both", signals), checked("current", without(signals, "u"))):
+    for record in (check_record("both", signals), check_record("current", without(signals, "u"))):
         (record,), model, _ = commanded([record], nominal())
         course = lay_along(record, model)
         found = residual([course], model, Added.nothing([course]))
@@ -67,7 +67,7 @@ def test_the_current_leaves_the_same_residual_as_the_voltage(signals):
 
 
 def test_records_keep_what_the_model_takes(signals):
-    both, current = checked("both", signals), checked("current", without(signals, "u"))
+    both, current = check_record("both", signals), check_record("current", without(signals, "u"))
     (kept,), model, notes = commanded([both], nominal())
     assert (kept, model, notes) == (both, nominal(), [])
     (driven,), model, (note,) = commanded([current], nominal())
@@ -75,19 +75,19 @@ def test_records_keep_what_the_model_takes(signals):
     assert np.array_equal(driven.u, current.signals["i"])
     assert "i" not in driven.signals
     assert "current: there is no voltage: the current is the command" in note
-    named = dataclasses.replace(checked("u", {**without(signals, "i")}), command=CURRENT)
+    named = dataclasses.replace(check_record("u", {**without(signals, "i")}), command=CURRENT)
     (driven,), model, _ = commanded([named], nominal())
     assert (model.kind, driven.u is named.u) == ("drive", True)
 
 
 def test_a_drive_leaves_its_current_aside(signals):
     drive = DriveModel("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
-    (record,), _, _ = commanded([checked("both", signals)], drive)
+    (record,), _, _ = commanded([check_record("both", signals)], drive)
     assert "i" not in record.signals
 
 
 def test_commands_that_no_model_takes_are_one_line(signals):
-    both, current = checked("both", signals), checked("current", without(signals, "u"))
+    both, current = check_record("both", signals), check_record("current", without(signals, "u"))
     drive = DriveModel("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
     for records, model, words in (
         ([both, current], nominal(), "current: has the current as its only command, and both"),
@@ -120,11 +120,11 @@ def test_current_alone_is_diagnosed_and_judged_in_any_units(signals, tmp_path):
     assert (file.kind, file.diagnosis.command) == ("drive", CURRENT)
     assert "kt" not in file.plant
     # another record, with the voltage beside: the current counts
-    other = checked("other", loaded(seed=5))
+    other = check_record("other", loaded(seed=5))
     scores = judge_records([other], file).scores
     assert scores["prior"].force.value == pytest.approx(LOAD, rel=0.1)
     with pytest.raises(BadRecord, match="u is a voltage, but the model was diagnosed with a curr"):
-        judge_records([checked("voltage", without(other.signals, "i"))], file)
+        judge_records([check_record("voltage", without(other.signals, "i"))], file)
 
 
 def test_a_lead_that_is_said_twice_is_one_line(tmp_path):

@@ -29,7 +29,7 @@ from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.diagnosis.prior_model import read_prior_model
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import checked, read_drive_records
+from ballscrew.records.drive_record import check_record, read_drive_records
 
 in_a_world = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
 
@@ -126,7 +126,7 @@ def test_the_last_digits_of_a_record_do_not_change_the_answer():
     sizes = []
     for change in (-1e-13, 0.0, 1e-13):
         signals = {**record.signals, "u": record.signals["u"] * (1.0 + change)}
-        (cause,) = diagnose_records([checked("made", signals)], nominal()).causes
+        (cause,) = diagnose_records([check_record("made", signals)], nominal()).causes
         assert cause.name == "voltage_saturation"
         sizes.append(cause.parameters["voltage_limit"])
     assert np.ptp(sizes) < 1e-6
@@ -160,8 +160,8 @@ def test_each_record_may_have_an_offset_of_its_own(tmp_path):
     half, more = len(record.x) // 2, 0.2 * prior_model.friction_scale
     pulled = record.signals["u"] + more / prior_model.values["gain"]
     parts = [
-        checked("first", {n: s[:half] for n, s in record.signals.items()}),
-        checked("second", {n: s[half:] for n, s in (record.signals | {"u": pulled}).items()}),
+        check_record("first", {n: s[:half] for n, s in record.signals.items()}),
+        check_record("second", {n: s[half:] for n, s in (record.signals | {"u": pulled}).items()}),
     ]
     found = diagnose_records(parts, prior_model)
     assert not found.causes
@@ -275,7 +275,7 @@ def test_a_load_and_an_asymmetry_are_told_apart_at_one_speed(hidden, name, size)
     u = 3.0 * np.sign(np.sin(2 * math.pi * 0.1 * time + 0.1))
     signals = signals_of(moved(hidden, u, friction_noise(5, len(u))), u)
     del signals["i"]
-    (cause,) = diagnose_records([checked("made", signals)], nominal()).causes
+    (cause,) = diagnose_records([check_record("made", signals)], nominal()).causes
     assert cause.parameters[name] == pytest.approx(size, rel=0.05)
 
 
@@ -291,7 +291,7 @@ def test_of_two_causes_that_a_record_cannot_tell_apart_neither_is_named_alone(tm
 
 def test_a_drive_that_stands_still_is_no_record():
     time = np.arange(3000) * 1e-3
-    record = checked("still", {"time": time, "u": np.ones(3000), "x": np.zeros(3000)})
+    record = check_record("still", {"time": time, "u": np.ones(3000), "x": np.zeros(3000)})
     with pytest.raises(BadRecord, match="never changes"):
         diagnose_records([record], nominal())
 
@@ -312,7 +312,9 @@ def test_friction_that_follows_a_thermometer_is_told_per_degree():
     signals = signals_of(moved({}, u, noise + 0.01 * (temperature - 22.0) * friction), u)
     del signals["i"]
     thermometer = np.where(np.arange(len(u)) % 500 == 0, np.round(temperature, 1), np.nan)
-    found = diagnose_records([checked("made", signals | {"temperature": thermometer})], nominal())
+    found = diagnose_records(
+        [check_record("made", signals | {"temperature": thermometer})], nominal()
+    )
     first = found.causes[0]
     assert first.name == "friction_drift"
     low, high = first.intervals["friction_per_kelvin"]

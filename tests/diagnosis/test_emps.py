@@ -9,7 +9,7 @@ import pytest
 
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.diagnosis.prior_model import read_prior_model
-from ballscrew.records.drive_record import checked, read_drive_records
+from ballscrew.records.drive_record import check_record, read_drive_records
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
@@ -43,7 +43,7 @@ def test_half_the_coulomb_friction_of_a_real_machine_is_not_nothing():
     model = model.changed({"Fc": 0.5 * model.values["Fc"]})
     (record,) = read_drive_records([file], COLUMNS)
     every_eighth = {n: s[::8] for n, s in record.signals.items()}  # 125 Hz are enough for it
-    found = diagnose_records([checked("emps", every_eighth)], model)
+    found = diagnose_records([check_record("emps", every_eighth)], model)
     assert found.verdict != "none"
     assert found.final_residual.force > 10.0 * found.floor.force
 

@@ -12,7 +12,7 @@ from ballscrew.diagnosis.judge import judge_records
 from ballscrew.orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import CURRENT, checked
+from ballscrew.records.drive_record import CURRENT, check_record
 
 LOAD = 0.5
 TRUTH = dict(NOMINAL)
@@ -23,7 +23,7 @@ def a_record(effects, seed, name="other.csv", **more):
     u = 3.0 * np.sin(2 * math.pi * 0.6 * time) + 1.5 * np.sin(2 * math.pi * 1.7 * time + seed)
     signals = signals_of(moved(effects, u, friction_noise(seed, len(u))), u)
     del signals["i"]
-    return checked(name, signals | more)
+    return check_record(name, signals | more)
 
 
 def a_file(prior_model=None, adjusted=None, corrected=None, causes=None, **more):
@@ -116,7 +116,7 @@ def test_causes_of_every_kind_are_along_the_other_record_what_they_were(effects,
 
 def test_a_short_record_has_figures_and_no_intervals():
     record = a_record({at.LOAD: LOAD}, 6)
-    short = checked("short", {n: s[:2500] for n, s in record.signals.items()})
+    short = check_record("short", {n: s[:2500] for n, s in record.signals.items()})
     found = judge_records([short], a_file(causes={"load_bias": {"load": LOAD}}))
     assert found.scores["prior"].force.interval is None
     assert found.to_dict()["scores"]["prior"]["force"] == {
@@ -144,7 +144,7 @@ def test_what_a_diagnosis_did_not_write_is_one_line(loaded):
 def test_a_record_with_another_command_is_refused(loaded):
     with pytest.raises(BadRecord, match="u is a current, but the model was diagnosed with a volt"):
         judge_records([dataclasses.replace(loaded, command=CURRENT)], a_file())
-    current = checked("current.csv", {"time": loaded.time, "x": loaded.x, "i": loaded.u})
+    current = check_record("current.csv", {"time": loaded.time, "x": loaded.x, "i": loaded.u})
     with pytest.raises(BadRecord, match="has the current i and no command u"):
         judge_records([current], a_file())
 

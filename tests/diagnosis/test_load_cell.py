@@ -13,7 +13,7 @@ from worlds import layout as at
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
-from ballscrew.records.drive_record import checked
+from ballscrew.records.drive_record import check_record
 
 STEP = 0.089  # N, of the rig's converter
 NOISE = 0.03  # N rms
@@ -35,7 +35,7 @@ def record_of(hidden, with_cell=True):
     dragged = log[:, at.FRICTION] + hidden.get(at.LOAD, 0.0) + NOMINAL["m"] * log[:, at.A] + noise
     dragged += NOISE * np.random.default_rng(4).standard_normal(8000)
     read = np.round(dragged / STEP) * STEP
-    return checked("made", signals_of(log, u) | ({"force": read} if with_cell else {}))
+    return check_record("made", signals_of(log, u) | ({"force": read} if with_cell else {}))
 
 
 @pytest.mark.xdist_group("load_cell")
@@ -72,6 +72,6 @@ def test_a_drive_whose_cell_sits_nobody_knows_where_says_so():
     model = DriveModel("drive", "classical", values | {"sigma2": 20.0}, {"m": 0.03, "Fc": 0.03})
     random = np.random.default_rng(0)
     signals = {"time": time, "u": u, "x": x + 1e-6 * random.standard_normal(4000), "force": u}
-    found = diagnose_records([checked("made", signals)], model)
+    found = diagnose_records([check_record("made", signals)], model)
     assert found.load_cell is None
     assert any("does not say where it sits" in note for note in found.notes)

@@ -6,7 +6,7 @@ from diagnosed import nominal
 
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.motion_parts import PARTS, motion_parts
-from ballscrew.records.drive_record import checked
+from ballscrew.records.drive_record import check_record
 
 STEP = 1e-3
 
@@ -14,7 +14,7 @@ STEP = 1e-3
 def parts_of(v):
     time = STEP * np.arange(len(v))
     x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * STEP])
-    record = checked("made", {"time": time, "u": 20.0 * v, "x": x})
+    record = check_record("made", {"time": time, "u": 20.0 * v, "x": x})
     return motion_parts(lay_along(record, nominal()))
 
 

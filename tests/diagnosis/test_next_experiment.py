@@ -19,7 +19,7 @@ from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.next_experiment import motion_for, trial_for
 from ballscrew.diagnosis.remaining import next_experiment
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.records.drive_record import checked
+from ballscrew.records.drive_record import check_record
 
 NAMES = [*CAUSES, UNNAMED]
 EMPS = {"m": 95.1, "gain": 35.2, "offset": -3.2, "sigma2": 203.5, "Fc": 20.4, "Fs": 20.4, "Vs": 1.0}
@@ -106,7 +106,7 @@ def test_the_reach_is_that_of_all_records():
     for centre, size in ((0.0, 0.01), (0.05, 0.02)):
         x = centre + size * np.sin(2 * math.pi * time)
         u = 20.0 * size * np.cos(2 * math.pi * time)
-        courses.append(lay_along(checked("made", {"time": time, "u": u, "x": x}), nominal()))
+        courses.append(lay_along(check_record("made", {"time": time, "u": u, "x": x}), nominal()))
     reach = reach_of(courses)
     assert (reach.low, reach.high) == pytest.approx((-0.01, 0.07), abs=1e-4)
     assert reach.speed == pytest.approx(2 * math.pi * 0.02, rel=0.01)
@@ -130,7 +130,7 @@ def test_the_command_file_is_a_reference_that_a_loop_can_follow(tmp_path):
 def asked_for(not_named, structure):
     time = 1e-3 * np.arange(4000)
     x = 0.01 * np.sin(2 * math.pi * time)
-    record = checked("made", {"time": time, "u": np.cos(2 * math.pi * time), "x": x})
+    record = check_record("made", {"time": time, "u": np.cos(2 * math.pi * time), "x": x})
     course = lay_along(record, nominal())
     return next_experiment(not_named, structure, [course], nominal()), course
 

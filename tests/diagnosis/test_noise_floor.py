@@ -18,7 +18,7 @@ from ballscrew.diagnosis.noise_floor import NoiseFloor
 from ballscrew.diagnosis.regression import Added
 from ballscrew.diagnosis.residuals import Residual, floor, residual, rms
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import checked
+from ballscrew.records.drive_record import check_record
 
 RANDOM = np.random.default_rng(5)
 
@@ -41,7 +41,7 @@ def test_at_most_twice_the_floor_in_newtons_is_noise_and_more_is_not(sizes):
 def test_reading_anew_changes_as_much_as_rounding_leaves_under_the_true_model(count):
     record = strong_record({}, samples=4_000)
     signals = record.signals | {"x": count * np.round(record.x / count)}
-    courses = [lay_along(checked("counted", signals), nominal())]
+    courses = [lay_along(check_record("counted", signals), nominal())]
     found = residual(courses, nominal(), Added.nothing(courses))
     law = np.mean(np.concatenate([c.force_variance for c in courses]))
     known = math.hypot(floor(courses, nominal()).force_rms, math.sqrt(law))
@@ -80,7 +80,7 @@ def test_a_wrong_model_is_not_cleared_where_x_jumps_or_moves_at_random(made):
     signals, wrong = made()
     model = nominal()
     model = model.changed({n: f * model.values[n] for n, f in wrong.items()})
-    found = diagnose_records([checked("made", signals)], model)
+    found = diagnose_records([check_record("made", signals)], model)
     assert found.verdict != "none"
     before = found.baseline_residual.force
     assert before > 2.0 * found.floor.force
@@ -98,7 +98,7 @@ def test_a_wrong_model_is_not_cleared_where_x_jumps_or_moves_at_random(made):
 def test_a_position_that_shows_no_motion_is_refused(x):
     signals = strong_record({}, samples=6_000).signals | {"x": x}
     with pytest.raises(BadRecord, match=r"parts of .* samples show a motion, expected 50 at least"):
-        diagnose_records([checked("made", signals)], nominal())
+        diagnose_records([check_record("made", signals)], nominal())
 
 
 def test_voltage_and_current_that_contradict_each_other_are_not_cleared():
@@ -106,7 +106,7 @@ def test_voltage_and_current_that_contradict_each_other_are_not_cleared():
     courses = [lay_along(record, nominal())]
     right = residual(courses, nominal(), Added.nothing(courses))
     signals = record.signals | {"i": 2.0 * record.signals["i"]}
-    courses = [lay_along(checked("twice", signals), nominal())]
+    courses = [lay_along(check_record("twice", signals), nominal())]
     twice = residual(courses, nominal(), Added.nothing(courses))
     assert twice.by_current_rms > 20.0 * right.by_current_rms
     force = nominal().per_ampere * rms(record.signals["i"])

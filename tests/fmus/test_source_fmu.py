@@ -89,8 +89,8 @@ def test_the_same_sources_are_compiled_once(tmp_path, sources_only, monkeypatch)
     calls = []
     monkeypatch.setattr(
         source_fmu,
-        "compiled_in",
-        lambda *given, own=source_fmu.compiled_in: calls.append(given) or own(*given),
+        "compile_in",
+        lambda *given, own=source_fmu.compile_in: calls.append(given) or own(*given),
     )
     path = sources_only("pid")
     for copy in (path, shutil.copy(path, tmp_path / "copy.fmu")):

@@ -18,7 +18,7 @@ from ballscrew.identification.bliman_sorine_map import (
     read_points,
 )
 from ballscrew.identification.dahl_fit import dahl_curve, fit_dahl
-from ballscrew.identification.intervals import averaged, spread
+from ballscrew.identification.intervals import average, spread
 from ballscrew.identification.lugre_dynamics import assumed_damping, secant_bias
 from ballscrew.identification.stribeck_fit import StribeckPoints, fit_stribeck, stribeck_curve
 
@@ -148,7 +148,7 @@ def test_the_positive_side_of_table_2_3_comes_back_and_averages_with_the_other()
         assert interval.low <= rows[name] <= interval.high, name
     _, points, sign = stribeck_points("negative_velocity", trials, random, 0.003)
     backwards = fit_stribeck(points, sign)
-    both = averaged(forwards["sigma2"], backwards["sigma2"])
+    both = average(forwards["sigma2"], backwards["sigma2"])
     assert both.value == 0.5 * (forwards["sigma2"].value + backwards["sigma2"].value)
     assert both.standard_error < forwards["sigma2"].standard_error
 

@@ -10,7 +10,7 @@ from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.export import export
 from ballscrew.orchestration import master
 from ballscrew.orchestration.closed_loop import Study, run_study
-from ballscrew.orchestration.coupling import Coupling
+from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.played import Played, reopened_to_judge
 from ballscrew.solver.component import Component, Input, Output, State, symbol

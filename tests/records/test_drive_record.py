@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import checked, read_drive_records
+from ballscrew.records.drive_record import check_record, read_drive_records
 
 TIME = np.arange(0.0, 2.0, 1e-3)
 MOTION = {"time": TIME, "u": 3 * np.sin(5 * TIME), "x": 0.1 * np.sin(3 * TIME)}
@@ -161,7 +161,7 @@ def test_slow_records_and_times_that_are_no_seconds_are_refused(factor):
     else:
         signals = MOTION | {"time": factor * TIME}
     with pytest.raises(BadRecord, match=r"too slow to see friction, .* --unit time=ms"):
-        checked("mine", signals)
+        check_record("mine", signals)
 
 
 def test_missing_repeated_and_jittering_samples_are_put_right_and_said():
@@ -170,7 +170,7 @@ def test_missing_repeated_and_jittering_samples_are_put_right_and_said():
     signals = {"time": time, "u": 3 * np.sin(5 * time), "x": 0.1 * np.sin(3 * time)}
     signals["x"][700] = np.nan
     keep = np.sort(np.r_[np.delete(np.arange(len(TIME)), [300, 301, 900, 1200]), 500])
-    record = checked("mine", {n: v[keep] for n, v in signals.items()})
+    record = check_record("mine", {n: v[keep] for n, v in signals.items()})
     assert record.step == pytest.approx(1e-3, rel=1e-3)
     np.testing.assert_allclose(np.diff(record.time), record.step, rtol=1e-9)
     np.testing.assert_allclose(record.x, 0.1 * np.sin(3 * record.time), atol=2e-6)
@@ -181,7 +181,7 @@ def test_missing_repeated_and_jittering_samples_are_put_right_and_said():
 
 
 def test_an_even_record_is_left_as_it_is():
-    record = checked("mine", MOTION)
+    record = check_record("mine", MOTION)
     assert record.notes == ()
     np.testing.assert_array_equal(record.x, MOTION["x"])
 
@@ -191,7 +191,7 @@ def test_a_slower_instruments_values_stay_where_they_were_when_samples_are_missi
     slow[::10] = TIME[::10]
     keep = np.delete(np.arange(len(TIME)), [301, 302])
     signals = MOTION | {"temperature": slow}
-    record = checked("mine", {n: v[keep] for n, v in signals.items()})
+    record = check_record("mine", {n: v[keep] for n, v in signals.items()})
     known = np.isfinite(record.signals["temperature"])
     assert known.sum() == 200
     np.testing.assert_allclose(record.signals["temperature"][known], record.time[known], atol=1e-9)
@@ -208,7 +208,7 @@ def test_a_slower_instruments_values_stay_where_they_were_when_samples_are_missi
 )
 def test_times_that_cannot_be_put_right_are_refused(keep, words):
     with pytest.raises(BadRecord, match=words):
-        checked("mine", {n: v[keep] for n, v in MOTION.items()})
+        check_record("mine", {n: v[keep] for n, v in MOTION.items()})
 
 
 def test_a_column_that_is_mostly_empty_is_refused_with_the_line_of_the_first_gap(tmp_path):

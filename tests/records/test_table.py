@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.table import read_table, renamed
+from ballscrew.records.table import read_table, rename
 
 ROWS = np.array([[0.0, -1.5, 0.25], [0.001, 2.25, 0.5], [0.002, 3e-4, -0.75], [0.003, 7.0, 1.0]])
 # As a motor controller exports a recording: lines about itself, then names, then units.
@@ -99,19 +99,19 @@ def test_columns_that_differ_by_their_brackets_alone_keep_them_and_their_units(t
     table = read_table(write(tmp_path, "t [s];x [mm];x [in]\n" + body(";")))
     assert table.units == {"t": "s", "x [mm]": "mm", "x [in]": "in"}
     needed = [("x",)]
-    mapped = renamed(table, {"x [in]": "x"}, ["x"], needed, "")
+    mapped = rename(table, {"x [in]": "x"}, ["x"], needed, "")
     np.testing.assert_array_equal(mapped.columns["x"], ROWS[:, 2])
     assert mapped.units == {"x": "in"}
     for mapping in ({}, {"x [um]": "x"}):
         with pytest.raises(BadRecord, match=r"no column .*there are t, x \[mm\], x \[in\]"):
-            renamed(table, mapping, ["x"], needed, "")
+            rename(table, mapping, ["x"], needed, "")
 
 
 def test_a_mapped_name_with_another_unit_than_the_files_is_no_column_of_it(tmp_path):
     table = read_table(write(tmp_path, "t [s];u [V];x [mm]\n" + body(";")))
-    assert renamed(table, {"x [mm]": "x"}, ["x"], [("x",)], "").units == {"x": "mm"}
+    assert rename(table, {"x [mm]": "x"}, ["x"], [("x",)], "").units == {"x": "mm"}
     with pytest.raises(BadRecord, match=r"there is no column 'x \[um\]'"):
-        renamed(table, {"x [um]": "x"}, ["x"], [("x",)], "")
+        rename(table, {"x [um]": "x"}, ["x"], [("x",)], "")
 
 
 def german(value, places):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import checked, read_drive_records
+from ballscrew.records.drive_record import check_record, read_drive_records
 from ballscrew.records.examine import examine
 from ballscrew.records.force_record import read_record
 
@@ -71,7 +71,7 @@ def test_per_cent_of_a_torque_that_nobody_told_are_refused(tmp_path):
 
 
 def test_a_velocity_beside_a_position_is_left_aside():
-    record = checked("mine", {"time": TIME, "u": FORCE, "x": WAY, "v": 7 * SPEED})
+    record = check_record("mine", {"time": TIME, "u": FORCE, "x": WAY, "v": 7 * SPEED})
     np.testing.assert_array_equal(record.x, WAY)
     assert not record.velocity_alone
     assert record.notes == ()
@@ -87,13 +87,13 @@ def test_a_velocity_beside_a_position_is_left_aside_whatever_its_unit(tmp_path):
 def test_samples_missing_from_a_velocity_are_put_right_before_it_is_integrated():
     speed = SPEED.copy()
     speed[1000:1003] = np.nan
-    record = checked("mine", {"time": TIME, "u": FORCE, "v": speed})
+    record = check_record("mine", {"time": TIME, "u": FORCE, "v": speed})
     np.testing.assert_allclose(record.x, WAY, atol=1e-6)
 
 
 def test_an_integral_of_counted_velocities_is_no_counted_position():
     rpm = np.round(SPEED / LEAD * 60)
-    record = checked("mine", {"time": TIME, "u": FORCE, "v": rpm / 60 * LEAD})
+    record = check_record("mine", {"time": TIME, "u": FORCE, "v": rpm / 60 * LEAD})
     assert record.resolution == 0.0
     assert examine(record).carries == 500.0
 
@@ -101,7 +101,7 @@ def test_an_integral_of_counted_velocities_is_no_counted_position():
 def test_a_velocity_in_another_unit_than_was_said_is_refused(tmp_path):
     signals = {"time": TIME, "u": FORCE, "v": SPEED / LEAD * 60}
     with pytest.raises(BadRecord, match=r"v covers .* m, too much for m/s; .* --unit v=rpm"):
-        checked("mine", signals)
+        check_record("mine", signals)
     path = tmp_path / "a.csv"
     rows = zip(TIME, 1e3 * SPEED, FORCE, strict=True)
     path.write_text("time,v,force\n" + "\n".join(f"{t:.4f},{v:.6f},{f:.6f}" for t, v, f in rows))

@@ -14,7 +14,7 @@ from ballscrew.controllers.pid import pid
 from ballscrew.solver.component import Component, DiscreteState, Mode, Parameter, symbol
 from ballscrew.solver.component_file import (
     BadComponentFile,
-    loaded_component,
+    load_component,
     names_file,
     read_component,
 )
@@ -75,7 +75,7 @@ def test_an_edit_of_the_file_or_its_helper_is_seen_at_once(tmp_path):
     written(tmp_path / "a", gain=4.0)  # as many bytes, within the same second
     assert gain_of(part) == 4.0
     written(tmp_path / "a", GAIN.replace("* x", "* x * 2"), gain=4.0)
-    assert loaded_component(part).output("u").value == 4.0 * symbol("x")  # till it is read again
+    assert load_component(part).output("u").value == 4.0 * symbol("x")  # till it is read again
     assert gain_of(part) == 8.0
 
 

@@ -24,7 +24,7 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.functions import FUNCTIONS, slopes, unsupported
+from ballscrew.solver.functions import FUNCTIONS, slopes, unsupported_function
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "contract.md"
 a, b, k = symbol("a"), symbol("b"), symbol("k")
@@ -247,10 +247,10 @@ def test_what_is_not_supported_is_refused_by_component_equation_and_function(whe
     ],
 )
 def test_the_function_that_is_not_supported_is_named(expression, name):
-    assert unsupported(expression) == name
+    assert unsupported_function(expression) == name
 
 
 def test_no_derivative_of_a_supported_expression_is_unsupported_nor_is_its_derivative():
     first = slopes(EXPRESSIONS, [a, b])
-    assert {unsupported(e) for e in first} == {""}
-    assert {unsupported(e) for e in slopes(list(first), [a, b])} == {""}
+    assert {unsupported_function(e) for e in first} == {""}
+    assert {unsupported_function(e) for e in slopes(list(first), [a, b])} == {""}

@@ -90,9 +90,9 @@ def whole(get, tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BALLSCREW_CACHE", str(place))
-        slow = compiled_equations.compiled, source_fmu.compiled_in, export._build
-        patch.setattr(compiled_equations, "compiled", noted("equations", slow[0]))
-        patch.setattr(source_fmu, "compiled_in", noted("sources", slow[1]))
+        slow = compiled_equations.compile_library, source_fmu.compile_in, export._build
+        patch.setattr(compiled_equations, "compile_library", noted("equations", slow[0]))
+        patch.setattr(source_fmu, "compile_in", noted("sources", slow[1]))
         patch.setattr(export, "_build", noted("fmu", slow[2], Path.read_bytes))
         found = {kind: get[kind]() for kind in FOLDERS}
     return place, found, made
@@ -198,8 +198,8 @@ def test_a_damaged_entry_is_made_anew(kind, damage, whole, get, tmp_path, monkey
     entry = max(p for p in there if p.is_file() and p.suffix != ".sha256")
     name = entry.name
     monkeypatch.setenv("BALLSCREW_CACHE", str(cache))
-    monkeypatch.setattr(compiled_equations, "compiled", lambda *_: made["equations"])
-    monkeypatch.setattr(source_fmu, "compiled_in", lambda *_: made["sources"])
+    monkeypatch.setattr(compiled_equations, "compile_library", lambda *_: made["equations"])
+    monkeypatch.setattr(source_fmu, "compile_in", lambda *_: made["sources"])
 
     def build(_script, _others, target):
         target.write_bytes(made["fmu"])
@@ -277,7 +277,7 @@ def planted(above, load):
     cache = above / "own" / "cache"
     (folder, library), said, code = load(cache)
     assert (folder, said, code) == (cache, "", 0)
-    bad = compilers.compiled(compilers.own_platform(), {"e.c": PLANTED}, "e.c", "e")
+    bad = compilers.compile_library(compilers.own_platform(), {"e.c": PLANTED}, "e.c", "e")
     kernel_cache.write(library, bad)
     return cache
 

@@ -18,7 +18,7 @@ from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.solver.spectrum import follow_returns
 from ballscrew.stability.attractor import Attractor, Kind, classify_attractor
 from ballscrew.stability.loop_lyapunov import loop_lyapunov, loop_maker
-from ballscrew.stability.lyapunov import agreed
+from ballscrew.stability.lyapunov import agree
 
 pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
 
@@ -142,7 +142,7 @@ def test_two_tolerances_that_count_other_numbers_of_periods_agree_on_the_shorter
     def cycle(period, amplitude):
         return Attractor(Kind.CYCLE, "", period=period, amplitude={"x": amplitude})
 
-    assert agreed(cycle(1.0, 2.0), cycle(3.0, 2.0)).period == 1.0
-    assert agreed(cycle(3.0, 2.0), cycle(1.0, 2.0)).period == 1.0
-    assert agreed(cycle(1.0, 2.0), cycle(2.0, 2.01)).kind is Kind.UNDECIDED  # a subharmonic
-    assert agreed(cycle(1.0, 2.0), cycle(1.5, 2.0)).kind is Kind.UNDECIDED
+    assert agree(cycle(1.0, 2.0), cycle(3.0, 2.0)).period == 1.0
+    assert agree(cycle(3.0, 2.0), cycle(1.0, 2.0)).period == 1.0
+    assert agree(cycle(1.0, 2.0), cycle(2.0, 2.01)).kind is Kind.UNDECIDED  # a subharmonic
+    assert agree(cycle(1.0, 2.0), cycle(1.5, 2.0)).kind is Kind.UNDECIDED

@@ -24,7 +24,7 @@ from ballscrew.solver.component import (
 )
 from ballscrew.solver.kernel import Model
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.equilibria import driven, stands
+from ballscrew.stability.equilibria import is_driven, stands
 from ballscrew.stability.lyapunov import lyapunov
 from ballscrew.stability.signal_motion import signal_motion
 
@@ -156,5 +156,5 @@ def test_only_a_set_point_that_moves_is_asked_after_at_many_instants(speed, monk
     derivatives = Model.derivatives
     monkeypatch.setattr(Model, "derivatives", lambda *a: asked.append(a) or derivatives(*a))
     assert stands(model, 60.0, 10.0, model.x, 1.0) == (speed == 0.0)
-    assert driven(model, 60.0, 10.0) == (speed != 0.0)
+    assert is_driven(model, 60.0, 10.0) == (speed != 0.0)
     assert (len(asked) > 100) == (speed != 0.0)

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from world_runs import PERIOD, TURN, nominal_axis, run
 from worlds import layout as at
 
-from ballscrew.records.drive_record import DriveRecord, checked
+from ballscrew.records.drive_record import DriveRecord, check_record
 
 COUNT = 1e-3 / 512  # m, of the encoder
 NOISE_TIME = 0.01  # s
@@ -93,7 +93,7 @@ def strong_record(
     """Twelve seconds to and fro of the axis with these numbers changed."""
     u = to_and_fro(samples)
     signals = signals_of(moved(changes, u, friction_noise(3, samples)), u)
-    return checked("made", {n: s for n, s in signals.items() if with_current or n != "i"})
+    return check_record("made", {n: s for n, s in signals.items() if with_current or n != "i"})
 
 
 def write_strong(changes: Mapping[int, float], folder: Path) -> tuple[Path, Path]:
