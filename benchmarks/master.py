@@ -21,7 +21,7 @@ from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.export import export
 from ballscrew.orchestration.clock import Clock
 from ballscrew.orchestration.compiled import PAIR
-from ballscrew.orchestration.coupling import Loop
+from ballscrew.orchestration.coupling import CoupledPair
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.group import initialize
 from ballscrew.orchestration.isolated import open_fmu
@@ -86,7 +86,7 @@ def step_cost(
         initialize(p, c, wiring, ({}, {}), seconds, start)
         whole = struct(PAIR)
         part = whole.part("loop")
-        loop = Loop(p, c, wiring, Coupling.INTERFACE_JACOBIAN, corrected, True, start, part)
+        loop = CoupledPair(p, c, wiring, Coupling.INTERFACE_JACOBIAN, corrected, True, start, part)
         main = RecordedLoop(whole, loop, 1)
         nominal = np.array([p.nominal(name) for name in p.outputs])
         course = RunLog(goal, (0,), loop.outputs, nominal, 1)

@@ -40,7 +40,7 @@ from ..records.force_record import Record
 from ..solver.component import symbol
 from .fit_errors import intervals_of, sum_up
 from .fit_result import Fit, fitted_names, without_direction
-from .fitted_law import LAWS, OFFSET, Law, claim_of, coordinates_of
+from .fitted_law import LAWS, OFFSET, FittedLaw, claim_of, coordinates_of
 from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .likelihood import Problem
@@ -127,7 +127,7 @@ def _first_offset(course: StackedRecords) -> float:
     return 0.5 * sum(float(np.median(s)) for s in sides) if all(map(len, sides)) else 0.0
 
 
-def _starts(course: StackedRecords, law: Law, offset: float) -> list[Vector]:
+def _starts(course: StackedRecords, law: FittedLaw, offset: float) -> list[Vector]:
     """First guesses from what the eye would take from the friction-velocity map."""
     friction = course.force - course.inertial - offset
     pull = np.abs(friction)

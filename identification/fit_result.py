@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from .fitted_law import OFFSET, Law, values_of
+from .fitted_law import OFFSET, FittedLaw, values_of
 from .intervals import Interval
 
 Vector = npt.NDArray[np.float64]
@@ -49,7 +49,7 @@ class Fit:
         Where the law says what the force is.
     """
 
-    law: Law
+    law: FittedLaw
     tied: bool
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -77,7 +77,7 @@ def without_direction(name: str) -> str:
     return name.removesuffix("_pos").removesuffix("_neg")
 
 
-def fitted_names(law: Law, tied: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def fitted_names(law: FittedLaw, tied: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
     last, unit = ((OFFSET,), ("N",)) if law.offset else ((), ())
     if tied:
         return law.parameters + last, law.units + unit

@@ -22,7 +22,7 @@ OFFSET = "offset"
 
 
 @dataclass(frozen=True)
-class Law:
+class FittedLaw:
     """A friction law as the estimator sees it: its parameters, in the order of the equations.
 
     Attributes
@@ -44,12 +44,12 @@ BRISTLES = ("lugre", "modified_lugre", "directional_lugre")
 """LuGre and its kin. Kv of these is held: no record says anything of it."""
 
 
-def _fitted(name: str) -> Law:
+def _fitted(name: str) -> FittedLaw:
     """A law of the plants; parameters that are 0 where nobody changed them stay so."""
     own: tuple[Parameter, ...] = LUGRE if name in BRISTLES else law(name)(symbol("v")).parameters
     own = tuple(p for p in own if p.default > 0)
     names, units = tuple(p.name for p in own), tuple(p.unit for p in own)
-    return Law(name, names, units, directional=name == "directional_lugre")
+    return FittedLaw(name, names, units, directional=name == "directional_lugre")
 
 
 LAWS = {name: _fitted(name) for name in NAMES}
@@ -73,7 +73,7 @@ def claim_of(name: str, what: str, values: Mapping[str, float], speed: float = 1
     return float(sp.sympify(promise).subs({symbol(n): v for n, v in (known | {**values}).items()}))
 
 
-def values_of(law: Law, coordinates: Vector) -> Vector:
+def values_of(law: FittedLaw, coordinates: Vector) -> Vector:
     """Parameters from the coordinates in which they are fitted.
 
     Logarithms, except for two laws. Bliman-Sorine's f1 and f2 grow together as eta nears one, while
@@ -84,7 +84,7 @@ def values_of(law: Law, coordinates: Vector) -> Vector:
 
     Parameters
     ----------
-    law : Law
+    law : FittedLaw
     coordinates : ndarray, shape (..., p) or (..., 2 p)
         One more where the law has an offset.
     """
@@ -108,7 +108,7 @@ def values_of(law: Law, coordinates: Vector) -> Vector:
     return np.asarray(values)
 
 
-def coordinates_of(law: Law, values: Vector) -> Vector:
+def coordinates_of(law: FittedLaw, values: Vector) -> Vector:
     """The inverse of `values_of`, for one set of parameters, shape (p,)."""
     if law.name == "bliman_sorine":
         f1, f2, eps_f, eta = values

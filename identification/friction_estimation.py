@@ -37,7 +37,7 @@ _STRONGEST = 1e10  # weight of second differences beyond which the course is a s
 
 
 @dataclass(frozen=True)
-class Motion:
+class SmoothedMotion:
     """Position and its derivatives, smoothed, at the instants of the force samples.
 
     Attributes
@@ -94,7 +94,7 @@ class FrictionEstimate:
     ----------
     friction : ndarray, shape (n,)
         [N], positive when it opposes motion in +x.
-    motion : Motion
+    motion : SmoothedMotion
     from_rest : bool
         Whether the record begins without force, hence at rest.
     force_noise : float
@@ -108,7 +108,7 @@ class FrictionEstimate:
     """
 
     friction: Vector
-    motion: Motion
+    motion: SmoothedMotion
     from_rest: bool
     force_noise: float
     force_resolution: float
@@ -121,9 +121,9 @@ def smooth_motion(
     step: float,
     later: float = 0.0,
     from_rest: bool = False,
-    like: Motion | None = None,
+    like: SmoothedMotion | None = None,
     counted: bool = True,
-) -> Motion:
+) -> SmoothedMotion:
     """Position, velocity and acceleration from samples of the position.
 
     Parameters
@@ -137,7 +137,7 @@ def smooth_motion(
         samples that repeat a held value [s].
     from_rest : bool, optional
         Whether the body was at rest before the first sample.
-    like : Motion, optional
+    like : SmoothedMotion, optional
         A motion whose noise, counts, held samples and strength of smoothing are taken over.
     counted : bool, optional
         Whether the position may be that of an encoder; an integral of counted velocities is not.
@@ -177,7 +177,7 @@ def smooth_motion(
     half = 2 * math.asin(min(1.0, 0.5 * usual ** (-1 / 4))) if usual > 0 else math.pi
     x = spline(at)[before:] + origin
     bandwidth = half / (2 * math.pi * step)
-    return Motion(
+    return SmoothedMotion(
         x,
         v[before:],
         a[before:],
@@ -246,7 +246,7 @@ def _readings(
 
 
 def _to_noise(
-    readings: _Readings, noise: float, resolution: float, like: Motion | None
+    readings: _Readings, noise: float, resolution: float, like: SmoothedMotion | None
 ) -> tuple[Vector, Vector]:
     """The course that misses the readings by their noise, and the weights of its bends.
 

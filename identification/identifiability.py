@@ -46,7 +46,7 @@ def ways(course: StackedRecords) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateTrial:
     """A trial that might be added: what is asked of it and the motion it would make.
 
     Attributes
@@ -78,25 +78,25 @@ def _both_ways(speeds: list[float]) -> tuple[Callable[[Vector], Vector], ...]:
     return tuple(_constant(s * v) for v in speeds for s in (1.0, -1.0))
 
 
-def candidates(fit: Fit, parameter: str) -> list[Candidate]:
+def candidates(fit: Fit, parameter: str) -> list[CandidateTrial]:
     """Trials worth asking about for a parameter, simplest first."""
     name = parameter.removesuffix("_pos").removesuffix("_neg")
-    slow = Candidate(
+    slow = CandidateTrial(
         "velocity 0.001*sin(t/6) m/s for 19 s from rest in either direction (Table 2.4)",
         (_sine(1e-3, 1 / 6), _sine(-1e-3, 1 / 6)),
         19.0,
     )
-    fast = Candidate(
+    fast = CandidateTrial(
         "constant velocities of 0.5, 1, 2, 4 and 6 mm/s in either direction, 5 s each",
         _both_ways([0.5e-3, 1e-3, 2e-3, 4e-3, 6e-3]),
         5.0,
     )
-    cycles = Candidate(
+    cycles = CandidateTrial(
         "velocity 0.005*sin(2t/3) m/s for two cycles (Table 2.6, trial 6)",
         (_sine(5e-3, 2 / 3),),
         18.85,
     )
-    shaken = Candidate(
+    shaken = CandidateTrial(
         "velocity 0.0005*sin(20 pi t) m/s, 16 um to and fro in presliding, for 5 s, force and fine "
         "displacement sampled together at 2 kHz (their delay must be known to 0.15 ms)",
         (_sine(5e-4, 20 * math.pi),),
@@ -108,7 +108,7 @@ def candidates(fit: Fit, parameter: str) -> list[Candidate]:
         speed = fit.values[parameter]
         steps = [round(speed * share, 6) for share in (0.3, 0.6, 1.0, 1.5)]
         told = ", ".join(f"{1e3 * s:.2g}" for s in steps)
-        crawl = Candidate(
+        crawl = CandidateTrial(
             f"constant velocities of {told} mm/s in either direction, 20 s each",
             _both_ways(steps),
             20.0,
@@ -148,7 +148,7 @@ def _plausible(fit: Fit) -> Vector:
 
 
 def _expected_error(
-    fit: Fit, coordinates: Vector, option: Candidate, parameter: str, resolution: float
+    fit: Fit, coordinates: Vector, option: CandidateTrial, parameter: str, resolution: float
 ) -> float:
     """Relative standard error of a parameter with a further trial."""
     p = len(coordinates)
@@ -175,7 +175,7 @@ def _expected_error(
     return math.sqrt(float(turn @ covariance @ turn))
 
 
-def _course(option: Candidate, noise: float, resolution: float) -> StackedRecords:
+def _course(option: CandidateTrial, noise: float, resolution: float) -> StackedRecords:
     times: Vector = option.step * np.arange(round(option.duration / option.step), dtype=float)
     xs = [motion(times) for motion in option.motions]
     n, records = len(times), len(xs)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..records.force_record import Record
-from .friction_estimation import FrictionEstimate, Motion, estimate_friction
+from .friction_estimation import FrictionEstimate, SmoothedMotion, estimate_friction
 from .replay import replay
 
 Vector = npt.NDArray[np.float64]
@@ -109,7 +109,7 @@ def lay_out(
         known = max(_CORNER * estimate.motion.noise, 1e-9)
         shifts.append(known if estimate.from_rest else _FREE_SHIFT)
 
-    def together(motions: Sequence[Motion]) -> Matrix:
+    def together(motions: Sequence[SmoothedMotion]) -> Matrix:
         inertial = [r.mass * m.a for r, m in zip(records, motions, strict=True)]
         columns = [m.x for m in motions], [m.v for m in motions], inertial
         return np.stack([np.concatenate(c) for c in columns])
@@ -141,7 +141,7 @@ def lay_out(
     )
 
 
-def _may_stick(motion: Motion) -> npt.NDArray[np.bool_]:
+def _may_stick(motion: SmoothedMotion) -> npt.NDArray[np.bool_]:
     """Where a velocity cannot be told from none, or was smoothed together with such."""
     spread = 2 * math.pi * motion.bandwidth * motion.noise
     still = np.abs(motion.v) < max(_STILL * spread, 1e-9)

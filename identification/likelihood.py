@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .fitted_law import Law, values_of
+from .fitted_law import FittedLaw, values_of
 from .law_along_record import LawValues, friction_along, score
 from .layout import AROUND, StackedRecords, break_aways
 
@@ -22,7 +22,7 @@ _UNSEEN = 0.3  # share of a sample's change of force that the course between sam
 class Problem:
     """Prediction, likelihood and information of a law on a course."""
 
-    def __init__(self, course: StackedRecords, law: Law, tied: bool) -> None:
+    def __init__(self, course: StackedRecords, law: FittedLaw, tied: bool) -> None:
         self.course, self.law, self.tied = course, law, tied
         self.of_law = len(law.parameters) * (1 if tied else 2)
         self.size = self.of_law + law.offset

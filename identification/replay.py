@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .friction_estimation import FrictionEstimate, Motion, smooth_motion
+from .friction_estimation import FrictionEstimate, SmoothedMotion, smooth_motion
 
 
-def replay(estimate: FrictionEstimate, random: np.random.Generator) -> Motion:
+def replay(estimate: FrictionEstimate, random: np.random.Generator) -> SmoothedMotion:
     """One example of the motion of a record, measured and rebuilt once more.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..plant.maxwell_slip import ELEMENTS
 from .fit_result import Fit, draw_coordinates, without_direction
-from .fitted_law import BRISTLES, OFFSET, Law, claim_of
+from .fitted_law import BRISTLES, OFFSET, FittedLaw, claim_of
 from .intervals import CONFIDENCE
 from .law_along_record import with_backlash
 from .layout import StackedRecords
@@ -23,12 +23,12 @@ _FALLEN = 0.7  # share of Vs that they must reach: a third of Stribeck's fall
 _REACHED = 0.9  # share of the force of break-away that records must show
 
 
-def presliding_way(law: Law, values: Mapping[str, float], end: str = "") -> float:
+def presliding_way(law: FittedLaw, values: Mapping[str, float], end: str = "") -> float:
     """Way on which a law would break away if it stayed as stiff as it begins [m].
 
     Parameters
     ----------
-    law : Law
+    law : FittedLaw
     values : mapping of str to float
         Parameters as fitted.
     end : str, optional

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from .coupling import Answer, Loop
+from .coupling import Answer, CoupledPair
 from .fmu_instance import Instance, StepFailed
 from .loop_run import LoopRun
 from .verdict import WORST_CONTRACTION
@@ -80,7 +80,7 @@ def loop_gain(
 
 def with_ring_named(
     run: LoopRun,
-    loop: Loop,
+    loop: CoupledPair,
     opened: Callable[[], tuple[Instance, Instance]],
     wiring: Wiring,
     reference: Vector,
@@ -90,7 +90,7 @@ def with_ring_named(
 
     Parameters
     ----------
-    loop : Loop
+    loop : CoupledPair
         Of the run, which has ended.
     opened, wiring, reference, step
         As for `loop_gain`.

@@ -92,7 +92,7 @@ LOOP = np.dtype(
         ("commands", VECTOR),  # nominal values of the plant's commands
     ]
 )
-"""A plant and a controller that move together; made by `coupling.Loop`."""
+"""A plant and a controller that move together; made by `coupling.CoupledPair`."""
 
 
 PAIR = np.dtype(

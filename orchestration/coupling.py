@@ -54,7 +54,7 @@ _ANSWERS = {
 
 
 @dataclass(frozen=True)
-class Law:
+class FeedbackLaw:
     """Commands (m,), their derivatives by the signals (m, n), and their own rates (m,)."""
 
     command: Vector
@@ -62,15 +62,15 @@ class Law:
     rate: Vector
 
 
-def law_of(numbers: Vector, m: int, n: int) -> Law:
+def law_of(numbers: Vector, m: int, n: int) -> FeedbackLaw:
     """The parts of a law that compiled code has in one array, (m (2 + n),); nothing is copied."""
-    return Law(numbers[:m], numbers[m : m * (1 + n)].reshape(m, n), numbers[m * (1 + n) :])
+    return FeedbackLaw(numbers[:m], numbers[m : m * (1 + n)].reshape(m, n), numbers[m * (1 + n) :])
 
 
 class OwnStep:
     """What a coupling makes of the law that the plant applies, as compiled code calls it."""
 
-    def __init__(self, place: str, law: Law) -> None:
+    def __init__(self, place: str, law: FeedbackLaw) -> None:
         self.address = 0
         self.error: BaseException | None = None
         if not place:
@@ -170,7 +170,9 @@ class ControllerSide:
             ask("command_at", self._side, signals, reference, commands)
         return commands
 
-    def law_at(self, t: float, h: float, signals: Vector, reference: Vector, probe: bool) -> Law:
+    def law_at(
+        self, t: float, h: float, signals: Vector, reference: Vector, probe: bool
+    ) -> FeedbackLaw:
         """The commands, and with `probe` their derivatives, at the given signals."""
         law = self._empty_law()
         with raise_failures(self.bound):
@@ -183,7 +185,7 @@ class ControllerSide:
             ask("advance", self._side, t, h, signals, reference)
 
 
-class Loop:
+class CoupledPair:
     """A plant and a controller that move together.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .coupling import Answer, Loop, Vector
+from .coupling import Answer, CoupledPair, Vector
 from .couplings import Coupling
 from .fmu_instance import Instance
 from .loop_run import CouplingError
@@ -39,7 +39,7 @@ def choose_coupling(
     return Coupling.GAUSS_SEIDEL, f"{plant.name} has no law ports"
 
 
-def tangent_reason(loop: Loop, wiring: Wiring) -> str:
+def tangent_reason(loop: CoupledPair, wiring: Wiring) -> str:
     """Why the interface-Jacobian coupling was chosen, and what it knows of the controller."""
     if loop.answer is Answer.SAMPLED:
         return "the plant has law ports; the controller is sampled and holds by itself"
@@ -50,12 +50,12 @@ def tangent_reason(loop: Loop, wiring: Wiring) -> str:
     return "the plant has law ports, but the controller's derivatives cannot be had: it is held"
 
 
-def late_start(loop: Loop, commands: Vector, names: list[str]) -> str:
+def late_start(loop: CoupledPair, commands: Vector, names: list[str]) -> str:
     """What to do where jacobi's first step holds a start value far from the first command.
 
     Parameters
     ----------
-    loop : Loop
+    loop : CoupledPair
     commands : ndarray, shape (k, m)
         True ones at the communication points.
     names : list of str

@@ -22,8 +22,8 @@ class Coupling(Enum):
         Whether the plant applies the feedback law inside its own solver.
     own : str
         ``module:function`` of what a step does that these do not say; empty where it does nothing
-        more. The function is given the law, see `coupling.Law`, and the step [s], and changes the
-        law's arrays to what the plant is to apply. It keeps nothing: steps are taken back.
+        more. The function is given the law, a `coupling.FeedbackLaw`, and the step [s], and changes
+        the law's arrays to what the plant is to apply. It keeps nothing: steps are taken back.
     """
 
     JACOBI = "jacobi", True

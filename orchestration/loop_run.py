@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .compiled import COURSE, FARTHEST
-from .coupling import Loop
+from .coupling import CoupledPair
 from .couplings import Coupling
 from .fmu_instance import StepFailed
 from .memory import check_memory
@@ -99,7 +99,7 @@ class LoopRun:
 class RecordedLoop:
     """One loop with everything recorded along its way; `parts` as in `PAIR`."""
 
-    def __init__(self, whole: Struct, loop: Loop, parts: int) -> None:
+    def __init__(self, whole: Struct, loop: CoupledPair, parts: int) -> None:
         self.loop, self._whole = loop, whole
         self._room = np.empty((CHUNK, len(loop.outputs)))
         whole.set(parts=parts, recorded=self._room, failed=math.nan)

@@ -22,7 +22,7 @@ from .compiled import (
     STEP_FAILED,
     library,
 )
-from .coupling import Answer, Loop
+from .coupling import Answer, CoupledPair
 from .coupling_choice import choose_coupling, late_start, tangent_reason
 from .couplings import Coupling
 from .fmu_instance import Instance
@@ -189,12 +189,12 @@ class _Parts:
         p, c = self.opened(fresh, judges)
         whole = struct(PAIR)
         part = whole.part("loop")
-        loop = Loop(
+        loop = CoupledPair(
             p, c, self.wiring, other or self.coupling, corrected, averaged, self.start, part
         )
         return RecordedLoop(whole, loop, cut)
 
-    def co_runs(self, main: Loop, reversible: bool, curved: bool) -> list[RecordedLoop]:
+    def co_runs(self, main: CoupledPair, reversible: bool, curved: bool) -> list[RecordedLoop]:
         """What the run is judged by: the other scheme, or shorter steps where none is saved.
 
         The other scheme sees a set-point that is `curved` within the steps no better; half of the
@@ -254,7 +254,7 @@ def _corrects(wanted: int | None, adaptive: bool, tangent: bool, missing: str) -
     return (tangent and not missing) if wanted is None else bool(wanted)
 
 
-def _meet_samples(loop: Loop, step: float, reason: str) -> tuple[float, str]:
+def _meet_samples(loop: CoupledPair, step: float, reason: str) -> tuple[float, str]:
     period = loop.controller.sample_time
     met = step_that_meets(period, step)
     if abs(met - step) > 1e-9 * step:
@@ -399,7 +399,7 @@ def _concluded(
     )
 
 
-def _safety(loop: Loop) -> float:
+def _safety(loop: CoupledPair) -> float:
     """Factor on the first estimate: whether the run is the better of the two."""
     return 1.0 if loop.corrected and loop.averaged else 2.0
 

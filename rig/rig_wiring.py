@@ -25,7 +25,7 @@ COMMAND = "u"
 
 
 @dataclass(frozen=True)
-class Part:
+class ProgramPart:
     """One component of the rig's program.
 
     Attributes
@@ -50,7 +50,7 @@ class Wiring:
 
     Attributes
     ----------
-    parts : tuple of Part
+    parts : tuple of ProgramPart
         In the order of the signals.
     command : str
         What goes to the plant's input `u`: ``part.output``, or a plain name from outside.
@@ -58,7 +58,7 @@ class Wiring:
         Columns of the record and where they are taken.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[ProgramPart, ...]
     command: str
     taps: dict[str, str]
 
@@ -84,17 +84,17 @@ def _force_filter() -> Component:
 
 
 _MEASURING = (
-    Part("encoder", encoder, {"x": "plant.x"}),
-    Part("load_cell", load_cell, {"force": "plant.force", "noise": "force_noise"}),
-    Part(
+    ProgramPart("encoder", encoder, {"x": "plant.x"}),
+    ProgramPart("load_cell", load_cell, {"force": "plant.force", "noise": "force_noise"}),
+    ProgramPart(
         "acquisition",
         acquisition,
         {"x_counted": "encoder.x_counted", "force_read": "load_cell.force_read"},
     ),
-    Part("position_filter", _position_filter, {"signal": "acquisition.x"}),
-    Part("force_filter", _force_filter, {"signal": "acquisition.force"}),
+    ProgramPart("position_filter", _position_filter, {"signal": "acquisition.x"}),
+    ProgramPart("force_filter", _force_filter, {"signal": "acquisition.force"}),
 )
-_FINE = Part(
+_FINE = ProgramPart(
     "capacitance_sensor",
     capacitance_sensor,
     {"x": "plant.x", "noise": "capacitance_noise"},
@@ -113,7 +113,7 @@ WIRINGS = {
     VELOCITY: Wiring(
         (
             *_MEASURING,
-            Part(
+            ProgramPart(
                 "velocity_pid",
                 regulators.velocity_pid,
                 {"x": "position_filter.filtered", "v_ref": "v_ref"},
@@ -126,7 +126,7 @@ WIRINGS = {
         (
             *_MEASURING,
             _FINE,
-            Part(
+            ProgramPart(
                 "force_pid",
                 regulators.force_pid,
                 {"force": "force_filter.filtered", "force_ref": "force_ref"},

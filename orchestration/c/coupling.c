@@ -34,7 +34,7 @@ typedef struct {
     Vector answered;   /* and for m commands */
 } Controller;
 
-/* A plant and a controller that move together; made by `coupling.Loop`.
+/* A plant and a controller that move together; made by `coupling.CoupledPair`.
  *
  * The plant's inputs: m commands, then gains, references, rates if it takes a law; outputs: all. */
 typedef struct {
