@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -107,9 +108,9 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
     """
     notes: tuple[str, ...] = ()
 
-    def run_at(step: float, look_again: bool = True) -> LoopRun:
+    def run_at(step: float, look_again: bool = True, tries: bool = False) -> LoopRun:
         nonlocal notes
-        run, found = _run_once(replace(study, step=step), progress, look_again)
+        run, found = _run_once(replace(study, step=step), progress, look_again, tries)
         notes = *study.notes, *found
         return run
 
@@ -120,7 +121,7 @@ def run_study(study: Study, progress: Progress | None = None) -> ClosedLoopResul
     if own := _own_step(study):
         run, choice = only_step(run_at(own), own)
         return ClosedLoopResult(study, run, notes, choice)
-    run, choice = choose_step(run_at, first)
+    run, choice = choose_step(run_at, first, partial(run_at, tries=True))
     return ClosedLoopResult(study, run, notes, choice)
 
 
@@ -158,7 +159,7 @@ def unpacked_description(name: str) -> Description:
 
 
 def _run_once(
-    study: Study, progress: Progress | None, look_again: bool
+    study: Study, progress: Progress | None, look_again: bool, tries: bool
 ) -> tuple[LoopRun, tuple[str, ...]]:
     """A run with the study's step, and notes on it."""
     assert study.step is not None
@@ -171,7 +172,7 @@ def _run_once(
         path = _file(study.controller)
         controller = open_fmu(path, "controller", study.isolate, study.time_limit)
         opened.callback(controller.close)
-        return run_parts(study, plant, controller, progress, look_again)
+        return run_parts(study, plant, controller, progress, look_again, tries)
 
 
 def run_parts(
@@ -180,6 +181,7 @@ def run_parts(
     controller: _Fmu,
     progress: Progress | None = None,
     look_again: bool = True,
+    tries: bool = False,
 ) -> tuple[LoopRun, tuple[str, ...]]:
     """As `run_study`, with the study's step, of parts that are open and not initialized.
 
@@ -217,6 +219,7 @@ def run_parts(
         wiring=wiring,
         progress=progress,
         look_again=look_again,
+        tries=tries,
     )
     factor, offset = units.set_point
     told = _units(plant, run, study.mapping or {}, units.commands)

@@ -69,6 +69,8 @@ class LoopRun:
         Of what is sampled of the controller and its instruments [s]; 0 if nothing is.
     scale : tuple of two floats
         Factor and offset from the set-point's SI unit to the unit of `reference` and the position.
+    played : bool
+        Whether compiled code has played the FMUs, see `run_loop`.
     """
 
     time: Vector
@@ -89,6 +91,7 @@ class LoopRun:
     units: dict[str, str] = field(default_factory=dict)
     sampling_period: float = 0.0
     scale: tuple[float, float] = (1.0, 0.0)
+    played: bool = False
 
     @property
     def alone(self) -> bool:

@@ -28,7 +28,7 @@ from .couplings import Coupling
 from .fmu_instance import Instance
 from .group import initialize
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
-from .played import reopened_to_judge
+from .played import can_be_played, reopened_to_judge
 from .reference_signal import Reference
 from .second_look import Setting, with_second_look
 from .structs import struct
@@ -57,6 +57,7 @@ def run_loop(  # noqa: PLR0913
     wiring: Wiring | None = None,
     progress: Progress | None = None,
     look_again: bool = True,
+    tries: bool = False,
 ) -> LoopRun:
     """Run a closed loop of two FMU instances.
 
@@ -84,6 +85,8 @@ def run_loop(  # noqa: PLR0913
         Called with the present time now and then.
     look_again : bool
         Whether a verdict that is not clear is looked at again, by runs of finer steps.
+    tries : bool
+        Whether compiled code may play the FMUs, see `played.py`; the numbers are the same.
 
     Returns
     -------
@@ -107,7 +110,8 @@ def run_loop(  # noqa: PLR0913
     tangent = chosen.law
     corrected = _corrects(corrections, adaptive, tangent, missing)
     parts = _Parts(plant, controller, wiring, values, stop, start, chosen)
-    main = parts.loop(corrected, averaged=tangent or corrected, fresh=False)
+    played = tries and can_be_played(plant) and can_be_played(controller)
+    main = parts.loop(corrected, tangent or corrected, fresh=False, judges=played)
     if coupling is None and tangent:
         reason = tangent_reason(main.loop, wiring)
     step, reason = _meet_samples(main.loop, step, reason)
@@ -126,7 +130,7 @@ def run_loop(  # noqa: PLR0913
         for co_run in co_runs:
             co_run.close()
     ended = _Ended(main, co_runs, course, time, why, not missing)
-    first = _concluded(ended, names, commands, chosen, reason)
+    first = replace(_concluded(ended, names, commands, chosen, reason), played=played)
     if wiring.is_empty and first.verdict.trusted:
         own = f"nothing is coupled; how exact {plant.name}'s own solver is, this run does not tell"
         return replace(first, verdict=replace(first.verdict, reason=own))

@@ -1,4 +1,4 @@
-"""A readable FMU of this version without the way through Python, for the runs that only judge.
+"""A readable FMU of this version without the way through Python, for runs that only judge or try.
 
 Its slave is made and initialized as its host would; from there on compiled code does what
 ``fmus/runtime.py`` does, with the FMU's own core and tapes, to the last bit. A call takes a tenth
@@ -11,7 +11,7 @@ import ctypes
 from functools import cache
 from importlib import import_module
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -48,9 +48,14 @@ PLAYED = np.dtype(
 
 def reopened_to_judge(instance: Instance) -> Instance:
     """A fresh instance of the same thing, played by compiled code where it can be."""
-    if isinstance(instance, FmuInstance) and _slave(instance._fmu) is not None:
+    if can_be_played(instance):
         return instance.reopened(Played)
     return instance.reopened()
+
+
+def can_be_played(instance: Instance) -> TypeGuard[FmuInstance]:
+    """Whether compiled code can do what the instance does."""
+    return isinstance(instance, FmuInstance) and _slave(instance._fmu) is not None
 
 
 def _slave(fmu: UnpackedFmu) -> Any:

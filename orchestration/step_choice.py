@@ -4,15 +4,19 @@ Each run has a verdict of its own, from its co-run. Where that is not enough, ru
 other step judge: where a halving moves the outputs by a share q < 0.7 of what the halving before
 moved them, what is still to come adds up to q / (1 - q) of the last difference. Where outputs jump,
 that says too little, and the last run is looked at again, see `second_look`.
+
+Shorter steps are tried by compiled code where that can play the FMUs, see `played`; then the first
+run that the last one shows to be right is done by the FMUs themselves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from time import monotonic
+from time import monotonic, process_time
 
 import numpy as np
+import numpy.typing as npt
 
 from .fmu_instance import SHORTER
 from .loop_run import UNBOUNDED, LoopRun
@@ -44,7 +48,9 @@ class StepChoice:
 
 
 def choose_step(
-    run_at: Callable[[float, bool], LoopRun], first: float = FIRST
+    run_at: Callable[[float, bool], LoopRun],
+    first: float = FIRST,
+    try_at: Callable[[float, bool], LoopRun] | None = None,
 ) -> tuple[LoopRun, StepChoice]:
     """Run with shorter and shorter steps until a run can be trusted.
 
@@ -53,51 +59,122 @@ def choose_step(
     run_at : function of a step [s], and of whether the run is looked at again by finer ones
     first : float
         The longest step to try [s].
+    try_at : function, optional
+        The same for steps that are only tried; what it has `played` is run once more in the end.
 
     Returns
     -------
     LoopRun
-        The last, with the verdict that the last runs give together.
+        The last, or the first that is near enough to it, with the verdict that the runs give
+        together.
     StepChoice
     """
-    began = monotonic()
-    step, before, moved_before = first, None, np.inf
-    tried: list[tuple[float, str]] = []
+    began = _clocks()
+    step, moved_before = first, np.inf
+    of_first = np.zeros(2)
+    runs: list[LoopRun] = []
+    words: list[str] = []
+
+    def chosen(number: int, run: LoopRun, reason: str) -> tuple[LoopRun, StepChoice]:
+        steps = (first * 0.5 ** np.arange(len(words))).tolist()
+        run = _done(run, run_at, steps[number])
+        words[number] = run.verdict.word
+        return run, StepChoice(steps[number], reason, tuple(zip(steps, words, strict=True)))
+
     while True:
-        start = monotonic()
+        start = _clocks()
+        at = try_at if try_at and runs else run_at
+        before = runs[-1] if runs else None
+        moved, bound = np.inf, None
         # a verdict that trusts is always that of a run that was looked at again where not clear
-        run = run_at(step, before is None)
-        seconds = monotonic() - start
-        if run.verdict.trusted and before is not None:
-            run = run_at(step, True)
-        if not run.verdict.trusted and before is not None:
+        run = at(step, before is None)
+        clock = int(run.played)
+        took = _clocks() - start
+        if before is not None:
             apart = _differences(before, run)
             moved, worst = max((share, name) for name, (_, share) in apart.items())
             verdict = _judged_by_halving(run, apart, moved, worst, moved_before, step)
-            if verdict.trusted and jumps(np.column_stack(list(run.outputs.values()))).any():
-                run = run_at(step, True)
-            else:
-                run = replace(run, verdict=verdict)
-        else:
-            moved = np.inf
-        tried.append((step, run.verdict.word))
+            if verdict is not None and not _jumps(run):
+                bound, run = verdict.error_estimate, replace(run, verdict=verdict)
+            elif verdict is not None or run.verdict.trusted:
+                run = at(step, True)
+        runs.append(run)
+        words.append(run.verdict.word)
         if run.verdict.trusted:
-            why = "the first that was tried" if before is None else f"of {len(tried)} tried"
-            return run, StepChoice(step, f"{why}, the first whose run is trusted", tuple(tried))
-        ended = _no_further(run, before, moved, moved_before, len(tried))
-        foreseen = 2.0 * seconds
-        late = monotonic() - began + foreseen > LONGEST
+            number = len(runs) - 1
+            if run.played and bound:  # a longer step costs less, and may be near enough
+                number, run = _first_near(runs, bound, step)
+            why = "the first that was tried" if before is None else f"of {len(runs)} tried"
+            return chosen(number, run, f"{why}, the first whose run is trusted")
+        ended = _no_further(run, before, moved, moved_before, len(runs))
+        foreseen = 2.0 * took[clock]
+        if before is None:
+            of_first = took
+        elif run.played:  # and then it has to be run
+            foreseen += 2.0 * of_first[clock] * first / step
+        late = (_clocks() - began)[clock] + foreseen > LONGEST
         if not ended and before is not None and late:  # the first may have been looked at again
             ended = (
                 f"a step of {step / 2:g} s would take about {foreseen:.0f} s of computing; "
                 f"ask for it with --step {step / 2:g}"
             )
         if ended:
-            verdict = replace(run.verdict, advice=ended)
-            choice = StepChoice(step, f"the last of {len(tried)} tried: {ended}", tuple(tried))
-            return replace(run, verdict=verdict), choice
-        before, moved_before = run, moved
+            run = replace(run, verdict=replace(run.verdict, advice=ended))
+            return chosen(len(runs) - 1, run, f"the last of {len(runs)} tried: {ended}")
+        moved_before = moved
         step /= 2.0
+
+
+def _clocks() -> npt.NDArray[np.float64]:
+    """Time on the wall, which FMUs in other processes take, and of this process alone [s]."""
+    return np.array([monotonic(), process_time()])
+
+
+def _done(tried: LoopRun, run_at: Callable[[float, bool], LoopRun], step: float) -> LoopRun:
+    """The run of the FMUs themselves, with what is known of the one that was played."""
+    if not tried.played:
+        return tried
+    run = run_at(step, False)
+    same = len(run.time) == len(tried.time) and all(
+        np.array_equal(values, tried.outputs[name]) for name, values in run.outputs.items()
+    )
+    return replace(run, verdict=tried.verdict) if same else run_at(step, True)
+
+
+def _jumps(run: LoopRun) -> bool:
+    """Whether an output jumps."""
+    return bool(jumps(np.column_stack(list(run.outputs.values()))).any())
+
+
+def _first_near(
+    runs: list[LoopRun], bound: Mapping[str, float], step: float
+) -> tuple[int, LoopRun]:
+    """The first run that is close enough to the last, and its number.
+
+    Parameters
+    ----------
+    runs : list of LoopRun
+        Each with half the step of the one before.
+    bound : mapping of str to float
+        How far the last may be off.
+    step : float
+        Of the last [s].
+    """
+    last = len(runs) - 1
+    for number, run in enumerate(runs[:-1]):
+        apart = _differences(run, runs[-1])
+        estimate = {name: size + bound[name] for name, (size, _) in apart.items()}
+        shares = {n: size / float(scales(runs[-1].outputs[n])) for n, size in estimate.items()}
+        worst = max(shares, key=lambda name: shares[name])
+        if shares[worst] <= ACCURACY and not _jumps(run):
+            text = (
+                f"runs with steps down to {step:g} s, which come closer and closer, put no output "
+                f"further off than {worst} by {estimate[worst]:.2g}, "
+                f"{100 * shares[worst]:.2g} % of its range"
+            )
+            verdict = Verdict(True, text, "", estimate, run.verdict.contraction)
+            return number, replace(run, verdict=verdict)
+    return last, runs[-1]
 
 
 def only_step(run: LoopRun, step: float) -> tuple[LoopRun, StepChoice]:
@@ -134,14 +211,14 @@ def _judged_by_halving(
     worst: str,
     moved_before: float,
     step: float,
-) -> Verdict:
-    """The run's own verdict, or that of the halvings where they converge."""
+) -> Verdict | None:
+    """The verdict of the halvings where they converge to what may be trusted, else None."""
     if run.stopped or not np.isfinite(moved_before) or not moved <= CONVERGES * moved_before:
-        return run.verdict  # one difference alone shows no convergence
+        return None  # one difference alone shows no convergence
     share = moved / moved_before if moved_before > 0.0 else 0.0
     to_come = max(1.0, share / (1.0 - share))
     if not to_come * moved <= ACCURACY:
-        return run.verdict
+        return None
     text = (
         f"halving the step to {step:g} s moved no output by more than {100 * moved:.2g} % of its "
         f"range ({worst}: {apart[worst][0]:.2g}); the halving before moved one by "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -132,3 +133,33 @@ def test_no_run_is_trusted_by_a_first_estimate_alone() -> None:
     )
     assert run.verdict.trusted
     assert choice.tried == ((1e-3, "not converged"), (5e-4, "not converged"), (2.5e-4, "trusted"))
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_steps_are_tried_by_what_plays_and_the_first_that_is_near_enough_is_run(same) -> None:
+    asked, tried = [], []
+
+    def values(step: float) -> np.ndarray:
+        return np.linspace(0.0, 1.0, 11) * (1 + 1600.0 * step**2)
+
+    def run_at(step: float, again: bool) -> LoopRun:
+        asked.append((step, again))
+        return made_up(step, values(step) + (0.0 if same else 1e-9), False)
+
+    def try_at(step: float, again: bool) -> LoopRun:
+        tried.append(step)
+        return replace(made_up(step, values(step), False), played=True)
+
+    run, choice = choose_step(run_at, 4e-3, try_at)
+    # of errors of 2.56, 0.64, 0.16 %: the last halving moved it by 0.48 %, which bounds the last
+    assert tried == [2e-3, 1e-3]
+    assert choice.step == 2e-3
+    word = "trusted" if same else "not converged"
+    assert choice.tried == ((4e-3, "not converged"), (2e-3, word), (1e-3, "trusted"))
+    assert asked[:2] == [(4e-3, True), (2e-3, False)]
+    assert asked[2:] == ([] if same else [(2e-3, True)])
+    assert not run.played
+    assert run.verdict.trusted == same
+    if same:
+        error = np.abs(run.outputs["x"] - np.linspace(0.0, 1.0, 11)).max()
+        assert error <= run.verdict.error_estimate["x"]
