@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..solver.files import write_atomically
+from .workers import Workers
 
 
 class KeptParts:
@@ -59,6 +61,33 @@ class KeptParts:
         """Keep what a task found; raises OSError."""
         content = {"of": self.digest, "found": found}
         write_atomically(self.folder / name, json.dumps(content).encode())
+
+    def results(
+        self,
+        jobs: Mapping[str, tuple[Any, ...]],
+        function: Callable[..., Any],
+        workers: Workers,
+        fits: Callable[[str, Any], bool] = lambda name, found: True,
+    ) -> Iterator[tuple[str, Any]]:
+        """Name and result of each job: of those that are done, then as the others come.
+
+        Parameters
+        ----------
+        jobs : mapping of str to tuple
+            Arguments of the function, by the name under which its result is kept.
+        fits : function (str, found) -> bool
+            Whether what is found is of this job.
+        """
+        missing = {}
+        for name, job in jobs.items():
+            found = self.read(name)
+            if found is not None and fits(name, found):
+                yield name, found
+            else:
+                missing[name] = job
+        for name, found in workers.map(function, iter(missing.items())):
+            self.write(name, found)
+            yield name, found
 
     def discard(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)

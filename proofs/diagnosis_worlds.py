@@ -2,7 +2,7 @@
 
 Writes ``docs/proof/diagnosis_worlds.json`` (commit, date, code, seeds, what is required and what
 was found with Wilson's bounds, the matrices, the worst world first, every trial) and a confusion
-matrix of each world. Trials go one by one into ``out/diagnosis_worlds.jsonl``; ``--resume`` keeps
+matrix of each world. Trials go one by one into ``out/diagnosis_worlds``; ``--resume`` keeps
 those of the same code. A small sample of every world::
 
     python proofs/diagnosis_worlds.py --each 1 --first-seed 1 --out out/sample.json
@@ -29,10 +29,9 @@ from scipy.stats import binomtest, kstest
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "diagnosis_worlds.json"
-ROWS = ROOT / "out" / "diagnosis_worlds.jsonl"
+ROWS = ROOT / "out" / "diagnosis_worlds"
 
 from provenance import git  # noqa: E402
-from resumed_trials import read_rows, run_all  # noqa: E402
 from worlds import CATALOGUE, WORLDS, draw_case  # noqa: E402
 from worlds import OUTSIDE as NOT_IN_CATALOGUE  # noqa: E402
 from worlds_trials import (  # noqa: E402
@@ -46,13 +45,16 @@ from worlds_trials import (  # noqa: E402
     UNUSABLE,
     VISIBLE,
     Row,
+    Trial,
     plan_trials,
     run_trial,
 )
 
 import ballscrew  # noqa: E402
 from ballscrew.diagnosis.faultless import RecordKind, share_alike  # noqa: E402
+from ballscrew.orchestration.kept_parts import KeptParts  # noqa: E402
 from ballscrew.orchestration.pictures import STYLE, new_figure, write_figure  # noqa: E402
+from ballscrew.orchestration.workers import Processes  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 
 OFTEN = 20  # trials after which the file is written anew
@@ -229,6 +231,10 @@ def code_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+def fields_of(trial: Trial) -> dict[str, object]:
+    return asdict(run_trial(trial))
+
+
 def report_of(rows: list[Row], code: str, first_seed: int) -> dict[str, object]:
     """All that is written."""
     rows = sorted(rows, key=lambda r: r.key)
@@ -341,7 +347,7 @@ def main() -> int:
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument("--resume", action="store_true", help="keep the trials done before")
-    parser.add_argument("--rows", type=Path, default=ROWS, help="trials, one a line")
+    parser.add_argument("--rows", type=Path, default=ROWS, help="folder of trials, each a file")
     parser.add_argument("--out", type=Path, default=TARGET)
     options = parser.parse_args()
     if options.each < 1:
@@ -349,16 +355,16 @@ def main() -> int:
     worlds = (options.world,) if options.world else tuple(WORLDS)
     trials = plan_trials(options.each, options.first_seed, worlds)
     code = code_digest()
-    options.rows.parent.mkdir(parents=True, exist_ok=True)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    rows = read_rows(options.rows, code, {t.key for t in trials}, Row) if options.resume else []
-    if not options.resume:
-        options.rows.unlink(missing_ok=True)
-    done = {r.key for r in rows}
-    left = [t for t in trials if t.key not in done]
+    parts = KeptParts(options.rows, code)
     draw_case("fast_screw", ("load_bias",), 0)  # compiled once, before there are several processes
-    coming = run_all(left, run_trial, options.workers, options.rows, code)
-    for count, row in enumerate(coming, start=1):
+    jobs = {f"{t.key}.json": (t,) for t in trials}
+    if not options.resume:
+        for name in jobs:
+            (options.rows / name).unlink(missing_ok=True)
+    rows: list[Row] = []
+    for _, found in parts.results(jobs, fields_of, Processes(options.workers)):
+        row = Row(**found)
         rows.append(row)
         mark = "WRONG" if row.wrong else "right" if row.right_first else "silent"
         answer = ", ".join(row.said) or row.message or row.verdict
@@ -367,7 +373,7 @@ def main() -> int:
             file=sys.stderr,
             flush=True,
         )
-        if count % OFTEN == 0:
+        if len(rows) % OFTEN == 0:
             write_json(options.out, report_of(rows, code, options.first_seed))
     write_json(options.out, report_of(rows, code, options.first_seed))
     save_matrices(rows, options.out)

@@ -32,7 +32,6 @@ from .store import (
     MapSummary,
     chunks_of,
     claim_folder,
-    is_whole,
     load,
     merge_chunks,
     verdict_codes,
@@ -157,14 +156,11 @@ def _compute(
     workers: Workers,
     progress: Progress | None,
 ) -> None:
-    missing = {name: cells for name, cells in chunks.items() if not is_whole(parts, name, cells)}
-    total = sum(map(len, chunks.values()))
-    done = total - sum(map(len, missing.values()))
-    if progress and done:
-        progress(done, total)
-    tasks = ((name, (study, cells, share)) for name, cells in missing.items())
-    for name, columns in workers.map(run_chunk, tasks):
-        parts.write(name, columns)
+    total, done = sum(map(len, chunks.values())), 0
+    jobs = {name: (study, cells, share) for name, cells in chunks.items()}
+    for _, columns in parts.results(
+        jobs, run_chunk, workers, lambda name, found: bool(found["cell"] == list(chunks[name]))
+    ):
         done += len(columns["cell"])
         if progress:
             progress(done, total)

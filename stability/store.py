@@ -119,12 +119,6 @@ def chunks_of(cells: int, head: str, groups: Sequence[Sequence[int]]) -> dict[st
     return named
 
 
-def is_whole(parts: KeptParts, name: str, cells: Sequence[int]) -> bool:
-    """Whether a chunk is there and holds its cells."""
-    columns = parts.read(name)
-    return columns is not None and bool(columns["cell"] == list(cells))
-
-
 def load(parts: KeptParts, name: str) -> Columns:
     """The columns of a chunk that is done."""
     columns: Columns | None = parts.read(name)

@@ -340,12 +340,8 @@ def _computed(
     progress: Progress | None,
 ) -> dict[str, Any]:
     """Results of all jobs by name; those that are on disk are not done again."""
-    results = {name: found for name in jobs if (found := parts.read(name)) is not None}
-    if progress and results:
-        progress(stage, len(results), len(jobs))
-    missing = [(name, job) for name, job in jobs.items() if name not in results]
-    for name, found in workers.map(function, iter(missing)):
-        parts.write(name, found)
+    results: dict[str, Any] = {}
+    for name, found in parts.results(jobs, function, workers):
         results[name] = found
         if progress:
             progress(stage, len(results), len(jobs))
