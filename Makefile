@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name 'page.md') pyproject.toml
 
-.PHONY: demo test docs prove tools lint bench clean
+.PHONY: demo check test docs prove tools lint bench clean
 
 # The package is installed, not linked: what runs and is tested is what a user gets.
 $(VENV)/installed: $(SOURCES) constraints.txt
@@ -22,7 +22,7 @@ demo: $(VENV)/installed
 	$(BIN)/ballscrew swap --controllers iol nctf pid --out out/swap
 
 test: lint
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 2 --dist loadgroup -m "not long"
 
 lint: $(VENV)/installed
 	$(BIN)/ruff check .
@@ -34,6 +34,7 @@ docs: $(VENV)/installed
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/docs
 
 prove: $(VENV)/installed
+	$(BIN)/pytest -n 2 --dist loadgroup -m long
 	$(BIN)/python proofs/trusted_loops.py
 	$(BIN)/python proofs/fuzz.py
 	$(BIN)/python proofs/identification.py

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import os
 import pickle
 import tempfile
@@ -10,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 # What tests derive goes to a folder of their own that outlives a run: warm runs are fast, and
 # nothing of the user's is touched. Set before anything of the package is imported.
@@ -32,6 +34,37 @@ def temporary_files_go_with_the_run() -> Iterator[None]:
         Path(folder).chmod(0o711)  # some tests run commands as another user
         patch.setenv("TMPDIR", folder)
         patch.setattr(tempfile, "tempdir", None)
+        yield
+
+
+BLANK = {
+    "png": base64.b64decode(
+        "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGP4DwABAQEAsTj2FAAAAABJRU5ErkJggg=="
+    ),
+    "svg": b"<svg xmlns='http://www.w3.org/2000/svg'/>",
+}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def pictures_are_blank() -> Iterator[None]:
+    """Drawing costs more than most runs; who looks at pictures asks for `drawn`."""
+
+    def write_blank(self, stream, format, metadata=None):
+        stream.write(BLANK[format])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", write_blank)
+        yield
+
+
+_savefig = Figure.savefig
+
+
+@pytest.fixture(scope="module")
+def drawn() -> Iterator[None]:
+    """Pictures are drawn in this module."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", _savefig)
         yield
 
 

@@ -26,6 +26,7 @@ def command(*arguments, cwd=None):
     )
 
 
+@pytest.mark.usefixtures("drawn")
 def test_run_writes_what_it_promises(tmp_path, capsys):
     arguments = ["run", "--controller", "iol", "--stop", "2", "--svg", "--out", str(tmp_path)]
     assert main(arguments) == 0
@@ -61,6 +62,7 @@ def test_a_result_not_trusted_has_exit_code_one_and_says_what_to_change(tmp_path
     assert json.loads((tmp_path / "metrics.json").read_text())["verdict"] == "not converged"
 
 
+@pytest.mark.usefixtures("drawn")
 def test_swap_writes_a_comparison(tmp_path, capsys, fmus):
     code = main(
         ["swap", "--controllers", "iol", str(fmus["pid"]), "--stop", "1", "--out", str(tmp_path)]

@@ -168,6 +168,7 @@ def test_the_thesis_own_figures_stand_beside_those_found_here(table):
         )
 
 
+@pytest.mark.usefixtures("drawn")
 @of_the_table
 def test_what_is_written_says_for_every_cell_why(table, tmp_path):
     save_pictures(table.observations, tmp_path)

@@ -41,6 +41,7 @@ def run(*arguments):
 FOREIGN = ("--map", "t=time", "--map", "q=x", "--map", "F=force", "--unit", "x=mm")
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, capsys):
     code = run(*data, "--law", "dahl", "--out", str(tmp_path), *FOREIGN)
     assert code == 0

@@ -104,8 +104,10 @@ NOT_AT_A_MILLISECOND = {
 
 
 @pytest.mark.parametrize("controller", [c for c in CONTROLLERS if c not in NOT_AT_A_MILLISECOND])
-def test_every_controller_is_trusted_by_default_and_close_to_the_reference(truth, controller):
-    result = run(controller, 1e-3)
+def test_every_controller_is_trusted_by_default_and_close_to_the_reference(
+    run_native, truth, controller
+):
+    result = run_native(controller, 1e-3)
     assert result.verdict.trusted, result.verdict
     assert result.coupling is Coupling.INTERFACE_JACOBIAN
     reference = truth(controller, 2.0)

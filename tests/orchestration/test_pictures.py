@@ -89,6 +89,7 @@ def test_thinned_curves_keep_their_extremes_and_leave_out_nothing_that_could_be_
     assert np.all(np.abs(points - points[before]) <= span / 100 * (1 + 1e-9))
 
 
+@pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize("scale", [1e308, 1.7e308])
 def test_a_picture_that_cannot_be_drawn_costs_no_result(scale, tmp_path, capsys):
     """A voltage near the largest number, to and fro: its range is none."""
@@ -102,6 +103,7 @@ def test_a_picture_that_cannot_be_drawn_costs_no_result(scale, tmp_path, capsys)
     assert len(said.splitlines()) == 1
 
 
+@pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_pictures_of_long_runs_are_small_and_soon_done(tmp_path, noise, monkeypatch):
     monkeypatch.setenv("BALLSCREW_SVG", "1")

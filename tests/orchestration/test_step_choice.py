@@ -86,8 +86,9 @@ def test_runs_that_end_at_the_same_time_are_not_refined_on() -> None:
     assert "same time" in choice.reason
 
 
-def test_a_loop_that_was_left_to_the_user_is_refined_until_it_is_right() -> None:
-    study = Study("iol", stop=3.0, controller_values=WRONG_ESTIMATES)
+def test_a_loop_that_was_left_to_the_user_is_refined_until_it_is_right(native) -> None:
+    parts = str(native("iol")), str(native("plant"))
+    study = Study(*parts, stop=3.0, controller_values=WRONG_ESTIMATES)
     result = run_study(study)
     assert result.trusted
     assert result.step_choice is not None
