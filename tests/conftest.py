@@ -8,6 +8,7 @@ import pickle
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,7 @@ def temporary_files_go_with_the_run() -> Iterator[None]:
         yield
 
 
+_savefig = Figure.savefig
 BLANK = {
     "png": base64.b64decode(
         "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGP4DwABAQEAsTj2FAAAAABJRU5ErkJggg=="
@@ -57,14 +59,22 @@ def pictures_are_blank() -> Iterator[None]:
         yield
 
 
-_savefig = Figure.savefig
+@pytest.fixture(scope="session")
+def drawing() -> Callable[[], AbstractContextManager[None]]:
+    """``with drawing():`` pictures are drawn."""
+
+    @contextmanager
+    def draw() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Figure, "savefig", _savefig)
+            yield
+
+    return draw
 
 
-@pytest.fixture(scope="module")
-def drawn() -> Iterator[None]:
-    """Pictures are drawn in this module."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", _savefig)
+@pytest.fixture
+def drawn(drawing) -> Iterator[None]:
+    with drawing():
         yield
 
 

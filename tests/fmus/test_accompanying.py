@@ -8,9 +8,10 @@ from pathlib import Path
 import browser
 import fmpy
 import pytest
+from every_component import EVERY_COMPONENT
 from lxml import etree
 
-from ballscrew.fmus.catalogue import NAMES, fmu, fmu_kernel
+from ballscrew.fmus.catalogue import fmu, fmu_kernel
 from ballscrew.fmus.documentation import html_page
 from ballscrew.fmus.interface import interface_of
 from ballscrew.fmus.native.export import write_native
@@ -118,7 +119,7 @@ def test_nominal_values_fit():
 # -- the page --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_formulas_are_well_formed_and_hold_no_names_of_functions_of_sympy(name):
     for row in fmu_kernel(name).equations:
         for cell in row:

@@ -12,6 +12,7 @@ import fmpy
 import fmpy.ssp
 import numpy as np
 import pytest
+from every_component import EVERY_CONTROLLER
 from fmu_host import opened
 from lxml import etree
 
@@ -59,7 +60,7 @@ def structure(path):
 # by the standard
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", EVERY_CONTROLLER)
 def test_descriptions_and_parameter_sets_are_valid_by_the_standard_s_schemas(systems, name):
     for file, schema in (
         ("SystemStructure.ssd", "SystemStructureDescription.xsd"),
@@ -86,7 +87,7 @@ def test_omsimulator_finds_its_master_where_it_looks_for_it(systems):
         assert b"<oms:FixedStepMaster" in archive.read("SystemStructure.ssd")
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", EVERY_CONTROLLER)
 def test_every_measurement_and_every_law_port_is_connected(systems, name):
     connections = {
         tuple(
@@ -99,7 +100,7 @@ def test_every_measurement_and_every_law_port_is_connected(systems, name):
     assert connections == wanted
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", EVERY_CONTROLLER)
 def test_connectors_parameters_and_units_are_those_of_the_fmus(systems, fmus, name):
     root = structure(systems[name])
     for element, fmu in (("plant", "plant"), ("controller", name)):
@@ -222,7 +223,7 @@ def test_a_gain_is_left_out_where_its_reference_is_missing(fmus, tmp_path):
 # other readers
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", EVERY_CONTROLLER)
 def test_pyssp_standard_opens_it_and_finds_nothing_to_complain_of(systems, name):
     pyssp = pytest.importorskip("pyssp_standard.ssp", reason="needs pyssp_standard")
     with pyssp.SSP(systems[name], mode="r") as system:

@@ -101,10 +101,11 @@ def test_a_loop_that_was_left_to_the_user_is_refined_until_it_is_right(native) -
         assert np.abs(there - values).max() <= 0.01 * np.ptp(values), name
 
 
-def test_the_command_says_which_step_was_taken_and_why(tmp_path, capsys) -> None:
+def test_the_command_says_which_step_was_taken_and_why(native, tmp_path, capsys) -> None:
     out = tmp_path / "out"
     given = ["--set", "controller.sigma0_hat=66967.8", "--set", "controller.sigma1_hat=352"]
-    arguments = ["run", "--controller", "iol", *given, "--stop", "1.5", "--out", str(out)]
+    parts = ["--controller", str(native("iol")), "--plant", str(native("plant"))]
+    arguments = ["run", *parts, *given, "--stop", "1.5", "--out", str(out)]
     assert main(arguments) == 0
     assert "the first whose run is trusted" in capsys.readouterr().out
     figures = json.loads((out / "metrics.json").read_text())

@@ -8,11 +8,12 @@ import fmpy
 import numpy as np
 import pytest
 import sympy as sp
+from every_component import EVERY_COMPONENT
 from fmpy.fmi2 import FMU2Model
 from fmpy.validation import validate_fmu
 from fmu_host import opened
 
-from ballscrew.fmus.catalogue import NAMES, fmu_kernel
+from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.fmus.native.export import export_native
 from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.instruments import INSTRUMENTS
@@ -134,7 +135,7 @@ def what_moves(path, name):
     return moved
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_what_is_listed_moves_an_unknown_somewhere_and_nothing_else_ever_does(native, name):
     moved = what_moves(native(name), name)
     if "u_rate" in (i.name for i in fmu_kernel(name).inputs):
@@ -145,7 +146,7 @@ def test_what_is_listed_moves_an_unknown_somewhere_and_nothing_else_ever_does(na
     assert two == moved
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_a_slope_that_is_called_constant_or_fixed_is_the_same_everywhere(native, name):
     kinds = listed(native(name, 3))
     kernel = fmu_kernel(name)
@@ -233,7 +234,7 @@ def what_moves_initially(path, points):
     return moved
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_nothing_moves_an_unknown_in_initialization_that_is_not_listed(fmus, native, name):
     """Outputs, states and derivatives, each with a list, the same in both versions and builds."""
     two, three = initially(native(name), 2), initially(native(name, 3), 3)

@@ -13,11 +13,12 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
+from every_component import EVERY_COMPONENT
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from fmu_host import opened
 
-from ballscrew.fmus.catalogue import NAMES, fmu_kernel
+from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import catalogued_model, variational_model
 
@@ -41,12 +42,12 @@ def slave_of(path, values=None):
     return slave, at, heard
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_fmpy_validates_without_a_message(native, name):
     assert validate_fmu(str(native(name, 3))) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_variables_are_those_of_fmi_2_with_the_same_references_and_starts(native, name):
     def table(path):
         fields = "valueReference causality variability unit min max nominal start"
@@ -61,7 +62,7 @@ def test_variables_are_those_of_fmi_2_with_the_same_references_and_starts(native
     assert more == {"message", "time"}
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_both_versions_give_the_same_numbers_to_the_last_bit(native, name):
     kernel = fmu_kernel(name)
     inputs = [i.name for i in kernel.inputs if i.role != "internal"]

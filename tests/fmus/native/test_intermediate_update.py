@@ -8,9 +8,10 @@ from xml.etree import ElementTree as ET
 import fmpy
 import numpy as np
 import pytest
+from every_component import EVERY_COMPONENT
 from fmpy.fmi3 import FMU3Slave
 
-from ballscrew.fmus.catalogue import NAMES, fmu_kernel
+from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.solver.kernel import Model
 
 STEP = 1e-3
@@ -141,7 +142,7 @@ def test_the_host_is_told_of_every_internal_step_with_the_solution_there(native,
     host.close()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_a_host_that_only_looks_changes_no_bit(native, name):
     kernel = fmu_kernel(name)
     inputs = [i.name for i in kernel.inputs if i.role != "internal"]

@@ -12,6 +12,7 @@ import threading
 import fmpy
 import numpy as np
 import pytest
+from every_component import EVERY_COMPONENT
 from fmpy.validation import validate_fmu
 from fmu_host import opened
 
@@ -27,12 +28,12 @@ from ballscrew.solver.component import Component, Event, Input, Mode, Output, St
 from ballscrew.solver.kernel import Model
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_fmpy_validates_without_a_message(native, name):
     assert validate_fmu(str(native(name))) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_every_variable_of_the_twin_is_there_as_it_is_there(fmus, native, name):
     def table(path):
         variables = fmpy.read_model_description(str(path)).modelVariables
@@ -47,7 +48,7 @@ def test_every_variable_of_the_twin_is_there_as_it_is_there(fmus, native, name):
     assert len([n for n in more if n.startswith("der(")]) == len(fmu_kernel(name).states)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_no_fmu_is_larger_than_a_hundred_kilobytes(native, name):
     assert native(name).stat().st_size < 100_000
 
@@ -83,7 +84,7 @@ def test_a_native_plant_takes_the_place_of_its_twin_in_a_loop(fmus, native):
         assert np.abs(mixed[name] - values).max() <= 1e-9 * np.ptp(values), name
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_twins_give_the_same_numbers_from_random_inputs(fmus, native, name):
     """The conformance suite holds pythonfmu's to the equations."""
     kernel = fmu_kernel(name)
@@ -127,7 +128,7 @@ def test_the_variational_twin_carries_tangents_and_sets_them_at_a_new_frame(tmp_
     assert seen[1][1] == pytest.approx(seen[0][1], rel=1e-9, abs=1e-15)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_a_restored_or_deserialized_state_goes_on_bit_for_bit(native, name):
     slave, vr = opened(native(name))
     kernel = fmu_kernel(name)
@@ -342,7 +343,7 @@ def test_events_of_all_kinds_happen_in_both_kinds_of_simulation(bouncing):
 # -- partial derivatives ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_directional_derivatives_are_the_partial_derivatives_of_the_equations(native, name):
     """Central differences in 40 digits of the symbolic equations are the oracle."""
     import mpmath

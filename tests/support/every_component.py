@@ -1,0 +1,22 @@
+"""All components of the catalogue; those outside of a sample are long, and left to ``make prove``.
+
+The sample has states and none, modes, samples, limits, a feedback law, an observer, events.
+"""
+
+import pytest
+
+from ballscrew.controllers import CONTROLLERS
+from ballscrew.fmus.catalogue import NAMES
+
+SAMPLE = {
+    *("plant", "plant_classical", "plant_maxwell_slip", "iol", "nctf", "pid", "pid_sampled"),
+    *("iol_observed", "relay", "position_encoder"),
+}
+
+
+def sampled(names):
+    return [n if n in SAMPLE else pytest.param(n, marks=pytest.mark.long) for n in names]
+
+
+EVERY_COMPONENT = sampled(NAMES)
+EVERY_CONTROLLER = sampled(CONTROLLERS)
