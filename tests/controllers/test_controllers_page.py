@@ -25,7 +25,10 @@ def test_the_table_has_every_continuous_controller():
     }
 
 
-@pytest.mark.parametrize("name", FAST)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.long) if n == "fuzzy_pd_i" else n for n in FAST],
+)
 def test_peak_settling_and_overshoot_are_those_of_a_run(name):
     """The slow ones, PIDs and NCTF, are left to the page's own command."""
     model = Model(loop_kernel("plant", name))
