@@ -43,6 +43,7 @@ _PUBLIC = {
     "connect": "ballscrew.solver.connect",
     "interconnect": "ballscrew.solver.interconnect",
     "Coupling": "ballscrew.orchestration.couplings",
+    **dict.fromkeys(("Loop", "SystemLoop"), "ballscrew.orchestration.loop"),
     "Reference": "ballscrew.orchestration.reference_signal",
 }
 __all__ = sorted(_PUBLIC)

@@ -7,7 +7,7 @@ ago.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     import sympy as sp
 
     from .orchestration.couplings import Coupling
+    from .orchestration.loop import Loop, ReferenceLike, SystemLoop
     from .orchestration.parameter_file import ParameterFile
-    from .orchestration.reference_signal import Reference
+    from .orchestration.parts import PartLike
     from .orchestration.workers import Processes
     from .records.drive_record import DriveRecord
     from .records.force_record import Record
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from .results.swap_study import SwapStudy
     from .solver.component import Component, ForceTerm
 
-    Part = str | Path | Component
     Values = Mapping[str, float]
 
 
@@ -203,36 +203,27 @@ def export(
 
 
 def run(  # noqa: PLR0913
-    controller: Part,
-    plant: Part = "plant",
-    reference: float | str | Reference = 0.08,
-    stop: float = 20.0,
+    loop: Loop | SystemLoop | PartLike,
+    plant: PartLike | None = None,
+    reference: ReferenceLike | None = None,
+    stop: float | None = None,
     step: float | None = None,
     plant_values: Values | None = None,
     controller_values: Values | None = None,
     coupling: str | Coupling | None = None,
     mapping: Mapping[str, str] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> RunResult:
-    """Run a closed loop of two FMUs, with a verdict on the coupling.
+    """Run a closed loop of FMUs, with a verdict on the coupling.
 
     Parameters
     ----------
-    controller, plant : str, path-like or Component
-        A name, a file's function (``mine.py:pi``), the path of an FMU, or a component.
-    reference : float, str or Reference
-        Set-point [m], or set-point over time: a motion in words, as
-        ``"move:distance=0.02,speed=0.1"``, the path of a table, or a `Reference`.
-    stop : float
-        Length of the run [s].
-    step : float, optional
-        Communication step [s]; left out, it is halved until the run is trusted.
-    plant_values, controller_values : mapping of str to float, optional
-        Parameters that are not nominal, in SI units.
-    coupling : str or Coupling, optional
-        How the two are coupled, as ``"gauss-seidel"``; by default the interface-Jacobian coupling
-        where the parts have its ports, else the best that they can do.
-    mapping : mapping of str to str, optional
-        Names of ports, ``theirs -> ours``.
+    loop : Loop, SystemLoop, or a controller
+        ``run("iol", stop=2.0)`` is ``run(Loop("iol", stop=2.0))``.
+    plant, reference, stop, step, plant_values, controller_values, coupling, mapping
+        As in `Loop`, with its defaults; of a loop that is there already, what is to be different.
+    progress : function of float, optional
+        Told the time that the run has reached [s].
 
     Returns
     -------
@@ -241,7 +232,7 @@ def run(  # noqa: PLR0913
 
     Raises
     ------
-    KeyError, ValueError
+    ValueError
         If a part, a parameter or the coupling makes no sense; the message says why.
     RuntimeError
         If an FMU refuses its initial values.
@@ -260,43 +251,31 @@ def run(  # noqa: PLR0913
     >>> round(float(abs(result.run.commands["u"]).max()), 1)
     32.1
     """
-    from .loop_options import read_coupling
-    from .orchestration.closed_loop import Study, run_study
-    from .orchestration.couplings import Coupling
+    asked = locals()
+    from .orchestration.closed_loop import run_closed_loop
     from .results.run_result import RunResult
 
-    if coupling is not None and not isinstance(coupling, Coupling):
-        coupling = read_coupling("coupling", coupling)
-    study = Study(
-        _controller(controller),
-        _plant(plant),
-        _over_time(reference),
-        *_lengths(stop, step),
-        coupling,
-        plant_values=_numbers("plant_values", plant_values),
-        controller_values=_numbers("controller_values", controller_values),
-        mapping=mapping,
-    )
-    return RunResult.of(run_study(study))
+    return RunResult.of(run_closed_loop(_loop(loop, asked), progress))
 
 
 def swap(  # noqa: PLR0913
-    controllers: Sequence[Part],
-    plant: Part = "plant",
-    reference: float | str | Reference = 0.08,
-    stop: float = 20.0,
+    controllers: Sequence[Loop | PartLike],
+    plant: PartLike | None = None,
+    reference: ReferenceLike | None = None,
+    stop: float | None = None,
     step: float | None = None,
     plant_values: Values | None = None,
     sampled: float | None = None,
     noise: bool = False,
     controller_values: Mapping[str, Values] | None = None,
     mapping: Mapping[str, Mapping[str, str]] | None = None,
+    progress: Callable[[str, float], None] | None = None,
 ) -> Comparison:
     """Run several controllers on the same plant, and compare them.
 
     Parameters
     ----------
-    controllers : sequence of str, path-like or Component
+    controllers : sequence of controllers, or of Loop
     plant, reference, stop, step, plant_values
         As in `run`.
     sampled : float, optional
@@ -308,6 +287,8 @@ def swap(  # noqa: PLR0913
         the name of ``hand.fmu``.
     mapping : mapping of str to mapping of str to str, optional
         Names of ports, ``theirs -> ours``, for each controller by its name.
+    progress : function of str and float, optional
+        Told whose run has reached what time [s].
 
     Returns
     -------
@@ -315,76 +296,79 @@ def swap(  # noqa: PLR0913
 
     Raises
     ------
-    KeyError, ValueError, RuntimeError
+    ValueError, RuntimeError
         As `run`.
 
     Examples
     --------
     >>> import ballscrew
     >>> result = ballscrew.swap(["iol", "pid"], stop=0.2)
-    >>> [r.study.label for r in result.results]
+    >>> [r.loop.label for r in result.results]
     ['iol', 'pid']
     >>> result = ballscrew.swap(["pid"], stop=0.2, sampled=2e-3)
-    >>> result.results[0].study.label, result.results[0].run.sampling_period
+    >>> result.results[0].loop.label, result.results[0].run.sampling_period
     ('pid+sampled', 0.002)
     >>> result = ballscrew.swap(["iol", "pid"], stop=0.2, controller_values={"pid": {"Kp": 300.0}})
-    >>> result.results[1].study.controller_values
+    >>> result.results[1].loop.controller_values
     {'Kp': 300.0}
     """
-    from .orchestration.closed_loop import Study
+    asked = locals() | {"controller_values": None, "mapping": None}  # these are of each its own
+    from .orchestration.in_practice import in_practice
     from .orchestration.swap import swap as swapped
     from .results.comparison import Comparison
 
     if sampled is not None and not sampled > 0:
         raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
-    on, goal = _plant(plant), _over_time(reference)
-    given = [_controller(c) for c in _paths(controllers)]
-    if not given:
+    if isinstance(controllers, str | Path):
+        controllers = [controllers]
+    loops = [_loop(c, asked) for c in controllers]
+    if not loops:
         raise ValueError("controllers is empty, expected one or more")
-    values_of = [
-        _numbers("controller_values", own)
-        for own in _of_each(given, "controller_values", controller_values)
-    ]
-    values_on = _numbers("plant_values", plant_values)
-    ports_of = _of_each(given, "mapping", mapping)
-    studies = []
-    for name, own, ports in zip(given, values_of, ports_of, strict=True):
-        named, values, notes = _in_practice(name, sampled, noise)
-        study = Study(named, on, goal, *_lengths(stop, step), plant_values=values_on)
-        studies.append(
-            replace(study, controller_values={**own, **values}, mapping=ports, notes=notes)
+    names = [loop.controller.own_name for loop in loops]
+    values_of = _of_each(names, "controller_values", controller_values)
+    ports_of = _of_each(names, "mapping", mapping)
+    for k, loop in enumerate(loops):
+        part, practice, notes = in_practice(loop.controller, sampled, noise)
+        values = {**loop.controller_values, **values_of[k], **practice}
+        loops[k] = replace(
+            loop,
+            controller=part,
+            controller_values=values,
+            mapping={**loop.mapping, **ports_of[k]},
+            notes=(*loop.notes, *notes),
         )
-    return Comparison.of(swapped(studies))
+    return Comparison.of(swapped(loops, progress))
 
 
-def lyapunov(
-    controller: Part,
-    plant: Part = "plant",
-    stop: float = 300.0,
-    setpoint: float = 0.08,
+def lyapunov(  # noqa: PLR0913
+    loop: Loop | PartLike,
+    plant: PartLike | None = None,
+    reference: ReferenceLike | None = None,
+    stop: float | None = None,
+    step: float | None = None,
     plant_values: Values | None = None,
     controller_values: Values | None = None,
-    step: float | None = None,
     mapping: Mapping[str, str] | None = None,
+    tolerance: float = 1e-11,
+    budget: float | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Exponents:
     """Lyapunov exponents of a closed loop, and what its motion becomes.
 
     Parameters
     ----------
-    controller, plant : str, path-like or Component
-        A name, a file's function (``mine.py:pi``), or a component; with `step` also the path of an
-        FMU. The controller ``none`` leaves a plant without inputs alone.
-    stop : float
-        Length of the motion [s].
-    setpoint : float
-        Constant set-point [m].
-    plant_values, controller_values : mapping of str to float, optional
-        Parameters that are not nominal, in SI units.
-    step : float, optional
-        Communication step of the FMUs of both parts and their master [s]; left out, the equations
-        are followed in one solver.
-    mapping : mapping of str to str, optional
-        With `step`: names of ports of a third-party FMU, ``theirs -> ours``.
+    loop : Loop, or a controller
+        With a communication `step`, its FMUs are followed; else the equations, in one solver. The
+        controller ``none`` leaves a plant without inputs alone.
+    plant, reference, stop, step, plant_values, controller_values, mapping
+        As in `run`, around a constant set-point; the default of `stop` is 300 s here.
+    tolerance : float
+        Relative, of the solver of the equations; a tenth of it is tried, too.
+    budget : float, optional
+        Processor time for the exponents of equations [s]; where they take longer, they are those
+        until there.
+    progress : function of str, optional
+        Told what is being done.
 
     Returns
     -------
@@ -394,8 +378,8 @@ def lyapunov(
 
     Raises
     ------
-    KeyError, ValueError
-        If a part or a parameter makes no sense, or the loop has no exponents here (sampled ones).
+    ValueError
+        If a part or a parameter makes no sense, or the loop has no exponents here.
 
     Notes
     -----
@@ -411,57 +395,50 @@ def lyapunov(
     >>> result.exponents.shape
     (4,)
     """
-    from .options import read_number
+    asked = locals()
     from .results.exponents import Exponents
 
-    over_fmus = step is not None
-    law, on = _controller(controller, over_fmus), _plant(plant, over_fmus)
-    stop, step = _lengths(stop, step)
-    setpoint = read_number("setpoint", setpoint)
-    values = _values("plant", on, plant_values), _values("controller", law, controller_values)
-    if step is None:
-        from .stability.loop_lyapunov import loop_lyapunov
+    followed = _followed_loop(loop, asked, stop=300.0)
+    if followed.step is not None:
+        from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 
-        if mapping:
-            raise ValueError("mapping is for FMUs; give their communication step, too")
-        return Exponents.of(loop_lyapunov(law, stop, setpoint, on, *values))
-    from .stability.fmu_parts import FmuLoop
-    from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
+        return Exponents.of(loop_lyapunov_over_fmus(followed, progress))
+    from .stability.loop_lyapunov import loop_lyapunov
+    from .stability.lyapunov import Watching
 
-    loop = FmuLoop(law, on, setpoint, *values, mapping=dict(mapping or {}))
-    return Exponents.of(loop_lyapunov_over_fmus(loop, stop, step))
+    return Exponents.of(loop_lyapunov(followed, tolerance, Watching(progress, budget)))
 
 
 def stability_map(  # noqa: PLR0913
-    controller: Part,
+    loop: Loop | PartLike,
     x: str,
     y: str,
     folder: Path | str,
-    plant: Part = "plant",
-    stop: float = 20.0,
-    setpoint: float = 0.08,
+    plant: PartLike | None = None,
+    reference: ReferenceLike | None = None,
+    stop: float | None = None,
+    step: float | None = None,
+    plant_values: Values | None = None,
+    controller_values: Values | None = None,
+    mapping: Mapping[str, str] | None = None,
     exponents: bool = False,
     refine: bool = False,
     resume: bool = False,
     workers: int = 1,
-    step: float | None = None,
-    mapping: Mapping[str, str] | None = None,
-    plant_values: Values | None = None,
-    controller_values: Values | None = None,
+    tolerance: float | None = None,
 ) -> StabilityMap:
     """What becomes of a closed loop over a grid of two of its parameters.
 
     Parameters
     ----------
-    controller, plant : str, path-like or Component
-        Names of the catalogue, files' functions (``mine.py:pi``), or components; with `step` also
-        paths of FMUs. The controller ``none`` leaves a plant without inputs alone.
+    loop : Loop, or a controller
+        With a communication `step`, its FMUs are run; else the equations, in one solver.
     x, y : str
         Axes, ``NAME=LOW:HIGH:COUNT``, such as ``sigma0_hat=66966:66968:21``.
     folder : path-like
         Where the map is kept; a run that was killed goes on there with `resume`.
-    stop, setpoint : float
-        Length of each run [s]; constant set-point [m].
+    plant, reference, stop, step, plant_values, controller_values, mapping
+        As in `run`, around a constant set-point; values are the same in all cells.
     exponents : bool
         Whether each cell has its largest Lyapunov exponent, too.
     refine : bool
@@ -470,13 +447,8 @@ def stability_map(  # noqa: PLR0913
         Whether to finish the map that the folder holds.
     workers : int
         Processes.
-    step : float, optional
-        Communication step of the FMUs of both parts and their master [s]; left out, the equations
-        are followed in one solver.
-    mapping : mapping of str to str, optional
-        With `step`: names of ports of a third-party FMU, ``theirs -> ours``.
-    plant_values, controller_values : mapping of str to float, optional
-        Parameters that are not nominal, in SI units, the same in all cells.
+    tolerance : float, optional
+        Relative, of the solver of the equations. Default: 1e-8 with exponents, else 1e-6.
 
     Returns
     -------
@@ -498,41 +470,14 @@ def stability_map(  # noqa: PLR0913
     >>> sum(found.summary.verdicts.values())
     4
     """
-    from .options import read_number
+    asked = locals()
     from .results.map_result import StabilityMap
+    from .stability.map_plan import MapPlan
     from .stability.stability_map import make_map
-    from .stability.study import MapStudy, read_axis
 
-    controller, plant = _controller(controller, step is not None), _plant(plant, step is not None)
-    stop, step = _lengths(stop, step)
-    across, along = (read_axis(text, plant, controller) for text in (x, y))
-    given = (
-        _values("plant", plant, plant_values),
-        _values("controller", controller, controller_values),
-    )
     processes = _processes(workers)
-    tolerance = 1e-8 if exponents else 1e-6
-    if mapping and step is None:
-        raise ValueError("mapping is for FMUs; give their communication step, too")
-    fmus = None
-    if step is not None:
-        from .stability.fmu_parts import over_fmus
-
-        fmus = over_fmus(plant, controller, step, mapping or {}, exponents)
-    study = MapStudy(
-        controller,
-        across,
-        along,
-        plant,
-        *given,
-        setpoint=read_number("setpoint", setpoint),
-        stop=stop,
-        exponents=exponents,
-        tolerance=tolerance,
-        fmus=fmus,
-    )
-    study.check()
-    summary = make_map(study, Path(folder), processes, resume, refine)
+    plan = MapPlan.of(_followed_loop(loop, asked), x, y, exponents, tolerance)
+    summary = make_map(plan, Path(folder), processes, resume, refine)
     return StabilityMap(summary, Path(folder))
 
 
@@ -820,45 +765,39 @@ def diagnose(
     return DiagnosisResult.of(diagnosed(_paths(data), params, law, mapping, units=units, lead=lead))
 
 
-def _in_practice(
-    controller: str, sampled: float | None, noise: bool
-) -> tuple[str, dict[str, float], tuple[str, ...]]:
-    """A controller as studies take it, with its sampling period and notes."""
-    if sampled is None and not noise:
-        return controller, {}, ()
-    from .orchestration.in_practice import in_practice
-
-    named, practice = in_practice(controller, sampled is not None, noise)
-    return named, {} if sampled is None else {practice.period: sampled}, practice.notes
-
-
-def _over_time(reference: float | str | Reference) -> Reference:
-    """A set-point over time; a number is a constant one, text a motion or a file."""
-    from .loop_options import read_set_point
-    from .options import read_number
-    from .orchestration.reference_signal import Reference
-
-    if isinstance(reference, Reference):
-        return reference
-    if isinstance(reference, str | Path):
-        return read_set_point(str(reference))
-    return Reference.constant(read_number("reference", reference))
+_OF_LOOP = (
+    "plant",
+    "reference",
+    "stop",
+    "step",
+    "plant_values",
+    "controller_values",
+    "coupling",
+    "mapping",
+)
 
 
-def _numbers(argument: str, values: Values | None) -> dict[str, float]:
-    """Values of parameters, each checked to be a number."""
-    from .options import read_number
+def _loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Any:
+    """A loop of what a function was asked, or one that is there with what is to be different."""
+    from .orchestration.loop import Loop, SystemLoop
 
-    return {n: read_number(f"{argument}[{n!r}]", v) for n, v in (values or {}).items()}
+    given = {name: asked[name] for name in _OF_LOOP if asked.get(name) is not None}
+    if isinstance(loop, Loop | SystemLoop):
+        return replace(loop, **given)
+    return Loop(loop, **{**defaults, **given})
 
 
-def _values(side: str, part: str, values: Values | None) -> dict[str, float]:
-    """Values of parameters of a part that has them, checked."""
-    from .orchestration.closed_loop import check_part_values
-
-    given = _numbers(f"{side}_values", values)
-    check_part_values(side, part, given)
-    return given
+def _followed_loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Loop:
+    """A loop around a constant set-point, whose values and ports are checked now."""
+    found: Loop = _loop(loop, asked, **defaults)
+    if found.step is None:
+        if found.mapping:
+            raise ValueError("mapping is for FMUs; give their communication step, too")
+        for part in (found.plant, found.controller):
+            if not part.has_equations:
+                raise ValueError(f"{part}: an FMU gives no equations; give a communication step")
+    found.check_values()
+    return found
 
 
 def _processes(workers: int) -> Processes:
@@ -869,53 +808,14 @@ def _processes(workers: int) -> Processes:
     return Processes(read_whole_number("workers", workers, 1, MOST_WORKERS))
 
 
-def _lengths(stop: float, step: float | None) -> tuple[float, float | None]:
-    """The length of a motion and its communication step [s], checked as the command does."""
-    from .options import read_length, read_step
-
-    stop = read_length("stop", stop)
-    return stop, None if step is None else read_step("step", step, stop)
-
-
-def _controller(part: Part, fmus: bool = True) -> str:
-    """A controller by a name, as all that runs takes it."""
-    from .controllers import ALONE, CONTROLLERS
-
-    return _named("controller", part, (*CONTROLLERS, *ALONE), fmus)
-
-
-def _plant(part: Part, fmus: bool = True) -> str:
-    """A plant by a name, as all that runs takes it."""
-    from .plant import PLANTS
-
-    return _named("plant", part, (*PLANTS,), fmus)
-
-
-def _named(argument: str, part: Part, known: Sequence[str], fmus: bool) -> str:
-    """A part by a name, checked; a Python file's is read again, a component is kept in memory."""
-    from .options import BadRequest, check_part
-    from .solver.component import Component
-    from .solver.component_file import name_in_memory
-
-    if isinstance(part, Component):
-        return name_in_memory(part)
-    if not isinstance(part, str | Path):
-        raise BadRequest(f"{argument} is {part!r}, expected a name, a path or a Component")
-    check_part(argument, str(part), known, fmus)
-    return str(part)
-
-
 def _of_each(
-    controllers: Sequence[str], argument: str, given: Mapping[str, Mapping[str, Any]] | None
-) -> list[dict[str, Any]]:
+    names: Sequence[str], argument: str, given: Mapping[str, Mapping[str, Any]] | None
+) -> list[Mapping[str, Any]]:
     """What is given for each controller by its name."""
-    from .orchestration.parts import own_name
-
-    names = [own_name(c) for c in controllers]
     for name in given or {}:
         if name not in names:
             raise ValueError(f"{argument} has {name!r}, expected one of {', '.join(names)}")
-    return [dict((given or {}).get(name, {})) for name in names]
+    return [(given or {}).get(name, {}) for name in names]
 
 
 def _paths(given: Any) -> Any:

@@ -14,7 +14,7 @@ from . import native_command
 from .console import tell_export
 from .controllers import CONTROLLERS
 from .instruments import INSTRUMENTS
-from .options import TRUSTED, BadRequest, check_part, out_folder, read_whole_number
+from .options import TRUSTED, BadRequest, out_folder, read_part, read_whole_number
 from .params_option import (
     add_params,
     apart,
@@ -101,12 +101,12 @@ def export(options: argparse.Namespace) -> int:
     names = _names(options, told, known)
     option = "--component" if options.loop is None else "--loop"
     for name in names:
-        check_part(option, name, known, fmus=False)
+        read_part(option, name, known, fmus=False)
     check_labels(option, names)
     if options.plant is not None:
         if not whole:
             raise BadRequest("--plant is for --loop and --ssp; of a plant alone say --component")
-        check_part("--plant", options.plant, PLANTS, fmus=False)
+        read_part("--plant", options.plant, PLANTS, fmus=False)
     if options.variational and options.ssp:
         raise BadRequest("--variational and --ssp: expected one of them")
     if options.tangents is not None and not options.variational:

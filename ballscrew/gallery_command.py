@@ -10,8 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from .options import TRUSTED, BadRequest, did_you_mean, out_folder
+from .options import TRUSTED, BadRequest, out_folder
 from .results_folder import prepare_folder, save_results
+from .solver.nearest import did_you_mean
 from .supervision import tell
 
 GALLERY = "ballscrew.gallery"  # stands on this package, and is found by name

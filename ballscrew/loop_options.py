@@ -1,23 +1,22 @@
-"""Options of a closed loop of FMUs, which `run` and `swap` have in common."""
+"""Options of a closed loop: what it is, how its FMUs are coupled, how its equations are solved."""
 
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .controllers import ALONE, CONTROLLERS
 from .options import (
     PART,
     BadRequest,
-    check_part,
-    check_steps,
-    did_you_mean,
+    guard,
     out_folder,
     read_length,
     read_named,
     read_number,
+    read_part,
     read_step,
 )
 from .orchestration.couplings import Coupling
@@ -26,18 +25,44 @@ from .plant import PLANTS
 from .sides import check_labels, labels_of, mappings, meant, split_side
 
 if TYPE_CHECKING:
-    from .orchestration.closed_loop import Study
-    from .orchestration.reference_signal import Reference
-    from .orchestration.system import SystemStudy
-
+    from .orchestration.loop import Loop, SystemLoop
 
 COUPLINGS = tuple(coupling.value for coupling in Coupling)
-SECOND_NAMES = {"tangent": "interface-jacobian"}
+STEP = "1e-3"  # [s], the first that is tried, and that of exponents and maps over FMUs
+
+
+def _add_loop(add: Any) -> None:
+    """Options of every loop."""
+    add(
+        "--plant", metavar="PART", help=f"in place of our plant, or what --params describes: {PART}"
+    )
+    add_params(add)
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="SIDE.NAME=VALUE",
+        help="a parameter or initial state, such as plant.sigma0=6e4 or "
+        "controller.sigma0_hat=66966; of one of several controllers by its name, as "
+        "iol.sigma0_hat=66966 or, of hand.fmu, hand.Kp=3",
+    )
+    add(
+        "--map",
+        action="append",
+        default=[],
+        metavar="THEIRS=OURS",
+        help="a third-party FMU's port and the one it meets; of one of several controllers by its "
+        "name, as hand.pos=x",
+    )
+    add("--limit-voltage", metavar="V", help="amplifier voltage limit; 36 V is nominal")
+    add("--limit-current", metavar="A", help="amplifier current limit")
+    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
+    add("--json", action="store_true", help="print the figures as JSON")
 
 
 def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
+    """Options of a closed loop of FMUs, which `run` and `swap` have in common."""
     add = parser.add_argument
-    add("--plant", metavar="PART", help=f"in place of our plant {PART}")
     goal = parser.add_mutually_exclusive_group()
     goal.add_argument(
         "--setpoint", metavar="METRES", help="desired position [m] (default 0.08, or the .ssp's)"
@@ -53,30 +78,11 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
     add(
         "--step",
         metavar="SECONDS",
-        help="communication step [s] (default: 1e-3, halved until the run is trusted)",
+        help=f"communication step [s] (default: {STEP}, halved until the run is trusted)",
     )
     add("--coupling", metavar="NAME", help=f"{', '.join(COUPLINGS)} (default: by rule, and said)")
     add("--corrections", metavar="0|1", help="corrections of each step by rollback")
     add("--adaptive", action="store_true", help="let the residual choose steps up to --step")
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="SIDE.NAME=VALUE",
-        help="a parameter, such as plant.sigma0=6e4 or controller.sigma0_hat=66966; of one of "
-        "several controllers by its name, as iol.sigma0_hat=66966 or, of hand.fmu, hand.Kp=3",
-    )
-    add_params(add)
-    add(
-        "--map",
-        action="append",
-        default=[],
-        metavar="THEIRS=OURS",
-        help="a third-party FMU's port and the one it meets; of one of several controllers by its "
-        "name, as hand.pos=x",
-    )
-    add("--limit-voltage", metavar="V", help="amplifier voltage limit; 36 V is nominal")
-    add("--limit-current", metavar="A", help="amplifier current limit")
     add(
         "--isolate",
         action=argparse.BooleanOptionalAction,
@@ -87,76 +93,161 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="for any one call of an FMU in a process of its own (default 60)",
     )
-    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
-    add("--json", action="store_true", help="print the figures as JSON")
+    _add_loop(add)
 
 
-def read_studies(
-    options: argparse.Namespace, controllers: list[str], option: str = "--controller"
-) -> list[Study]:
-    """What to run, one study for each controller of an option."""
-    stop = read_stop(options) or 20.0
-    loop = read_coupling_options(options, stop)
-    for controller in controllers:
-        check_part(option, controller, CONTROLLERS | ALONE)
-    check_labels(option, controllers)
-    if options.plant is not None:
-        check_part("--plant", options.plant, PLANTS)
-    given, given_to = read_settings(options, controllers)
-    mapping_of = mappings(options, controllers)
-    reference = read_reference(options)
+def add_followed_loop_options(parser: argparse.ArgumentParser, stop: str, tolerance: str) -> None:
+    """Options of a loop that is followed around a constant set-point, of `lyapunov` and `map`."""
+    add = parser.add_argument
+    add(
+        "--controller",
+        required=True,
+        metavar="PART",
+        help="one of our controllers, or mine.py:pi; with --via fmu also the path of an FMU",
+    )
+    add(
+        "--via",
+        default="model",
+        choices=("model", "fmu"),
+        help="the equations in one solver, or FMUs and their master (default model)",
+    )
+    add("--step", metavar="S", help=f"with --via fmu: communication step (default {STEP})")
+    add("--setpoint", metavar="M", help="constant set-point (default 0.08)")
+    add("--stop", default=stop, metavar="S", help=f"length of the motion (default {stop})")
+    add(
+        "--tolerance",
+        metavar="X",
+        help=f"of the solver, relative (default {tolerance}); a tenth of it is tried, too",
+    )
+    _add_loop(add)
+
+
+def read_loops(
+    options: argparse.Namespace,
+    controllers: Sequence[str],
+    option: str = "--controller",
+    fmus: bool = True,
+    **how: Any,
+) -> list[Loop]:
+    """A loop for each controller of an option, with what all loops have.
+
+    Parameters
+    ----------
+    fmus : bool
+        Whether parts may be FMUs.
+    **how
+        Of each `Loop`.
+    """
+    names = list(controllers)
+    parts = [read_part(option, name, CONTROLLERS | ALONE, fmus) for name in names]
+    check_labels(option, names)
+    plant = None if options.plant is None else read_part("--plant", options.plant, PLANTS, fmus)
+    given, given_to = read_settings(options, names)
+    ports_of = mappings(options, names)
     told = read_params(options)
-    plant, values, values_of = params_values(told, options.plant, controllers)
-    from .orchestration.closed_loop import Study
-    from .orchestration.reference_signal import Reference
+    described, values, values_of = params_values(told, options.plant, names)
+    from .orchestration.loop import Loop
 
     return [
-        Study(
-            controller=controller,
-            plant=plant,
-            reference=reference or Reference.constant(0.08),
-            stop=stop,
+        Loop(
+            controller,
+            plant or described,
             plant_values=values | given,
-            controller_values=values_of[controller] | given_to[controller],
-            mapping=mapping_of[controller],
+            controller_values=values_of[name] | given_to[name],
+            mapping=ports_of[name],
             told=told,
-            **loop,
+            **how,
         )
-        for controller in controllers
+        for name, controller in zip(names, parts, strict=True)
     ]
 
 
-def read_system_study(options: argparse.Namespace) -> SystemStudy:
+def read_closed_loops(
+    options: argparse.Namespace, controllers: Sequence[str], option: str = "--controller"
+) -> list[Loop]:
+    """The loops that `run` or `swap` is asked for, one for each controller of an option."""
+    stop = 20.0 if options.stop is None else read_length("--stop", options.stop)
+    how = read_coupling_options(options, stop)
+    return read_loops(options, controllers, option, stop=stop, **how)
+
+
+def read_followed_loop(
+    options: argparse.Namespace, tolerance: str, finest: float, coarsest: float
+) -> tuple[Loop, float]:
+    """The loop that `lyapunov` or `map` is asked for, and the tolerance of its solver.
+
+    Parameters
+    ----------
+    tolerance : str
+        Where none is given.
+    finest, coarsest : float
+        Between what it may be.
+
+    Raises
+    ------
+    BadRequest
+    """
+    over_fmus = options.via == "fmu"
+    for option in () if over_fmus else ("step", "map"):
+        if getattr(options, option):
+            raise BadRequest(
+                f"--{option} is for --via fmu; the equations have one solver that chooses its steps"
+            )
+    if over_fmus and options.tolerance is not None:
+        raise BadRequest("--tolerance is for --via model; FMUs have solvers of their own")
+    for option in () if over_fmus else ("controller", "plant"):
+        if Path(getattr(options, option) or "").suffix == ".fmu":
+            raise BadRequest(
+                f"--{option} {getattr(options, option)}: an FMU gives no equations; add --via fmu"
+            )
+    stop = read_length("--stop", options.stop)
+    step = read_step("--step", options.step or STEP, stop) if over_fmus else None
+    number = read_number("--tolerance", options.tolerance or tolerance)
+    if not finest <= number <= coarsest:
+        raise BadRequest(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
+    how: dict[str, Any] = {"stop": stop, "step": step}
+    if options.setpoint is not None:
+        how["reference"] = read_number("--setpoint", options.setpoint)
+    (loop,) = read_loops(options, [options.controller], fmus=over_fmus, **how)
+    guard(loop.check_values)
+    return loop, number
+
+
+def read_system_loop(options: argparse.Namespace) -> SystemLoop:
     for name in ("plant", "map", "params", "limit_voltage", "limit_current"):
         if getattr(options, name):
             raise BadRequest(
                 f"--{name.replace('_', '-')} makes no sense with --system, whose file says what is "
                 "connected; use --set ELEMENT.VARIABLE=VALUE"
             )
-    stop = read_stop(options)
-    loop = read_coupling_options(options, stop)
-    if loop["coupling"] and loop["coupling"].value == "monolithic":
+    stop = None if options.stop is None else read_length("--stop", options.stop)
+    how = read_coupling_options(options, stop)
+    if how["coupling"] and how["coupling"].value == "monolithic":
         raise BadRequest("--coupling monolithic needs equations, and an .ssp does not give them")
     values = {}
     for name, value in read_named("--set", options.set, "ELEMENT.VARIABLE=VALUE").items():
         if "." not in name:
             raise BadRequest(f"--set {name}={value}: expected ELEMENT.VARIABLE=VALUE")
         values[name] = read_number(f"--set {name}", value)
-    from .orchestration.system import SystemStudy
+    from .orchestration.loop import SystemLoop
 
-    return SystemStudy(options.system, read_reference(options), stop, values=values, **loop)
-
-
-def read_stop(options: argparse.Namespace) -> float | None:
-    return None if options.stop is None else read_length("--stop", options.stop)
+    return SystemLoop(options.system, stop=stop, values=values, **how)
 
 
 def read_coupling_options(options: argparse.Namespace, stop: float | None) -> dict[str, Any]:
-    """What runs by name and by file have in common, checked."""
+    """The set-point, and what runs by name and by file have in common, checked."""
     step = None if options.step is None else read_step("--step", options.step, stop)
-    if step is None and stop is not None:
-        check_steps(stop, 1e-3)  # the first that is tried
-    coupling = None if options.coupling is None else read_coupling("--coupling", options.coupling)
+    if step is None and stop is not None and stop > float(STEP):
+        read_step("--step", STEP, stop)  # the first that is tried
+    from .orchestration.couplings import coupling_named
+    from .orchestration.loop import as_reference
+
+    how: dict[str, Any] = {"step": step, "adaptive": options.adaptive, "isolate": options.isolate}
+    if options.reference:
+        how["reference"] = guard(lambda: as_reference(options.reference))
+    elif options.setpoint is not None:
+        how["reference"] = read_number("--setpoint", options.setpoint)
+    coupling = guard(lambda: coupling_named("--coupling", options.coupling))
     if options.corrections not in (None, "0", "1"):
         raise BadRequest(f"--corrections is {options.corrections!r}, expected 0 or 1")
     limit = options.time_limit
@@ -168,50 +259,8 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
     time_limit = read_number("--time-limit", limit or "60")
     if time_limit <= 0:
         raise BadRequest(f"--time-limit is {limit} s, expected more than 0")
-    return {
-        "step": step,
-        "coupling": coupling,
-        "corrections": None if options.corrections is None else int(options.corrections),
-        "adaptive": options.adaptive,
-        "isolate": options.isolate,
-        "time_limit": time_limit,
-    }
-
-
-def read_coupling(option: str, name: str) -> Coupling:
-    """The coupling of this name, or of its second name."""
-    name = SECOND_NAMES.get(name, name)
-    if name not in COUPLINGS:
-        raise BadRequest(f"{option} is {name!r}, expected one of {', '.join(COUPLINGS)}")
-    return Coupling(name)
-
-
-def read_set_point(text: str) -> Reference:
-    """A set-point over time, as a motion in words or as a file of this path."""
-    from .orchestration.reference_motions import KINDS, read_motion
-    from .orchestration.reference_signal import BadReference, Reference
-
-    kind, colon, _ = text.partition(":")
-    if colon and kind not in KINDS and not os.path.exists(text):
-        near = did_you_mean(kind, KINDS)
-        raise BadRequest(
-            f"{text!r}: there is no such file and no motion {kind!r}; motions are "
-            f"{', '.join(KINDS)}{near}"
-        )
-    try:
-        return read_motion(text) or Reference.read(text)
-    except BadReference as error:
-        raise BadRequest(str(error)) from error
-
-
-def read_reference(options: argparse.Namespace) -> Reference | None:
-    from .orchestration.reference_signal import Reference
-
-    if options.reference:
-        return read_set_point(options.reference)
-    if options.setpoint is None:
-        return None
-    return Reference.constant(read_number("--setpoint", options.setpoint))
+    corrections = None if options.corrections is None else int(options.corrections)
+    return how | {"coupling": coupling, "corrections": corrections, "time_limit": time_limit}
 
 
 def read_settings(

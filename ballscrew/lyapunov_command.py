@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .console import Stages, print_notes
-from .named_loop import add_loop_options, read_loop
+from .loop_options import add_followed_loop_options, read_followed_loop
 from .options import NOT_TRUSTED, TRUSTED, BadRequest, guard, read_number
 from .results_folder import prepare_folder, save_results
 
@@ -35,7 +35,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_loop_options(parser, stop="300", tolerance=TOLERANCE)
+    add_followed_loop_options(parser, stop="300", tolerance=TOLERANCE)
     parser.add_argument(
         "--budget",
         default=BUDGET,
@@ -48,43 +48,27 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _lyapunov(options: argparse.Namespace) -> int:
-    asked = read_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
+    loop, tolerance = read_followed_loop(options, TOLERANCE, finest=1e-13, coarsest=1e-3)
     budget = read_number("--budget", options.budget)
     if budget <= 0.0:
         raise BadRequest(f"--budget is {options.budget} s, expected more than 0")
     prepare_folder(options.out, [options.params])
-    from .results.exponents import Exponents
+    from . import api
     from .solver.files import finite_or_null
-    from .stability.loop_lyapunov import loop_lyapunov
-    from .stability.lyapunov import NoExponents, Watching
+    from .stability.lyapunov import NoExponents
 
-    stop = asked.stop
-    loop: dict[str, Any] = {
-        "setpoint": asked.setpoint,
-        "plant": asked.plant,
-        "plant_values": asked.plant_values,
-        "controller_values": asked.controller_values,
-    }
     stages = Stages()
+    how: dict[str, Any] = {"tolerance": tolerance, "budget": budget, "progress": stages}
     try:
-        if asked.step is not None:
-            from .stability.fmu_parts import FmuLoop
-            from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
-
-            over = FmuLoop(asked.controller, **loop, mapping=asked.mapping)
-            step = asked.step
-            result = guard(lambda: loop_lyapunov_over_fmus(over, stop, step, stages))
-        else:
-            loop |= {"tolerance": asked.tolerance, "watching": Watching(stages, budget)}
-            result = guard(lambda: loop_lyapunov(asked.controller, stop, **loop))
+        result = guard(lambda: api.lyapunov(loop, **how))
     except NoExponents as error:
         raise BadRequest(str(error)) from error
     finally:
         stages.finish()
 
     def save(folder: Path) -> None:
-        asked.parameters().save(folder)
-        Exponents.of(result).save(folder)
+        loop.parameters().save(folder)
+        result.save(folder)
 
     save_results(options.out, save)
     figures = result.figures()
@@ -92,8 +76,10 @@ def _lyapunov(options: argparse.Namespace) -> int:
         print(json.dumps(finite_or_null(figures)))
     else:
         _show(figures, options.out)
-    if figures["time_s"] < stop and figures["diverges_at_s"] is None:
-        print_notes([f"the exponents are those until t = {figures['time_s']:g} s, not {stop:g} s"])
+    if figures["time_s"] < loop.stop and figures["diverges_at_s"] is None:
+        print_notes(
+            [f"the exponents are those until t = {figures['time_s']:g} s, not {loop.stop:g} s"]
+        )
     if not result.decided:
         print(f"undecided; what would decide: {figures['would_decide']}", file=sys.stderr)
     return TRUSTED if result.decided else NOT_TRUSTED

@@ -5,19 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .console import Bar, print_notes
-from .named_loop import add_loop_options, read_loop
+from .loop_options import add_followed_loop_options, read_followed_loop
 from .options import TRUSTED, BadRequest, guard
 from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
 from .worker_options import add_worker_options, open_workers, read_worker_count
-
-if TYPE_CHECKING:
-    from .named_loop import NamedLoop
-    from .stability.fmu_parts import OverFmus
-    from .stability.study import Axis
 
 _EXAMPLES = """examples:
   ballscrew map --controller iol --x sigma0_hat=66965.89:66969.24:68 \\
@@ -44,7 +39,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_loop_options(
+    add_followed_loop_options(
         parser,
         stop="20",
         tolerance=f"{TOLERANCE}, with --exponents {TOLERANCE_OF_EXPONENTS}",
@@ -66,41 +61,27 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _map(options: argparse.Namespace) -> int:
-
     usual = TOLERANCE_OF_EXPONENTS if options.exponents else TOLERANCE
-    asked = read_loop(options, usual, finest=1e-12, coarsest=1e-4)
+    loop, tolerance = read_followed_loop(options, usual, finest=1e-12, coarsest=1e-4)
     count = read_worker_count(options)
     from .orchestration.memory import NotEnoughMemory
     from .orchestration.workers import WorkersLost
-    from .stability.map_pictures import save_map_picture
+    from .stability.map_plan import BadMap, MapPlan
     from .stability.stability_map import make_map
-    from .stability.study import BadMap, MapStudy, read_axis
 
+    if options.dask and loop.step is not None:
+        raise BadRequest("--dask and --via fmu: the FMUs are on this machine; use --workers")
     try:
-        loop = asked.plant, asked.controller
-        axes = [guard(lambda t=text: read_axis(t, *loop)) for text in (options.x, options.y)]
-        for axis in axes:
-            _only_once(axis, options)
-        study = MapStudy(
-            x=axes[0],
-            y=axes[1],
-            exponents=options.exponents,
-            fmus=_fmus(asked, options),
-            **{n: v for n, v in vars(asked).items() if n not in ("told", "step", "mapping")},
-        )
-        guard(study.check)
+        axes = options.x, options.y
+        plan = guard(lambda: MapPlan.of(loop, *axes, options.exponents, tolerance))
+        if options.setpoint is not None and "setpoint" in (plan.x.side, plan.y.side):
+            raise BadRequest("--setpoint, and an axis of set-points: expected one of them")
         prepare_folder(options.out, [options.params])
         workers = open_workers(options, count)
         progress = _MapProgress()
 
-        def beside(stage: Path) -> None:
-            asked.parameters().save(stage)
-            save_map_picture(study, stage)
-
         again, refine = options.resume, options.refine
-        summary = guard(
-            lambda: make_map(study, options.out, workers, again, refine, progress, beside)
-        )
+        summary = guard(lambda: make_map(plan, options.out, workers, again, refine, progress))
         progress.finish()
     except (BadMap, NotEnoughMemory, WorkersLost) as error:
         raise BadRequest(str(error)) from error
@@ -117,28 +98,6 @@ def _map(options: argparse.Namespace) -> int:
     else:
         _show(figures, options.out)
     return TRUSTED
-
-
-def _fmus(asked: NamedLoop, options: argparse.Namespace) -> OverFmus | None:
-    """The FMUs of a map over FMUs."""
-    if asked.step is None:
-        return None
-    if options.dask:
-        raise BadRequest("--dask and --via fmu: the FMUs are on this machine; use --workers")
-    from .solver.tape import UnsupportedComponent
-    from .stability.fmu_parts import over_fmus
-
-    parts = asked.plant, asked.controller
-    try:
-        return over_fmus(*parts, asked.step, asked.mapping, options.exponents)
-    except UnsupportedComponent as error:
-        raise BadRequest(f"--exponents: {error}") from error
-
-
-def _only_once(axis: Axis, options: argparse.Namespace) -> None:
-    """Refuse a set-point beside an axis of set-points: it would do nothing."""
-    if axis.side == "setpoint" and options.setpoint is not None:
-        raise BadRequest("--setpoint, and an axis of set-points: expected one of them")
 
 
 def _show(figures: dict[str, Any], folder: Path) -> None:

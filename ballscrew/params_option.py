@@ -85,13 +85,13 @@ def params_values(
 def _plant_values(told: ParameterFile, plant: str) -> dict[str, float]:
     """The file's values for a plant; what the plant has no use for is said."""
     from .orchestration.parameter_file import BALL_SCREW
-    from .orchestration.parts import part_of
+    from .orchestration.parts import Part
 
     others: Collection[str] = ()
     if told.law and told.kind == BALL_SCREW and told.plant_name != plant:
         # a file of another law has values that this plant has no use for
-        others = part_of(told.plant_name).parameters
-    values, _ = told.plant_values(part_of(plant).parameters, others)
+        others = Part(told.plant_name).parameters
+    values, _ = told.plant_values(Part(plant).parameters, others)
     note_aside(told, values, plant)
     return values
 
@@ -104,20 +104,23 @@ def note_aside(told: ParameterFile, values: Collection[str], plant: str) -> None
 
 
 def _controller_values(told: ParameterFile, name: str) -> dict[str, float]:
-    from .orchestration.parts import part_of, table_of
+    from .orchestration.loop import table_of
+    from .orchestration.parts import Part
 
-    table = table_of(told, name)
+    table = table_of(told, Part(name))
     if table not in told.controllers:
         return {}
-    return told.controller_values(table, part_of(name).parameters)
+    return told.controller_values(table, Part(name).parameters)
 
 
 def _note_other_fmus(told: ParameterFile, controllers: Sequence[str]) -> None:
     """Say which tables are of no controller that runs here, nor of one that is known."""
     from .controllers import CONTROLLERS
-    from .orchestration.parts import label_of, table_of
+    from .orchestration.loop import table_of
+    from .orchestration.parts import Part
 
-    known = {*CONTROLLERS, *map(label_of, controllers), *(table_of(told, c) for c in controllers)}
+    parts = [Part(c) for c in controllers]
+    known = {*CONTROLLERS, *(p.label for p in parts), *(table_of(told, p) for p in parts)}
     for name in told.controllers:
         if name not in known:
             _note(told, f"[controller.{name}]: no controller of this name runs here")
@@ -136,12 +139,12 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
         If the file has values for both as one part.
     """
     from .instruments import without_instruments
-    from .orchestration.parts import label_of
+    from .orchestration.parts import Part
 
     base, instruments = without_instruments(name)
-    if told and instruments and label_of(name) in told.controllers:
+    if told and instruments and Part(name).label in told.controllers:
         raise BadRequest(
-            f"{told.path}: [controller.{label_of(name)}] is of one part, and an .ssp has its "
+            f"{told.path}: [controller.{Part(name).label}] is of one part, and an .ssp has its "
             "instruments apart; export without --params, and run with --set ELEMENT.VARIABLE=VALUE"
         )
     return base, instruments
@@ -182,7 +185,8 @@ def kernel_with_values(
     if told is None:
         return kernel
     from .fmus.start_values import with_start_values
-    from .orchestration.parts import table_of
+    from .orchestration.loop import table_of
+    from .orchestration.parts import Part
     from .solver.kernel import CONTROLLER, PLANT
 
     path = str(told.path)
@@ -195,7 +199,7 @@ def kernel_with_values(
             sources[prefix + n] = (said[n].source if n in said else "") or f"from {path}"
 
     of_plant = {**told.plant, **told.found}
-    of_controller = told.controllers.get(table_of(told, name), {})
+    of_controller = told.controllers.get(table_of(told, Part(name)), {})
     with bad_parameters():
         if plant:
             add(PLANT, guard(lambda: _plant_values(told, plant)), of_plant)

@@ -10,7 +10,7 @@ from typing import Any
 
 from .console import Progress, print_figures, print_notes
 from .controllers import CONTROLLERS
-from .loop_options import add_closed_loop_options, read_studies, read_system_study
+from .loop_options import add_closed_loop_options, read_closed_loops, read_system_loop
 from .options import NOT_TRUSTED, OWN, TRUSTED, guard
 from .results_folder import prepare_folder, save_results
 
@@ -47,25 +47,18 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def run(options: argparse.Namespace) -> int:
-    study = (
-        read_system_study(options)
+    loop = (
+        read_system_loop(options)
         if options.system
-        else read_studies(options, [options.controller])[0]
+        else read_closed_loops(options, [options.controller])[0]
     )
     prepare_folder(options.out, [options.params, options.reference])
-    from .orchestration.closed_loop import Study, run_study
+    from . import api
     from .orchestration.metrics import units_of_figures
-    from .results.run_result import RunResult
     from .solver.files import finite_or_null
 
-    if isinstance(study, Study):
-        progress = Progress(study.stop)
-        result = RunResult.of(guard(lambda: run_study(study, progress)))
-    else:
-        from .orchestration.system import run_system
-
-        progress = Progress(study.stop)
-        result = RunResult.of(guard(lambda: run_system(study, progress)))
+    progress = Progress(loop.stop)
+    result = guard(lambda: api.run(loop, progress=progress))
     progress.finish()
     save_results(options.out, result.save)
     figures = result.figures()

@@ -33,10 +33,10 @@ def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
     """Controllers whose loops have a port of this name; where none has, wiring will say so."""
     if len(controllers) == 1:
         return controllers
-    from .orchestration.parts import part_of
+    from .orchestration.parts import Part
 
     def has(name: str) -> bool:
-        part = part_of(name)
+        part = Part(name)
         return port in part.inputs or port in part.outputs
 
     owners = [name for name in controllers if guard(lambda n=name: has(n))]
@@ -45,13 +45,13 @@ def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
 
 def check_labels(option: str, parts: Sequence[str]) -> None:
     """Refuse two parts of one name: options, tables and files could not tell them apart."""
-    from .orchestration.parts import own_name
+    from .orchestration.parts import Part
 
     seen: dict[str, str] = {}
     for part in parts:
         if parts.count(part) > 1:
             raise BadRequest(f"{option} has {part} twice; expected each once")
-        label = own_name(part)
+        label = Part(part).own_name
         if label in seen:
             raise BadRequest(
                 f"{option}: {seen[label]} and {part} are both called {label}; rename one of them"
@@ -65,10 +65,10 @@ def labels_of(controllers: Sequence[str]) -> dict[str, str]:
     Without its instruments, where no other is called so, too: ``pid`` for ``pid+position_encoder``.
     """
     from .instruments import bare
-    from .orchestration.parts import own_name
+    from .orchestration.parts import Part
 
-    labels = {own_name(c): c for c in controllers}
-    alone = [own_name(bare(c)) for c in controllers]
+    labels = {Part(c).own_name: c for c in controllers}
+    alone = [Part(bare(c)).own_name for c in controllers]
     shorter = {n: c for n, c in zip(alone, controllers, strict=True) if alone.count(n) == 1}
     labels = shorter | labels
     return {label: c for label, c in labels.items() if label not in ("plant", "controller")}

@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Any
 from .console import Progress, comparison_table, complain
 from .controllers import CONTROLLERS
 from .instruments import INSTRUMENTS
-from .loop_options import add_closed_loop_options, read_studies
+from .loop_options import add_closed_loop_options, read_closed_loops
 from .options import (
     BAD_REQUEST,
     NOT_TRUSTED,
     PART,
     TRUSTED,
     BadRequest,
-    check_part,
     guard,
     read_number,
+    read_part,
 )
 from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
-    from .orchestration.closed_loop import Study
+    from .orchestration.loop import Loop
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -56,29 +56,27 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser.set_defaults(action=swap_controllers)
 
 
-def _studies(options: argparse.Namespace) -> list[Study]:
+def _loops(options: argparse.Namespace) -> list[Loop]:
     """What to run, with every controller put into practice as the options say."""
     from .orchestration.in_practice import in_practice
 
     option, asked = "--controllers", options.controllers
     if options.sampled is None and not options.noise:
-        return read_studies(options, asked, option)
+        return read_closed_loops(options, asked, option)
     period = None
     if options.sampled is not None:
         period = read_number("--sampled", options.sampled)
         if period <= 0:
             raise BadRequest(f"--sampled is {options.sampled} s, expected more than 0")
-    for controller in asked:
-        check_part(option, controller, CONTROLLERS)
-    put = [guard(lambda c=c: in_practice(c, period is not None, options.noise)) for c in asked]
-    studies = read_studies(options, [name for name, _ in put], option)
-    for k, (study, (_, practice)) in enumerate(zip(studies, put, strict=True)):
-        values = dict(study.controller_values or {})
-        if period is not None:
-            _refuse_another(options, practice.period)
-            values[practice.period] = period
-        studies[k] = replace(study, controller_values=values, notes=practice.notes)
-    return studies
+    parts = [read_part(option, controller, CONTROLLERS) for controller in asked]
+    put = [guard(lambda p=p: in_practice(p, period, options.noise)) for p in parts]
+    loops = read_closed_loops(options, [part.name for part, _, _ in put], option)
+    for k, (_, values, notes) in enumerate(put):
+        for parameter in values:
+            _refuse_another(options, parameter)
+        values_of = {**loops[k].controller_values, **values}
+        loops[k] = replace(loops[k], controller_values=values_of, notes=notes)
+    return loops
 
 
 def _refuse_another(options: argparse.Namespace, parameter: str) -> None:
@@ -89,15 +87,14 @@ def _refuse_another(options: argparse.Namespace, parameter: str) -> None:
 
 
 def swap_controllers(options: argparse.Namespace) -> int:
-    studies = _studies(options)
+    loops = _loops(options)
     prepare_folder(options.out, [options.params, options.reference])
+    from . import api
     from .orchestration.metrics import units_of_figures
-    from .orchestration.swap import swap
-    from .results.comparison import Comparison
     from .solver.files import finite_or_null
 
-    progress = Progress(studies[0].stop)
-    result = Comparison.of(guard(lambda: swap(studies, lambda name, t: progress(t, name))))
+    progress = Progress(loops[0].stop)
+    result = guard(lambda: api.swap(loops, progress=lambda name, t: progress(t, name)))
     progress.finish()
     save_results(options.out, result.save)
     if options.json:
@@ -109,7 +106,7 @@ def swap_controllers(options: argparse.Namespace) -> int:
         print(f"{', '.join([*files, *result.trajectories])} in {options.out}")
     for r in result.results:
         for note in r.notes:
-            print(f"note: {r.study.label}: {note}", file=sys.stderr)
+            print(f"note: {r.loop.label}: {note}", file=sys.stderr)
         if not r.trusted:
             figures = r.figures()
             print(

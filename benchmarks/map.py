@@ -18,32 +18,29 @@ from contextlib import suppress
 from itertools import chain
 from time import process_time
 
-from ballscrew.map_command import TOLERANCE, TOLERANCE_OF_EXPONENTS
+from ballscrew.orchestration.loop import Loop
 from ballscrew.solver.kernel import IntegrationError
 from ballscrew.stability.cell import model_at, run_cell
-from ballscrew.stability.study import MapStudy, kernel_of, read_axis
+from ballscrew.stability.map_plan import MapPlan, kernel_of
 
-PARTS = "plant", "iol"
 X, Y = "sigma0_hat=66965.89:66969.24:34", "sigma1_hat=339.56:367.56:24"
 STOP = 20.0  # s
 
 
 def costs(exponents: bool) -> dict[str, list[tuple[float, float]]]:
     """Seconds of each cell and of its plain run, by verdict."""
-    tolerance = float(TOLERANCE_OF_EXPONENTS if exponents else TOLERANCE)
-    x, y = (read_axis(text, *PARTS) for text in (X, Y))
-    study = MapStudy("iol", x, y, stop=STOP, exponents=exponents, tolerance=tolerance)
-    kernel_of(study).compile()
-    system = kernel_of(study).system()
+    plan = MapPlan.of(Loop("iol", stop=STOP), X, Y, exponents)
+    kernel_of(plan).compile()
+    system, tolerance = kernel_of(plan).system(), plan.tolerance
     found = defaultdict(list)
-    for number in range(study.cells):
-        point = study.point(number)
+    for number in range(plan.cells):
+        point = plan.point(number)
         began = process_time()
-        model = model_at(study, *point, tolerance, system)
+        model = model_at(plan, *point, tolerance, system)
         with suppress(IntegrationError):  # some diverge
             model.advance(0.0, STOP)
         plain = process_time()
-        cell = run_cell(study, *point, tolerance, system)
+        cell = run_cell(plan, *point, tolerance, system)
         found[cell.verdict.value].append((process_time() - plain, plain - began))
     return found
 

@@ -23,7 +23,8 @@ from scipy.integrate import solve_ivp
 
 import ballscrew
 from ballscrew.fmus.catalogue import component, fmu
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.study.loop import StudyLoop
@@ -167,8 +168,8 @@ def one_run() -> None:
     loop = StudyLoop(loop_kernel(component("plant"), component("pid_sampled")))
 
     def over_fmus(goal: Reference) -> Vector:
-        study = Study("pid_sampled", "plant", goal, stop=STOP, step=PERIOD, isolate=False)
-        return np.asarray(run_study(study).run.outputs["x"])
+        study = Loop("pid_sampled", "plant", goal, stop=STOP, step=PERIOD, isolate=False)
+        return np.asarray(run_closed_loop(study).run.outputs["x"])
 
     with tempfile.TemporaryDirectory() as folder:
         native = [

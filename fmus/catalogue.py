@@ -8,7 +8,6 @@ of FMUs.
 
 from __future__ import annotations
 
-import difflib
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from ..plant import PLANTS
 from ..solver import kernel_cache
 from ..solver.component_file import load_component, names_file
 from ..solver.kernel import Kernel
+from ..solver.nearest import did_you_mean
 from ..solver.stored import fingerprint, stored_kernel
 from .carried_runtime import carried_runtime
 from .made_here import is_kept, keep
@@ -139,8 +139,7 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
 def _place_of(name: str) -> str:
     """``module:function`` of a name of the catalogue."""
     if name not in NAMES | ALONE:
-        near = difflib.get_close_matches(name, NAMES, n=1, cutoff=0.5)
-        hint = f", did you mean {near[0]}?" if near else ""
+        hint = did_you_mean(name, NAMES)
         raise UnknownComponent(f"no component {name!r}{hint}; there are {', '.join(NAMES)}")
     return (NAMES | ALONE)[name]
 

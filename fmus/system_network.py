@@ -17,7 +17,7 @@ from .system_xml import (
     Scaled,
     Scaling,
     Unit,
-    nearest,
+    near_or_all,
     plain_type,
     scaling_of,
 )
@@ -187,7 +187,7 @@ class Network:
             ]
             raise BadSystem(
                 f"{where} has the source {source!r}, which is not in the archive"
-                f"{nearest(name, present)}"
+                f"{near_or_all(name, present)}"
             )
         return file
 
@@ -227,7 +227,7 @@ class Network:
             if element not in system.children:
                 raise BadSystem(
                     f"{where} names the element {element!r}, which does not exist"
-                    f"{nearest(element, system.children)}"
+                    f"{near_or_all(element, system.children)}"
                 )
             place = system.children[element]
         known = set(place.connectors)
@@ -236,7 +236,7 @@ class Network:
         if connector not in known:
             raise BadSystem(
                 f"{where} names the connector {connector!r} of {called(place.path)}, which does "
-                f"not exist{nearest(connector, known)}"
+                f"not exist{near_or_all(connector, known)}"
             )
         return SystemPort(place.path, connector)
 
@@ -249,7 +249,7 @@ class Network:
         if variable is None:
             raise BadSystem(
                 f"{port} is a connector, but {place.fmu.name} has no such variable"
-                f"{nearest(port.connector, place.variables)}"
+                f"{near_or_all(port.connector, place.variables)}"
             )
         said = place.connectors.get(port.connector, variable)
         for what, ours, theirs in (

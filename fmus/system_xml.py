@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
+
+from ..solver.nearest import nearest
 
 # Versions 1.0 and 2.0 have the same namespaces.
 SSC, SSD, SSM, SSV = (
@@ -237,10 +238,7 @@ def plain_type(name: str) -> str:
     return "Integer" if name.startswith(("Int", "UInt")) else name
 
 
-def nearest(name: str, names: Iterable[str]) -> str:
+def near_or_all(name: str, names: Iterable[str]) -> str:
     """A hint that ends a message about an unknown name."""
     names = list(names)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-    if close:
-        return f"; nearest: {', '.join(close)}"
-    return f"; there are {', '.join(sorted(names)[:20]) or 'none'}"
+    return nearest(name, names) or f"; there are {', '.join(sorted(names)[:20]) or 'none'}"

@@ -11,8 +11,8 @@ from scipy.stats import chi2
 
 from ..orchestration.parameter_file import DRIVE, ParameterFile
 from ..records.force_record import Record
-from ..records.table import near
 from ..records.velocity import INTEGRATED
+from ..solver.nearest import nearest
 from .fit import fit_along
 from .fit_result import Fit
 from .fitted_law import LAWS, OFFSET
@@ -65,7 +65,7 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
             )
         if name != OFFSET and name not in names:
             raise CannotHold(
-                f"{law} has no parameter {name!r}{near(name, [*names, OFFSET])}; it has "
+                f"{law} has no parameter {name!r}{nearest(name, [*names, OFFSET])}; it has "
                 f"{', '.join(names)}, and there is {OFFSET}"
             )
         if not math.isfinite(value) or (name != OFFSET and value <= 0):

@@ -7,33 +7,25 @@ import io
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from ..solver.files import write_atomically, write_json
+from .loop import Loop, SystemLoop
 from .loop_run import LoopRun
 from .metrics import metrics
-from .parameter_file import ParameterFile
 from .step_choice import StepChoice
 
 ROWS = 10_000  # of a table that are text in memory at a time
 FIRST_COLUMNS = ("x", "v", "z", "i", "u")
 
 
-class Labelled(Protocol):
-    """A study, as far as results need it."""
-
-    @property
-    def label(self) -> str: ...
-    def parameters(self) -> ParameterFile | None: ...
-
-
 @dataclass(frozen=True)
 class ClosedLoopResult:
-    """A run with its study; `save` writes it as plain files.
+    """A run with its loop; `save` writes it as plain files.
 
     Attributes
     ----------
-    study : Study or SystemStudy
+    loop : Loop or SystemLoop
     run : LoopRun
     notes : tuple of str
         What the user should know beside the verdict.
@@ -41,7 +33,7 @@ class ClosedLoopResult:
         Where the communication step chose itself.
     """
 
-    study: Labelled
+    loop: Loop | SystemLoop
     run: LoopRun
     notes: tuple[str, ...] = ()
     step_choice: StepChoice | None = None
@@ -53,7 +45,7 @@ class ClosedLoopResult:
     def figures(self) -> dict[str, Any]:
         """Everything of ``metrics.json``."""
         run, verdict = self.run, self.run.verdict
-        figures: dict[str, Any] = {"controller": self.study.label}
+        figures: dict[str, Any] = {"controller": self.loop.label}
         if {"x"} <= set(run.outputs) and {"u"} <= set(run.commands):
             figures |= metrics(run).to_dict()
         return figures | {
@@ -96,7 +88,7 @@ class ClosedLoopResult:
         """Write trajectory.csv, metrics.json and parameters.toml."""
         folder = Path(folder)
         write_atomically(folder / "trajectory.csv", self.trajectory_csv())
-        parameters = self.study.parameters()
+        parameters = self.loop.parameters()
         if parameters is not None:
             parameters.save(folder)
         write_json(folder / "metrics.json", self.figures())

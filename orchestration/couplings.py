@@ -40,3 +40,21 @@ class Coupling(Enum):
         member._value_ = name
         member.late, member.law, member.own = late, law, own
         return member
+
+
+SECOND_NAMES = {"tangent": Coupling.INTERFACE_JACOBIAN.value}
+
+
+class UnknownCoupling(ValueError):
+    """There is no such coupling; the message says what there is."""
+
+
+def coupling_named(what: str, given: str | Coupling | None) -> Coupling | None:
+    """The coupling of this name, or of its second name; None is left to choose."""
+    if given is None or isinstance(given, Coupling):
+        return given
+    names = [coupling.value for coupling in Coupling]
+    name = SECOND_NAMES.get(given, given)
+    if name not in names:
+        raise UnknownCoupling(f"{what} is {given!r}, expected one of {', '.join(names)}")
+    return Coupling(name)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..fmus.catalogue import component, has_equations
+from ..fmus.catalogue import component
 from ..instruments import INSTRUMENTS, MEASURED, SAMPLED, without_instruments
 from ..solver.contract_error import ContractError
 from .fmu_instance import SAMPLE_TIME
+from .parts import Part
 
 if TYPE_CHECKING:
     from ..solver.component import Component
@@ -83,8 +84,26 @@ def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
     return Practice(sampled, (*reversed(instruments),), ideal, period)
 
 
-def in_practice(controller: str, sampled: bool, noise: bool) -> tuple[str, Practice]:
-    """The name of a controller put into practice, and what that is, as `practice_of` says.
+def in_practice(
+    controller: Part, sampled: float | None, noise: bool
+) -> tuple[Part, dict[str, float], tuple[str, ...]]:
+    """A controller put into practice, as `practice_of` says.
+
+    Parameters
+    ----------
+    controller : Part
+    sampled : float or None
+        Sampling period [s]; None leaves it as it is.
+    noise : bool
+        Whether it measures through all instruments that fit.
+
+    Returns
+    -------
+    Part
+    dict of str to float
+        Its sampling period, by the parameter's name.
+    tuple of str
+        What the user should know.
 
     Raises
     ------
@@ -92,14 +111,17 @@ def in_practice(controller: str, sampled: bool, noise: bool) -> tuple[str, Pract
         For an FMU, or a controller that cannot be put so.
     UnknownComponent, BadComponentFile
     """
-    if not has_equations(controller):
+    if sampled is None and not noise:
+        return controller, {}, ()
+    if not controller.has_equations:
         raise ContractError(
             f"{controller} is an FMU and gives no equations that could be sampled or measure "
             "through instruments; expected a name or FILE.py:FUNCTION"
         )
-    base, own = without_instruments(controller)
+    base, own = without_instruments(controller.name)
     if noise and own:
         raise ContractError(f"{controller} has instruments already; expected {base} alone")
-    practice = practice_of(component(base), sampled, noise)
+    practice = practice_of(component(base), sampled is not None, noise)
     name = "+".join([base, *[SAMPLED] * practice.sampled, *own, *practice.instruments])
-    return name, practice
+    period = {} if sampled is None else {practice.period: sampled}
+    return Part(name), period, practice.notes

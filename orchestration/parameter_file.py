@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -16,6 +15,7 @@ from ..fmus.interface import START, TOLERANCE
 from ..fmus.units import base_exponents
 from ..plant import DEFAULT_LAW, plant_of
 from ..solver.files import write_atomically
+from ..solver.nearest import did_you_mean
 
 if TYPE_CHECKING:
     from ..solver.component import Parameter
@@ -280,12 +280,7 @@ def known_name(where: str, given: Iterable[str], names: Iterable[str]) -> None:
     names = list(names)
     for name in given:
         if name not in names:
-            near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-            hint = (
-                f", did you mean {' or '.join(near)}?"
-                if near
-                else f"; there are {', '.join(names)}"
-            )
+            hint = did_you_mean(name, names) or f"; there are {', '.join(names)}"
             raise BadParameters(f"{where} there is no {name!r}{hint}")
 
 

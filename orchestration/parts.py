@@ -1,124 +1,258 @@
-"""What a plant or a controller is made of from outside: its ports and parameters."""
+"""A plant or a controller from outside: its ports, its parameters, and what it can do."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..controllers import ALONE
-from ..fmus.catalogue import fmu_kernel, has_equations, name_of
-from ..fmus.interface import START
-from ..fmus.reading import unpack
-from ..instruments import bare
-from ..plant import DEFAULT_LAW, LAWS, PLANTS
+from ..controllers import ALONE, CONTROLLERS
+from ..fmus import catalogue
+from ..fmus.interface import START, TOLERANCE, interface_of
+from ..fmus.reading import Description, unpack
+from ..instruments import INSTRUMENTS, SAMPLED, bare
+from ..plant import PLANTS
+from ..solver.component_file import (
+    BadComponentFile,
+    load_component,
+    name_in_memory,
+    names_file,
+    read_component,
+    remember_component,
+)
 from ..solver.kernel import Kernel, ParameterInfo
-from .parameter_file import BALL_SCREW, FMU, ParameterFile, list_used
+from ..solver.nearest import did_you_mean, nearest
+from .limits import BadParameter
+
+if TYPE_CHECKING:
+    from ..solver.component import Component
+
+SUFFIX = ".fmu"
+
+
+class BadPart(ValueError):
+    """There is no such part; the message says what there is."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """One side of a loop, equations or anybody's FMU.
+    """One side of a loop: equations, of which an FMU can be made, or anybody's FMU.
+
+    Two of one name are equal. What is told of a Python file is what it was when it was resolved,
+    in other processes, too.
 
     Attributes
     ----------
     name : str
         A name of the catalogue, a file's function (``mine.py:pi``), or the path of an FMU.
-    inputs, outputs : tuple of str
-    parameters : dict of str to ParameterInfo
-        Initial states among them, as ``x_start``. Of an FMU a default may be NaN: it says none.
     """
 
     name: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    parameters: Mapping[str, ParameterInfo]
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def has_equations(self) -> bool:
+        """Whether its equations are known; if not, it is a file, and all else is asked of it."""
+        return catalogue.has_equations(self.name)
+
+    @property
+    def is_none(self) -> bool:
+        """Whether it is the controller that leaves a plant alone."""
+        return self.name in ALONE
+
+    @property
+    def own_name(self) -> str:
+        """What it is called on the command line."""
+        return catalogue.name_of(self.name) if self.has_equations else Path(self.name).stem
 
     @property
     def label(self) -> str:
-        return label_of(self.name)
+        """What it is called in tables, pictures, options and parameter files."""
+        return readable(self.own_name)
+
+    def fmu(self) -> Path:
+        """Its FMU; of equations, in the user's cache."""
+        return catalogue.fmu(self.name) if self.has_equations else Path(self.name)
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """Its compiled equations, with the ports of the feedback law."""
+        return catalogue.fmu_kernel(self.name)
+
+    @cached_property
+    def description(self) -> Description:
+        """What a file says of itself.
+
+        Raises
+        ------
+        FmuError
+            If it is no FMU that can run here.
+        """
+        unpacked = unpack(self.name)
+        unpacked.remove()
+        return unpacked.description
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        if self.has_equations:
+            return tuple(i.name for i in self.kernel.inputs if i.role != "internal")
+        return tuple(self.description.names("input"))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        if self.has_equations:
+            return tuple(o.name for o in self.kernel.outputs)
+        return tuple(self.description.names("output"))
+
+    @cached_property
+    def parameters(self) -> Mapping[str, ParameterInfo]:
+        """Initial states among them, as ``x_start``; an FMU's default may be NaN: it says none."""
+        if self.has_equations:
+            return parameters_of(self.kernel)
+        file = Path(self.name).name
+        said = f"parameter of {file}", f"start value of {file}", -math.inf, math.inf
+        return {
+            v.name: ParameterInfo(v.name, math.nan if v.start is None else v.start, v.unit, *said)
+            for v in self.description.variables
+            if v.causality == "parameter"
+        }
+
+    def check_values(self, side: str, values: Mapping[str, float]) -> None:
+        """Make sure that it has these parameters, and that they are in range; files tell no ranges.
+
+        Parameters
+        ----------
+        side : str
+            What it is called in the complaint.
+        values : mapping of str to float
+
+        Raises
+        ------
+        BadParameter
+            Naming the nearest.
+        """
+        if not self.has_equations:  # which inputs are free only the wiring tells
+            check_names(side, values, [*self.parameters, *self.inputs])
+            return
+        ranges = dict(interface_of(self.kernel, self.own_name).layout.ranges)
+        ranges.pop(TOLERANCE, None)  # a setting of the FMU's own solver
+        check_names(side, values, ranges)
+        for name, value in values.items():
+            low, high = ranges[name]
+            if (low is not None and value < low) or (high is not None and value > high):
+                raise BadParameter(
+                    f"{side}: parameter {name} = {value:g} is out of its range "
+                    f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
+                )
+
+    def settable(self, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
+        """Its parameters, and those of its inputs that are given a value."""
+        given = {
+            name: ParameterInfo(name, math.nan, "", "input", "", -math.inf, math.inf)
+            for name in self.inputs
+            if name in values
+        }
+        return {**self.parameters, **given}
+
+    def __getstate__(self) -> dict[str, Any]:
+        # another process may lack the file of a component, or find it edited
+        base = bare(self.name)
+        return {"name": self.name, "made": load_component(base) if names_file(base) else None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        object.__setattr__(self, "name", state["name"])
+        if state["made"] is not None:
+            remember_component(bare(self.name), state["made"])
 
 
-def label_of(name: str) -> str:
-    """What a part is called in tables, pictures, options and parameter files."""
-    return readable(own_name(name))
+PartLike: TypeAlias = "str | Path | Component | Part"
 
 
-def table_of(file: ParameterFile, controller: str) -> str:
-    """Name of the table of a parameter file that is of a controller: its own, else the bare one's.
+def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool = True) -> Part:
+    """The part that is meant. A Python file is run here, as it is now.
 
-    So ``[controller.pid]`` is of ``pid+position_encoder``, too, where that has no table.
+    Parameters
+    ----------
+    role : str
+        What it is asked for, or the option by which; the complaint begins so.
+    given : str, path-like, Component or Part
+    known : collection of str
+        Names that are fit.
+    fmus : bool
+        Whether FMUs are.
+
+    Raises
+    ------
+    BadPart
+        If it is none of the known, no function of a file and no FMU.
+    BadComponentFile
     """
-    own = label_of(controller)
-    return own if own in file.controllers else label_of(bare(controller))
+    if isinstance(given, Part):
+        return given
+    if not isinstance(given, str | Path):
+        from ..solver.component import Component
+
+        if not isinstance(given, Component):
+            raise BadPart(f"{role} is {given!r}, expected a name, a path or a Component")
+        return Part(name_in_memory(given))
+    name = str(given)
+    base = bare(name)
+    if names_file(base):
+        try:
+            read_component(base)
+        except BadComponentFile as error:
+            raise BadComponentFile(f"{role}: {error}") from error
+        return Part(name)
+    if base in known or (fmus and (Path(name).suffix == SUFFIX or os.path.exists(name))):
+        return Part(name)
+    first, *rest = name.split("+")
+    if rest and first in known:
+        wrong = next((part for part in rest if part not in INSTRUMENTS), "")
+        if wrong == SAMPLED:
+            raise BadPart(f"{role} {name!r}: {SAMPLED!r} comes right behind {first!r}, once")
+        raise BadPart(
+            f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}"
+        )
+    files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
+    raise BadPart(
+        f"{role} {name!r} is neither one of {', '.join(known)} nor {files}"
+        f"{did_you_mean(name, known)}"
+    )
 
 
-def loop_label(plant: str, controller: str) -> str:
-    """What a loop is called: as its controller, or as the plant that runs alone."""
-    return label_of(plant if controller in ALONE else controller)
+def resolve_controller(given: PartLike, fmus: bool = True) -> Part:
+    """As `resolve`, of a controller; ``none`` leaves a plant without inputs alone."""
+    return resolve("controller", given, CONTROLLERS | ALONE, fmus)
 
 
-def own_name(name: str) -> str:
-    """As `label_of`, in the letters of the command line."""
-    return name_of(name) if has_equations(name) else Path(name).stem
+def resolve_plant(given: PartLike, fmus: bool = True) -> Part:
+    """As `resolve`, of a plant."""
+    return resolve("plant", given, PLANTS, fmus)
+
+
+def check_names(side: str, names: Collection[str], known: Collection[str]) -> None:
+    """Make sure that every value has a variable.
+
+    Raises
+    ------
+    BadParameter
+        Naming the nearest.
+    """
+    for name in names:
+        if name not in known:
+            hint = nearest(name, known) or f"; it has {', '.join(known)}"
+            raise BadParameter(f"{side} has no parameter {name!r}{hint}")
 
 
 def readable(name: str) -> str:
     """A file's name as text, also where the locale does not know its letters."""
     return os.fsencode(name).decode("utf-8", "replace")
-
-
-def part_of(name: str) -> Part:
-    """The part of this name or path.
-
-    Raises
-    ------
-    FmuError
-        If the file is no FMU that can run here.
-    BadComponentFile, ContractError, UnsupportedComponent
-        If a Python file's component cannot be made or solved.
-    """
-    if has_equations(name):
-        kernel = fmu_kernel(name)
-        return Part(
-            name,
-            tuple(i.name for i in kernel.inputs if i.role != "internal"),
-            tuple(o.name for o in kernel.outputs),
-            parameters_of(kernel),
-        )
-    unpacked = unpack(name)
-    unpacked.remove()
-    description = unpacked.description
-    return Part(
-        name,
-        tuple(description.names("input")),
-        tuple(description.names("output")),
-        {
-            v.name: ParameterInfo(
-                v.name,
-                math.nan if v.start is None else v.start,
-                v.unit,
-                f"parameter of {Path(name).name}",
-                f"start value of {Path(name).name}",
-                -math.inf,
-                math.inf,
-            )
-            for v in description.variables
-            if v.causality == "parameter"
-        },
-    )
-
-
-def _settable(part: Part, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
-    """A part's parameters, and those of its inputs that were given a value."""
-    given = {
-        name: ParameterInfo(name, math.nan, "", "input", "", -math.inf, math.inf)
-        for name in part.inputs
-        if name in values
-    }
-    return {**part.parameters, **given}
 
 
 def parameters_of(kernel: Kernel) -> dict[str, ParameterInfo]:
@@ -130,59 +264,3 @@ def parameters_of(kernel: Kernel) -> dict[str, ParameterInfo]:
             name, s.start, s.unit, meaning, "start value", -math.inf, math.inf
         )
     return found
-
-
-def used_parameters(
-    plant: str,
-    plant_values: Mapping[str, float],
-    controllers: Mapping[str, Mapping[str, float]],
-    told: ParameterFile | None = None,
-) -> ParameterFile:
-    """All parameters of a loop as they were used, as a parameter file that the next command reads.
-
-    Parameters
-    ----------
-    plant : str
-        As `Part.name`.
-    plant_values : mapping of str to float
-        Those that were given.
-    controllers : mapping of str to mapping of str to float
-        The controllers, as `plant`, and the values that were given to each.
-    told : ParameterFile, optional
-        Where values come from; what still has its value keeps its interval and source.
-    """
-    file = told or ParameterFile()
-    source = "given to this run"
-    known = _settable(part_of(plant), plant_values)
-    values = list_used(known, plant_values, {**file.plant, **file.found}, source)
-    kind, law = FMU, ""
-    own = set(known)
-    name = plant.removeprefix("plant").removeprefix("_") or DEFAULT_LAW
-    if plant in PLANTS and name in LAWS:
-        kind, law = BALL_SCREW, name
-    elif told is not None and set(told.plant) <= own:
-        kind, law = told.kind, told.law
-        own = set(told.plant)
-        if kind == BALL_SCREW:
-            own |= set(part_of(told.plant_name).parameters)
-    described = {
-        label_of(name): list_used(
-            _settable(part_of(name), given),
-            given,
-            file.controllers.get(table_of(file, name), {}),
-            source,
-        )
-        for name, given in controllers.items()
-    }
-    return replace(
-        file,
-        path=None,
-        kind=kind,
-        law=law,
-        plant={n: v for n, v in values.items() if n in own},
-        found={n: v for n, v in values.items() if n not in own},
-        controllers={**file.controllers, **described},
-        tolerance={},
-        not_identified={},
-        diagnosis=None,
-    )

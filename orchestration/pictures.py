@@ -164,7 +164,7 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     figures = {}
 
     run = result.run
-    name = result.study.label
+    name = result.loop.label
     badge = run.verdict.word
     title = f"{name}, {run.coupling.value} coupling: {badge}"
     if run.alone:
@@ -299,7 +299,7 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
         ends = []
         for k, result in enumerate(results):
             run = result.run
-            label = result.study.label.replace("+", "\n+")  # long names leave no room for curves
+            label = result.loop.label.replace("+", "\n+")  # long names leave no room for curves
             if not result.trusted:
                 label += " (not converged)"
             style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}

@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
 from collections.abc import Callable
 
 import numpy as np
 
+from ..fmus.set_point import START_VALUE
+from ..solver.nearest import did_you_mean
 from .reference_signal import TERMS, BadReference, Matrix, Reference, Vector
 
 PIECES = 128  # of each period of a sine
 MOST_POINTS = 4_000_000
 
 
-def step(size: float = 0.08, at: float = 0.0) -> Reference:
+def step(size: float = START_VALUE, at: float = 0.0) -> Reference:
     """A step from 0 to `size` [m] at a time [s]."""
     if not at > 0:
         return Reference.constant(size)
@@ -26,7 +29,7 @@ def step(size: float = 0.08, at: float = 0.0) -> Reference:
 
 
 def move(
-    distance: float = 0.08,
+    distance: float = START_VALUE,
     speed: float = 0.1,
     acceleration: float = 1.0,
     jerk: float = 50.0,
@@ -206,3 +209,19 @@ def read_motion(text: str) -> Reference | None:
         if not math.isfinite(values[name]):
             raise BadReference(f"{text!r}: {name} is {number}, expected a finite number")
     return KINDS[kind](**values)
+
+
+def read_set_point(text: str) -> Reference:
+    """A set-point over time, as a motion in words or as a file of this path.
+
+    Raises
+    ------
+    BadReference
+    """
+    kind, colon, _ = text.partition(":")
+    if colon and kind not in KINDS and not os.path.exists(text):
+        raise BadReference(
+            f"{text!r}: there is no such file and no motion {kind!r}; motions are "
+            f"{', '.join(KINDS)}{did_you_mean(kind, KINDS)}"
+        )
+    return read_motion(text) or Reference.read(text)

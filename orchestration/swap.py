@@ -11,9 +11,10 @@ from pathlib import Path
 
 from ..fmus.reading import FmuError
 from ..solver.files import write_atomically, write_json
-from .closed_loop import Study, run_study
+from .closed_loop import run_closed_loop
 from .closed_loop_result import ClosedLoopResult
 from .fmu_instance import StepFailed
+from .loop import Loop
 from .loop_run import CouplingError
 from .parameter_file import ParameterFile
 from .wiring import WiringError
@@ -56,14 +57,14 @@ class SwapResult:
 
     def parameters(self) -> ParameterFile:
         """Those of the plant and of all controllers."""
-        files = [p for r in self.results if (p := r.study.parameters()) is not None]
+        files = [p for r in self.results if (p := r.loop.parameters()) is not None]
         controllers = {name: values for file in files for name, values in file.controllers.items()}
         return replace(files[0], controllers=controllers)
 
     @property
     def trajectories(self) -> list[str]:
         """A file's name for each result, by its label; numbered where two have the same."""
-        labels = [result.study.label for result in self.results]
+        labels = [result.loop.label for result in self.results]
         before = [labels[:k].count(label) for k, label in enumerate(labels)]
         return [
             os.fsdecode(f"trajectory_{label}{f'_{n + 1}' if n else ''}.csv".encode())
@@ -89,28 +90,26 @@ class SwapResult:
         write_json(folder / "comparison.json", [result.figures() for result in self.results])
 
 
-def swap(
-    studies: Sequence[Study], progress: Callable[[str, float], None] | None = None
-) -> SwapResult:
-    """Run studies that differ in their controllers, one after the other.
+def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = None) -> SwapResult:
+    """Run loops that differ in their controllers, one after the other.
 
     Parameters
     ----------
-    studies : sequence of Study
+    loops : sequence of Loop
     progress : function (label, time), optional
 
     Raises
     ------
     FmuError, WiringError, CouplingError, StepFailed
-        As `run_study`, where no controller can be run; one that can keeps its result.
+        As `run_closed_loop`, where no controller can be run; one that can keeps its result.
     """
     results, failures, errors = [], [], []
-    for study in studies:
-        told = None if progress is None else (lambda t, name=study.label: progress(name, t))
+    for loop in loops:
+        told = None if progress is None else (lambda t, name=loop.label: progress(name, t))
         try:
-            results.append(run_study(study, told))
+            results.append(run_closed_loop(loop, told))
         except (FmuError, WiringError, CouplingError, StepFailed) as error:
-            failures.append((study.label, str(error)))
+            failures.append((loop.label, str(error)))
             errors.append(error)
     if not results and errors:
         raise errors[0]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -20,78 +18,30 @@ from ..fmus.system_reading import (
     SystemStructure,
     read_system,
 )
-from .closed_loop import (
-    LIMIT,
-    BadParameter,
-    amplifier_notes,
-    check_values,
-    fixed_step_notes,
-    own_step,
-)
+from ..solver.nearest import nearest
+from .closed_loop import LIMIT, amplifier_notes, fixed_step_notes, own_step, run_by_steps
 from .closed_loop_result import ClosedLoopResult
 from .couplings import Coupling
 from .fmu_instance import Instance
 from .group import Feed, Group
-from .isolated import TIME_LIMIT, open_fmu
+from .isolated import open_fmu
+from .limits import BadParameter, check_step
+from .loop import STOP, SystemLoop
 from .loop_run import LoopRun
 from .master import Progress, run_loop
-from .parts import readable
+from .parts import check_names
 from .port_units import AS_IS, POSITION, scale_of_results
 from .reference_signal import Reference
 from .state_trial import check_state
-from .step_choice import FIRST, choose_step, only_step
+from .step_choice import FIRST
 from .system_goal import Fmus, Goal, goal_of
 from .system_law import accepts_law, commands_of, reports_law
 from .wiring import CONTROLLER, Wiring, plain_outputs
 
 Vector = npt.NDArray[np.float64]
-STOP = 20.0
 
 
-@dataclass(frozen=True)
-class SystemStudy:
-    """What to run.
-
-    Parameters
-    ----------
-    system : path-like
-        An .ssp file.
-    reference : Reference, optional
-        For the system's set-point. Default: its start value, held.
-    stop : float, optional
-        [s] Default: the file's own, else 20 s.
-    step : float, optional
-        Communication step [s]. Default: it chooses itself, see `choose_step`.
-    coupling, corrections, adaptive
-        As in `run_loop`. With ``jacobi`` and ``gauss-seidel`` wired feedback-law ports are signals
-        like any others, as other masters have them.
-    values : mapping of str to float
-        Parameters and start values as ``element.variable``, over those of the file.
-    isolate, time_limit
-        As in `Study`.
-    """
-
-    system: Path | str
-    reference: Reference | None = None
-    stop: float | None = None
-    step: float | None = None
-    coupling: Coupling | None = None
-    corrections: int | None = None
-    adaptive: bool = False
-    values: Mapping[str, float] = field(default_factory=dict)
-    isolate: bool | None = None
-    time_limit: float = TIME_LIMIT
-
-    @property
-    def label(self) -> str:
-        """What to call the loop in tables and pictures."""
-        return readable(Path(self.system).stem)
-
-    def parameters(self) -> None:
-        """None: the elements of an .ssp are the file's own, and it says their values itself."""
-
-
-def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLoopResult:
+def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoopResult:
     """Run an .ssp: one of its elements as the plant, the others as what commands it.
 
     The plant is the element with feedback-law inputs, else the one called ``plant``, else the one
@@ -100,32 +50,30 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
     Raises
     ------
     BadSystem, FmuError, CouplingError, WiringError, BadParameter
-        If the file or the study makes no sense; the message says why.
+        If the file or what is asked makes no sense; the message says why.
     StepFailed
         If a part refuses its initial values.
     """
-    system = read_system(study.system)
+    system = read_system(asked.system)
     with contextlib.ExitStack() as opened:
         opened.callback(system.remove)
         if system.start != 0.0:
             raise BadSystem(f"{system.path}: starts at t = {system.start:g} s, expected 0")
-        stop = study.stop or system.stop or STOP
-        if study.step is not None and study.step > stop:
-            raise BadParameter(
-                f"the step is {study.step:g} s, expected at most the {stop:g} s to run"
-            )
+        stop = asked.stop or system.stop or STOP
+        if asked.step is not None:
+            check_step("step", asked.step, stop)
         fmus = {}
         for element in system.elements:
             fmus[element.name] = open_fmu(
-                element.fmu, element.name, study.isolate, study.time_limit
+                element.fmu, element.name, asked.isolate, asked.time_limit
             )
             opened.callback(fmus[element.name].close)
-        values = _values(system, study, fmus)
+        values = _values(system, asked, fmus)
         own = own_step({f.path.name: f.description for f in fmus.values()})
-        first = study.step or own or min(FIRST, stop)
+        first = asked.step or own or min(FIRST, stop)
         states = [check_state(f, values[name], stop, first) for name, f in fmus.items()]
-        loop = _loop(system, fmus, study)
-        reference = study.reference or Reference.constant(loop.set_point(system, values, fmus))
+        loop = _loop(system, fmus, asked)
+        reference = asked.reference or Reference.constant(loop.set_point(system, values, fmus))
 
         sides = [loop.plant, loop.controller]  # one run makes use of them; others open their own
 
@@ -142,9 +90,9 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
                 reference,
                 stop,
                 step,
-                coupling=study.coupling,
-                corrections=study.corrections,
-                adaptive=study.adaptive,
+                coupling=asked.coupling,
+                corrections=asked.corrections,
+                adaptive=asked.adaptive,
                 plant_values=_of_side(loop.plant, [loop.plant_name], values),
                 controller_values=_of_side(
                     loop.controller, [n for n in fmus if n != loop.plant_name], values
@@ -155,13 +103,7 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
                 look_again=look_again,
             )
 
-        choice = None
-        if study.step is not None or study.adaptive:
-            run = run_at(first)
-        elif own:
-            run, choice = only_step(run_at(own), own)
-        else:
-            run, choice = choose_step(run_at, first)
+        run, choice = run_by_steps(asked, run_at, own, stop)
         run = loop.in_units(run)
         limit = f"--set {loop.plant_name}.{LIMIT}="
         amplifier = amplifier_notes(
@@ -170,10 +112,10 @@ def run_system(study: SystemStudy, progress: Progress | None = None) -> ClosedLo
     notes = [f"{name} names nothing in the system and was ignored" for name in system.ignored]
     fixed = fixed_step_notes(first, *fmus.values()) if own or choice is None else ()
     found = (note for state in states for note in state)
-    return ClosedLoopResult(study, run, (*notes, *found, *fixed, *amplifier), choice)
+    return ClosedLoopResult(asked, run, (*notes, *found, *fixed, *amplifier), choice)
 
 
-def _values(system: SystemStructure, study: SystemStudy, fmus: Fmus) -> dict[str, dict[str, float]]:
+def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> dict[str, dict[str, float]]:
     """Start values by element: the file's, and the study's over them."""
     values = {e.name: dict(e.start_values) for e in system.elements}
     for given in system.inputs:
@@ -181,19 +123,18 @@ def _values(system: SystemStructure, study: SystemStudy, fmus: Fmus) -> dict[str
             for c in given.drives:
                 start = c.factor * given.start + c.offset
                 values[c.target.element].setdefault(c.target.connector, start)
-    for name, value in study.values.items():
+    for name, value in asked.values.items():
         element = max((e for e in values if name.startswith(e + ".")), key=len, default="")
         if not element:
             wanted = name.rpartition(".")[0]
-            near = difflib.get_close_matches(wanted, values, n=1, cutoff=0.5)
-            hint = f" (nearest: {near[0]})" if near else ""
             raise BadParameter(
-                f"the system has no element {wanted!r}{hint}; it has {', '.join(values)}"
+                f"the system has no element {wanted!r}{nearest(wanted, values)}; it has "
+                f"{', '.join(values)}"
             )
         variable = name[len(element) + 1 :]
         described = fmus[element].description.variables
         known = [v.name for v in described if v.causality in ("parameter", "input")]
-        check_values(element, {variable: value}, known)
+        check_names(element, [variable], known)
         values[element][variable] = value
     for element, own in values.items():
         for name, value in own.items():
@@ -284,13 +225,13 @@ class _Loop:
         return (given - goal.offset) / (goal.factor or math.nan)
 
 
-def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
+def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
     if len(fmus) < 2:
         raise BadSystem(f"{system.path}: has one element; a closed loop has two or more")
     plant = _plant(fmus)
     rest = [n for n in fmus if n != plant]
     goal = goal_of(system, fmus, rest)
-    if study.reference and not goal:
+    if asked.reference and not goal:
         raise BadSystem(
             f"{system.path}: has no input that a set-point could drive; set start values instead"
         )
@@ -325,7 +266,7 @@ def _loop(system: SystemStructure, fmus: Fmus, study: SystemStudy) -> _Loop:
         )
     )
     fed = {c.target.connector if plain else str(c.source): order for c, order in goal}
-    law = study.coupling in (None, Coupling.INTERFACE_JACOBIAN) and alone
+    law = asked.coupling in (None, Coupling.INTERFACE_JACOBIAN) and alone
     main = commands_of(commands, measured) if law else commands
     accepts = law and accepts_law(fmus[plant], main, measured)
     if not accepts:

@@ -22,6 +22,7 @@ from .verdict import ACCURACY, Verdict
 
 if TYPE_CHECKING:
     from ..solver.component import Component
+    from .loop import Loop
 
 Vector = npt.NDArray[np.float64]
 
@@ -112,6 +113,14 @@ def _with_curves(loop: Component) -> Component:
     return loop.substituted(curves, inputs=(*loop.inputs, *terms, started))
 
 
+def both_values(
+    plant: Mapping[str, float] | None, controller: Mapping[str, float] | None
+) -> dict[str, float]:
+    """Values of a loop's parts by the names that the whole loop has for them."""
+    values = {PLANT + name: value for name, value in (plant or {}).items()}
+    return values | {CONTROLLER + name: value for name, value in (controller or {}).items()}
+
+
 def term_name(name: str, power: int) -> str:
     """What an input's coefficient of this power of time is called."""
     return f"{name}_t{power}" if power else name
@@ -153,18 +162,8 @@ def inputs_between(
     return times, inputs, np.isin(times, grid)
 
 
-def run_monolithic(
-    plant: str,
-    controller: str,
-    reference: Reference,
-    stop: float,
-    step: float,
-    *,
-    plant_values: Mapping[str, float] | None = None,
-    controller_values: Mapping[str, float] | None = None,
-    progress: Progress | None = None,
-) -> LoopRun:
-    """Run the closed loop without FMUs; parameters as in `run_loop`, parts by name.
+def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) -> LoopRun:
+    """Run the closed loop without FMUs, its outputs on a grid of this step [s].
 
     The run is made twice, with a hundredfold difference in tolerance; what the two differ by
     bounds the error of the looser and decides the verdict on the tighter.
@@ -176,14 +175,14 @@ def run_monolithic(
     NotEnoughMemory
         If the rows of all steps do not fit.
     """
-    kernel = loop_kernel(plant, controller)
+    kernel = loop_kernel(loop.plant.name, loop.controller.name)
+    reference, stop = loop.reference, loop.stop
     check_memory(
         8.0 * (5 * len(kernel.outputs) + 6) * stop / step,  # two courses, times, what is drawn
         f"{stop / step:.3g} communication steps need",
         "use a longer --step or a shorter --stop",
     )
-    values = {PLANT + k: v for k, v in (plant_values or {}).items()}
-    values |= {CONTROLLER + k: v for k, v in (controller_values or {}).items()}
+    values = both_values(loop.plant_values, loop.controller_values)
     tight = _simulate(kernel, values, TIGHT, reference, stop, step, progress)
     loose = _simulate(kernel, values, LOOSE, reference, stop, step, None)
     commands = [n for n in tight.outputs if n in ("u",)]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
 from ..fmus.set_point import DERIVATIVES, SET_POINT
+from ..solver.nearest import nearest
 from .fmu_instance import Instance
 
 PLANT, CONTROLLER = "plant", "controller"
@@ -143,7 +143,7 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
         raise WiringError(
             f"nothing drives the input {missing[0]!r} of {plant.name}: {controller.name} has the "
             f"outputs {', '.join(controller.outputs) or 'none'}"
-            f"{_near(missing[0], controller.outputs)}; use --map theirs=ours"
+            f"{nearest(missing[0], controller.outputs)}; use --map theirs=ours"
         )
     if not signals and (controller.inputs or controller.outputs):
         raise WiringError(
@@ -205,10 +205,10 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
         if side not in ports:
             everything = {*ports[PLANT], *ports[CONTROLLER]}
             raise WiringError(
-                f"--map: neither side has a port {theirs!r}{_near(theirs, everything)}"
+                f"--map: neither side has a port {theirs!r}{nearest(theirs, everything)}"
             )
         if own not in ports[side]:
-            raise WiringError(f"--map: {side} has no port {own!r}{_near(own, ports[side])}")
+            raise WiringError(f"--map: {side} has no port {own!r}{nearest(own, ports[side])}")
     for side, group, taken in (
         (PLANT, ports[PLANT], COLUMNS),
         (CONTROLLER, controller.inputs, ()),
@@ -223,8 +223,3 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
                     f"--map {theirs}={ours} would hide {whose}, which has that name; map one of "
                     "them to a name that is free"
                 )
-
-
-def _near(name: str, names: object) -> str:
-    close = difflib.get_close_matches(name, list(names), n=3, cutoff=0.5)  # type: ignore[call-overload]
-    return f" (nearest: {', '.join(close)})" if close else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ..solver.nearest import nearest
 from ..solver.tables import PYARROW
 from .bad_record import BadRecord
 from .csv_table import read_csv
@@ -175,7 +175,7 @@ def rename(
         if name not in columns:
             raise BadRecord(
                 f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
-                f"{near(theirs, columns)}; there are {there}"
+                f"{nearest(theirs, columns)}; there are {there}"
             )
         theirs_of[ours] = name
     for name in columns:
@@ -185,7 +185,7 @@ def rename(
         if not {wanted, *others} & theirs_of.keys():
             raise BadRecord(
                 f"{path}: has no column {' nor '.join(map(repr, (wanted, *others)))}"
-                f"{near(wanted, columns)}; there are "
+                f"{nearest(wanted, columns)}; there are "
                 f"{there}; use --map theirs={wanted}"
             )
     named = {n: columns[theirs_of[n]] for n in known if n in theirs_of}
@@ -239,9 +239,3 @@ def in_si(
         conversion = Conversion(name, said, may_be, lead)
         signals[name], measured[name] = conversion.factor * values, conversion.quantity
     return signals, measured
-
-
-def near(name: str, names: object) -> str:
-    """The names that look like `name`, in brackets, for a complaint."""
-    close = difflib.get_close_matches(name, list(names), n=3, cutoff=0.4)  # type: ignore[call-overload]
-    return f" (nearest: {', '.join(close)})" if close else ""

@@ -12,7 +12,7 @@ from ..orchestration.parameter_file import (
     check_values,
     list_used,
 )
-from ..orchestration.parts import part_of
+from ..orchestration.parts import Part
 from ..solver.kernel import ParameterInfo
 from .rig_wiring import PLANT, WIRINGS
 
@@ -43,7 +43,7 @@ def values_for(
     parts = {part.name for wiring in WIRINGS.values() for part in wiring.parts}
     head = f"{PLANT}."
     plant = {n.removeprefix(head): p for n, p in known.items() if n.startswith(head)}
-    others = part_of(told.plant_name).parameters
+    others = Part(told.plant_name).parameters
     if (told.law or law) == law:  # initial states alone: a trial begins at rest
         others = {n: p for n, p in others.items() if n.endswith("_start")}
     values, _ = told.plant_values(plant, others)

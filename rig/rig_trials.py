@@ -6,7 +6,6 @@ rates) the choice stands here, once, and in `Trial.note`.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..instruments.sampling_period import SAMPLE_TIME
+from ..solver.nearest import did_you_mean
 
 Vector = npt.NDArray[np.float64]
 
@@ -282,8 +282,7 @@ def trials_named(name: str) -> list[Trial]:
         count = sum(t.table == table for t in TRIALS.values())
         raise UnknownTrial(f"no trial {name!r}: {table} has trials 1 to {count}")
     known = TRIALS if "/" in plain else TABLES
-    near = difflib.get_close_matches(plain, known, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]}?" if near else ""
+    hint = did_you_mean(plain, known)
     raise UnknownTrial(
         f"no trial {name!r}; there are {', '.join(TABLES)}, or one trial as in 2.4/7{hint}"
     )

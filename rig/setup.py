@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..solver.kernel import ParameterInfo
+from ..solver.nearest import did_you_mean
 from .calibration import POINTS, Calibration, calibrate
 from .compiled_rig import plant_kernel, program_kernel
 from .noise import Draw, Noise, draw
@@ -126,8 +126,7 @@ _CALIBRATED = tuple(f"capacitance_sensor.c{k}" for k in range(3))
 
 def _check(name: str, value: float, known: Mapping[str, ParameterInfo], law: str) -> None:
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-        hint = f"; did you mean {near[0]}?" if near else ""
+        hint = did_you_mean(name, known)
         owner = name.partition(".")[0]
         theirs = [k for k in known if k.startswith(f"{owner}.")] or list(
             dict.fromkeys(k.partition(".")[0] + ".*" for k in known if "." in k)

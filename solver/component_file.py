@@ -8,7 +8,6 @@ files of one name, or two helpers of one name in two folders, never meet.
 from __future__ import annotations
 
 import contextlib
-import difflib
 import importlib
 import inspect
 import os
@@ -21,6 +20,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, NoReturn
 
 from .contract_error import ContractError
+from .nearest import nearest
 
 if TYPE_CHECKING:
     from .component import Component
@@ -141,9 +141,8 @@ def _function(path: Path, module: ModuleType, name: str) -> Callable[[], object]
             f"{path}: say which of its functions makes the component, as {path}:FUNCTION; {has}"
         )
     if not hasattr(module, name):
-        near = difflib.get_close_matches(name, own, n=3, cutoff=0.5)
-        hint = f"nearest: {', '.join(near)}" if near else has
-        raise BadComponentFile(f"{path} has no function {name!r}; {hint}")
+        hint = nearest(name, own) or f"; {has}"
+        raise BadComponentFile(f"{path} has no function {name!r}{hint}")
     made: object = getattr(module, name)
     if not callable(made):
         of = "is a Component itself" if isinstance(made, Component) else f"is {made!r}"

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .attractor import Kind
 from .cell import cells_of
-from .study import MapStudy
+from .map_plan import MapPlan
 
 if TYPE_CHECKING:
     from ..orchestration.workers import Workers
@@ -31,10 +31,10 @@ def border_cells(verdicts: npt.NDArray[np.int8]) -> npt.NDArray[np.int64]:
     return np.flatnonzero(edge)
 
 
-def run_border(study: MapStudy, task: tuple[bool, float, float, float, str, str]) -> dict[str, Any]:
+def run_border(plan: MapPlan, task: tuple[bool, float, float, float, str, str]) -> dict[str, Any]:
     """Halve the distance between two cells of different verdict until it is small."""
     along_x, fixed, low, high, below, above = task
-    with cells_of(study, 1.0) as cell_at:
+    with cells_of(plan, 1.0) as cell_at:
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             point = (middle, fixed) if along_x else (fixed, middle)
@@ -45,41 +45,41 @@ def run_border(study: MapStudy, task: tuple[bool, float, float, float, str, str]
                 high, above = middle, found
     position = 0.5 * (low + high)
     return {
-        study.x.name: position if along_x else fixed,
-        study.y.name: fixed if along_x else position,
-        "along": study.x.name if along_x else study.y.name,
+        plan.x.name: position if along_x else fixed,
+        plan.y.name: fixed if along_x else position,
+        "along": plan.x.name if along_x else plan.y.name,
         "width": high - low,
         "below": below,
         "above": above,
     }
 
 
-def _border_tasks(study: MapStudy, verdicts: npt.NDArray[np.int8]) -> Iterator[tuple[str, Any]]:
+def _border_tasks(plan: MapPlan, verdicts: npt.NDArray[np.int8]) -> Iterator[tuple[str, Any]]:
     kinds = [k.value for k in Kind]
-    grid = verdicts.reshape(study.y.count, study.x.count)
-    xs, ys = study.x.values(), study.y.values()
+    grid = verdicts.reshape(plan.y.count, plan.x.count)
+    xs, ys = plan.x.values(), plan.y.values()
     for j, i in zip(*np.nonzero(grid[:, 1:] != grid[:, :-1]), strict=True):
         names = kinds[grid[j, i]], kinds[grid[j, i + 1]]
-        yield f"x{j}-{i}", (study, (True, float(ys[j]), float(xs[i]), float(xs[i + 1]), *names))
+        yield f"x{j}-{i}", (plan, (True, float(ys[j]), float(xs[i]), float(xs[i + 1]), *names))
     for j, i in zip(*np.nonzero(grid[1:] != grid[:-1]), strict=True):
         names = kinds[grid[j, i]], kinds[grid[j + 1, i]]
-        yield f"y{j}-{i}", (study, (False, float(xs[i]), float(ys[j]), float(ys[j + 1]), *names))
+        yield f"y{j}-{i}", (plan, (False, float(xs[i]), float(ys[j]), float(ys[j + 1]), *names))
 
 
 def refined_borders(
-    study: MapStudy,
+    plan: MapPlan,
     verdicts: npt.NDArray[np.int8],
     workers: Workers,
     progress: Progress | None,
 ) -> tuple[str, int]:
     """The table of borders as text, and how many there are."""
-    tasks = list(_border_tasks(study, verdicts))
+    tasks = list(_border_tasks(plan, verdicts))
     rows = {}
     for name, row in workers.map(run_border, iter(tasks)):
         rows[name] = row
         if progress:
             progress(len(rows), len(tasks))
-    header = [study.x.name, study.y.name, "along", "width", "below", "above"]
+    header = [plan.x.name, plan.y.name, "along", "width", "below", "above"]
     lines = [",".join(header)]
     for name, _ in tasks:
         row = rows[name]

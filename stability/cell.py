@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..orchestration.whole_loop import both_values
 from ..solver.core import System
 from ..solver.kernel import CONTROLLER, PLANT, Model
 from ..solver.spectrum import follow_returns, follow_tangents
 from .attractor import EXPONENTS, LONGER_RUN, OTHER_SOLVER, Attractor, Kind
 from .budget import becomes
+from .map_plan import MapPlan, kernel_of
 from .store import Columns
-from .study import MapStudy, kernel_of
 
 LAST = 0.1  # share of the run over which the oscillation is measured
 REASONS = {  # of undecided cells, by what would decide
@@ -28,13 +29,12 @@ _BITS = 1.0 / math.log(2.0)
 
 
 def model_at(
-    study: MapStudy, x: float, y: float, tolerance: float, system: System | None = None
+    plan: MapPlan, x: float, y: float, tolerance: float, system: System | None = None
 ) -> Model:
-    plant, controller, setpoint = study.values_at(x, y)
-    values = {PLANT + k: v for k, v in plant.items()}
-    values |= {CONTROLLER + k: v for k, v in controller.items()}
-    model = Model(kernel_of(study), values, tolerance, system)
-    for signal in kernel_of(study).inputs:
+    loop = plan.loop_at(x, y)
+    values, setpoint = both_values(loop.plant_values, loop.controller_values), loop.set_point
+    model = Model(kernel_of(plan), values, tolerance, system)
+    for signal in kernel_of(plan).inputs:
         if signal.role == "reference":
             model.set_input(signal.name, setpoint)
     return model
@@ -65,20 +65,20 @@ class Cell:
 
 
 def run_cell(
-    study: MapStudy, x: float, y: float, tolerance: float, system: System | None = None
+    plan: MapPlan, x: float, y: float, tolerance: float, system: System | None = None
 ) -> Cell:
     """Run one loop of a map, with the equations of a cell before it if they are given."""
     try:
-        model = model_at(study, x, y, tolerance, system)
+        model = model_at(plan, x, y, tolerance, system)
     except ValueError as none:
         return undecided_cell(NO_DESIGN, str(none))
     setpoint = next(
         (model.u[k] for k, i in enumerate(model.kernel.inputs) if i.role == "reference"), 0.0
     )
     position = next(k for k, s in enumerate(model.kernel.states) if s.name == PLANT + "x")
-    begin = (1.0 - LAST) * study.stop
+    begin = (1.0 - LAST) * plan.loop.stop
     growth = math.nan
-    if study.exponents:
+    if plan.exponents:
         run = follow_tangents(model, np.array([0.0, begin]), count=1)
         lost, away, at = run.failure, run.diverged, begin
         frame, growth = run.frame, float(run.growth[-1, 0])
@@ -88,12 +88,12 @@ def run_cell(
     if not lost:
         last = model.x.copy()
         mode = model.u.copy()
-        passes = follow_returns(model, begin, study.stop, position, np.inf, 1)
+        passes = follow_returns(model, begin, plan.loop.stop, position, np.inf, 1)
         lost, away, at = passes.failure, passes.diverged, passes.end
-        if study.exponents and not lost:
+        if plan.exponents and not lost:
             end = model.x.copy(), model.u.copy()
             model.x[:], model.u[:] = last, mode
-            tail = follow_tangents(model, np.array([begin, study.stop]), count=1, frame=frame)
+            tail = follow_tangents(model, np.array([begin, plan.loop.stop]), count=1, frame=frame)
             growth += float(tail.growth[-1, 0])
             model.x[:], model.u[:] = end
     if lost:
@@ -103,8 +103,8 @@ def run_cell(
         return replace(ended, lambda1=growth / at * _BITS)
     error = float(model.x[position] - setpoint)
     swing = 0.5 * float(passes.high[position] - passes.low[position])
-    motion = becomes(model, study.stop, study.stop)
-    return Cell(motion.kind, error, growth / study.stop * _BITS, swing, reason_of(motion))
+    motion = becomes(model, plan.loop.stop, plan.loop.stop)
+    return Cell(motion.kind, error, growth / plan.loop.stop * _BITS, swing, reason_of(motion))
 
 
 def undecided_cell(reason: str, evidence: str) -> Cell:
@@ -121,42 +121,42 @@ def reason_of(motion: Attractor) -> str:
 
 
 @contextlib.contextmanager
-def cells_of(study: MapStudy, share: float) -> Iterator[Callable[[float, float], Cell]]:
+def cells_of(plan: MapPlan, share: float) -> Iterator[Callable[[float, float], Cell]]:
     """A function that runs the cell at a point, with what all cells have in common made once.
 
     Parameters
     ----------
-    study : MapStudy
+    plan : MapPlan
     share : float
         Of its tolerance, or of its step over FMUs.
     """
-    if study.fmus is None:
-        system = kernel_of(study).system()
-        yield lambda x, y: run_cell(study, x, y, share * study.tolerance, system)
+    if plan.fmus is None:
+        system = kernel_of(plan).system()
+        yield lambda x, y: run_cell(plan, x, y, share * plan.tolerance, system)
         return
     from .fmu_cell import run_fmu_cell
     from .fmu_parts import opened_parts
 
-    fmus = study.fmus
-    with opened_parts(study.plant, study.controller, fmus.tangents) as parts:
-        yield lambda x, y: run_fmu_cell(study, fmus, parts, x, y, share)
+    fmus = plan.fmus
+    with opened_parts(plan.loop, fmus.tangents) as parts:
+        yield lambda x, y: run_fmu_cell(plan, fmus, parts, x, y, share)
 
 
-def run_chunk(study: MapStudy, cells: Sequence[int], share: float) -> Columns:
+def run_chunk(plan: MapPlan, cells: Sequence[int], share: float) -> Columns:
     """Run some cells, as `cells_of`; their columns, as they go into the table."""
     columns: Columns = {
         "cell": list(cells),
-        study.x.name: [],
-        study.y.name: [],
+        plan.x.name: [],
+        plan.y.name: [],
         "verdict": [],
         "final_error": [],
         "lambda1_bits_per_s": [],
         "oscillation_amplitude": [],
         "reason": [],
     }
-    with cells_of(study, share) as cell_at:
+    with cells_of(plan, share) as cell_at:
         for cell in cells:
-            x, y = study.point(cell)
+            x, y = plan.point(cell)
             found = cell_at(x, y)
             numbers = found.final_error, found.lambda1, found.oscillation
             row = (x, y, found.verdict.value, *numbers, found.reason)
@@ -166,14 +166,14 @@ def run_chunk(study: MapStudy, cells: Sequence[int], share: float) -> Columns:
     return columns
 
 
-def stuck_growth(study: MapStudy, x: float, y: float) -> float:
+def stuck_growth(plan: MapPlan, x: float, y: float) -> float:
     """Fastest growth of the loop while stuck: bristles at rest move with the block [1/s].
 
     The friction law's smooth sign is taken as one: its argument is made large while the velocity
     goes to zero. Of the eigenvalues the one that is zero, for deflection without motion, is left
     out; the sign of the largest real part is Routh and Hurwitz's criterion.
     """
-    model = model_at(study, x, y, study.tolerance)
+    model = model_at(plan, x, y, plan.tolerance)
     names = [p.name for p in model.kernel.parameters]
     for sharpness in (PLANT + "Kv", CONTROLLER + "Kv"):
         if sharpness in names:
@@ -181,7 +181,7 @@ def stuck_growth(study: MapStudy, x: float, y: float) -> float:
     state = np.zeros(len(model.x))
     states = [s.name for s in model.kernel.states]
     state[states.index(PLANT + "v")] = 1e-10
-    state[states.index(PLANT + "x")] = study.setpoint
+    state[states.index(PLANT + "x")] = plan.loop.set_point
     nominal = np.array([s.nominal for s in model.kernel.states])
     a = model.jacobian(0.0, state) * nominal[None, :] / nominal[:, None]
     values = np.linalg.eigvals(a)

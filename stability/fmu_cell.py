@@ -8,19 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from ..fmus.reading import FmuError
-from ..orchestration.closed_loop import BadParameter, Study, run_parts
+from ..orchestration.closed_loop import run_parts
 from ..orchestration.fmu_instance import StepFailed
+from ..orchestration.limits import BadParameter
+from ..orchestration.loop import Loop
 from ..orchestration.loop_run import CouplingError, LoopRun
-from ..orchestration.reference_signal import Reference
 from ..orchestration.wiring import WiringError
 from ..solver.tape import UnsupportedComponent
 from .attractor import Attractor
 from .cell import LAST, NO_DESIGN, Cell, reason_of, undecided_cell
-from .fmu_parts import FmuLoop, FmuParts, OverFmus, opened_parts
+from .fmu_parts import FmuParts, OverFmus, opened_parts
 from .fmu_with_tangents import TangentsImpossible
 from .lyapunov import agree
+from .map_plan import BadMap, MapPlan
 from .signal_motion import signal_motion
-from .study import BadMap, MapStudy
 from .tangents_over_fmus import ACCURACY, TangentRun
 
 POSITION = "x"
@@ -29,7 +30,7 @@ REFUSED = "a part refuses these values"
 
 
 def run_fmu_cell(
-    study: MapStudy, fmus: OverFmus, parts: FmuParts, x: float, y: float, share: float
+    plan: MapPlan, fmus: OverFmus, parts: FmuParts, x: float, y: float, share: float
 ) -> Cell:
     """Run one loop of a map over FMUs.
 
@@ -40,13 +41,13 @@ def run_fmu_cell(
 
     Parameters
     ----------
-    study : MapStudy
+    plan : MapPlan
     fmus : OverFmus
-        The study's.
+        The plan's.
     parts : FmuParts
         With as many tangents as `fmus` says.
     share : float
-        Of the study's step, and of its square the accuracy of the tangent.
+        Of the plan's step, and of its square the accuracy of the tangent.
 
     Raises
     ------
@@ -54,22 +55,21 @@ def run_fmu_cell(
         If the parts cannot be coupled so.
     """
     try:
-        plant_values, controller_values, setpoint = study.values_at(x, y)
+        loop = plan.loop_at(x, y)
     except ValueError as error:
         return undecided_cell(NO_DESIGN, str(error))
-    names = study.controller, study.plant
-    loop = FmuLoop(*names, setpoint, plant_values, controller_values, fmus.mapping)
-    step, lambda1 = share * fmus.step, math.nan
+    assert loop.step is not None
+    step, lambda1 = share * loop.step, math.nan
     run: TangentRun | LoopRun
     try:
         if fmus.tangents:
-            followed = loop.followed(parts, study.stop, step, share**2 * ACCURACY, fmus.tangents)
+            followed = parts.follow(loop, step, share**2 * ACCURACY, fmus.tangents)
             growth = followed.growth[:, 0]
-            run, motion = followed, signal_motion(followed, loop.nominal(parts), growth)
-            if study.exponents and not run.stopped and not followed.unmet:
-                lambda1 = float(growth[-1]) / study.stop * _BITS
+            run, motion = followed, signal_motion(followed, parts.nominal(loop.mapping), growth)
+            if plan.exponents and not run.stopped and not followed.unmet:
+                lambda1 = float(growth[-1]) / loop.stop * _BITS
         else:
-            run, motion = _coupled(loop, parts, study.stop, step)
+            run, motion = _coupled(loop, parts, step)
     except StepFailed as error:
         return undecided_cell(REFUSED, str(error))
     reason = reason_of(motion)
@@ -79,26 +79,16 @@ def run_fmu_cell(
     position = (run.outputs[POSITION] - offset) / factor
     tail = position[run.time >= (1.0 - LAST) * run.time[-1]]
     swing = 0.5 * float(np.ptp(tail))
-    return Cell(motion.kind, float(position[-1]) - setpoint, lambda1, swing, reason)
+    return Cell(motion.kind, float(position[-1]) - loop.set_point, lambda1, swing, reason)
 
 
-def _coupled(loop: FmuLoop, parts: FmuParts, stop: float, step: float) -> tuple[LoopRun, Attractor]:
+def _coupled(loop: Loop, parts: FmuParts, step: float) -> tuple[LoopRun, Attractor]:
     """A run without tangents, or the finer of two, and what its motion becomes."""
 
     def at(step: float) -> tuple[LoopRun, Attractor]:
-        asked = Study(
-            loop.controller,
-            loop.plant,
-            Reference.constant(loop.setpoint),
-            stop,
-            step,
-            plant_values=loop.plant_values,
-            controller_values=loop.controller_values,
-            mapping=loop.mapping,
-        )
         with parts.fresh() as (plant, controller):
-            run, _ = run_parts(asked, plant, controller)
-        return run, signal_motion(run, loop.nominal(parts))
+            run, _ = run_parts(loop, plant, controller, step)
+        return run, signal_motion(run, parts.nominal(loop.mapping))
 
     run, motion = at(step)
     if run.verdict.trusted:
@@ -107,17 +97,18 @@ def _coupled(loop: FmuLoop, parts: FmuParts, stop: float, step: float) -> tuple[
     return finer, agree(motion, again, "half the step")
 
 
-def check_parts(study: MapStudy, fmus: OverFmus) -> None:
+def check_parts(plan: MapPlan, fmus: OverFmus) -> None:
     """Make sure that the FMUs can be coupled as the cells will couple them, by one step.
 
     Raises
     ------
     BadMap
     """
-    brief = replace(study, stop=min(fmus.step, study.stop))
+    loop = plan.loop
+    brief = replace(plan, loop=replace(loop, stop=min(loop.step or loop.stop, loop.stop)))
     try:
-        with opened_parts(study.plant, study.controller, fmus.tangents) as parts:
-            run_fmu_cell(brief, fmus, parts, *study.point(0), 1.0)
+        with opened_parts(loop, fmus.tangents) as parts:
+            run_fmu_cell(brief, fmus, parts, *plan.point(0), 1.0)
     except (
         *(FmuError, WiringError, CouplingError, BadParameter),
         *(TangentsImpossible, UnsupportedComponent),

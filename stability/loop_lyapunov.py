@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from ..controllers import ALONE
-from ..fmus.catalogue import name_of
-from ..orchestration.whole_loop import held_loop_kernel, loop_kernel
+from ..orchestration.loop import Loop
+from ..orchestration.whole_loop import both_values, held_loop_kernel, loop_kernel
 from ..solver.delay_states import NODES
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.tape import UnsupportedComponent
-
-if TYPE_CHECKING:
-    from ..solver.component import Component
 from .lyapunov import (
     FIRST,
     LAST,
@@ -27,15 +21,8 @@ from .lyapunov import (
 )
 
 
-def loop_maker(
-    plant: str | Component,
-    controller: str | Component,
-    setpoint: float,
-    plant_values: Mapping[str, float] | None = None,
-    controller_values: Mapping[str, float] | None = None,
-    averaged: bool = False,
-) -> Maker:
-    """A `Maker` of the closed loop of two parts, around a constant set-point [m].
+def loop_maker(loop: Loop, averaged: bool = False) -> Maker:
+    """A `Maker` of a closed loop around its constant set-point.
 
     Of `averaged` ones quantizers are replaced by their mean over all places of their steps.
 
@@ -44,9 +31,8 @@ def loop_maker(
     KeyError
         For a parameter that does not exist.
     """
-    kernel = held_loop_kernel(plant, controller, averaged)
-    values = {PLANT + k: v for k, v in (plant_values or {}).items()}
-    values |= {CONTROLLER + k: v for k, v in (controller_values or {}).items()}
+    kernel = held_loop_kernel(loop.plant.name, loop.controller.name, averaged)
+    values, setpoint = both_values(loop.plant_values, loop.controller_values), loop.set_point
 
     def make(tolerance: float) -> Model:
         model = Model(kernel, values, tolerance)
@@ -74,34 +60,25 @@ def loop_order(kernel: Kernel) -> list[int]:
 
 
 def loop_lyapunov(
-    controller: str | Component,
-    stop: float,
-    setpoint: float = 0.08,
-    plant: str | Component = "plant",
-    plant_values: Mapping[str, float] | None = None,
-    controller_values: Mapping[str, float] | None = None,
-    tolerance: float = TOLERANCE,
-    watching: Watching | None = None,
+    loop: Loop, tolerance: float = TOLERANCE, watching: Watching | None = None
 ) -> LyapunovRun:
-    """Exponents of a closed loop of two parts; parameters as in `run_loop` and `lyapunov`.
+    """Exponents of a closed loop; `tolerance` and `watching` as in `lyapunov`.
 
     Raises
     ------
     NoExponents, KeyError, ValueError
     """
+    parts = loop.plant.name, loop.controller.name
     try:
-        kernel = held_loop_kernel(plant, controller)
+        kernel = held_loop_kernel(*parts)
     except UnsupportedComponent as error:
         raise NoExponents(str(error)) from error
     kernel.compile()  # two tolerances, and the motion beyond, are worth half a second
-    given = plant, controller, setpoint, plant_values, controller_values
-    make = loop_maker(*given)
-    average = loop_maker(*given, averaged=True) if kernel.quantized else None
+    make = loop_maker(loop)
+    average = loop_maker(loop, averaged=True) if kernel.quantized else None
     order = loop_order(kernel)
-    alone = isinstance(controller, str) and controller in ALONE
-    label = name_of(plant) if alone else f"{name_of(controller)} on {name_of(plant)}"
-    run = lyapunov(make, stop, tolerance, None, order, label, watching, average)
-    if loop_kernel(plant, controller).delays:
+    run = lyapunov(make, loop.stop, tolerance, None, order, loop.title, watching, average)
+    if loop_kernel(*parts).delays:
         text = f"{run.method}; {NODES} nodes along each delay, whose own exponents come last"
         return replace(run, method=text)
     return run

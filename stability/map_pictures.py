@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..controllers import ALONE
-from ..orchestration.parts import loop_label
 from ..orchestration.pictures import STYLE, drawing, new_figure, write_figure
 from ..solver.kernel import PLANT
 from ..solver.tables import read_table, table_path
 from .attractor import Kind
+from .map_plan import position_unit
 from .store import TABLE
-from .study import position_unit
 
 if TYPE_CHECKING:
-    from .study import MapStudy
+    from .map_plan import MapPlan
 
 # Okabe and Ito's colours and grey, the same verdict always the same one
 COLOUR = {
@@ -38,19 +36,19 @@ _BOUNDARY_POINTS = 48
 
 
 @drawing()
-def save_map_picture(study: MapStudy, folder: Path) -> None:
+def save_map_picture(plan: MapPlan, folder: Path) -> None:
     """Draw the map's table in `folder` beside it."""
-    write_figure(map_figure(study, folder), folder, "map")
+    write_figure(map_figure(plan, folder), folder, "map")
 
 
-def map_figure(study: MapStudy, folder: Path) -> Any:
+def map_figure(plan: MapPlan, folder: Path) -> Any:
     """A figure of the map's table in `folder`: verdicts, distances, swings, exponents."""
     import matplotlib as mpl
     from matplotlib.colors import ListedColormap, LogNorm
     from matplotlib.patches import Patch
 
     table = read_table(table_path(folder, TABLE))
-    shape = (study.y.count, study.x.count)
+    shape = (plan.y.count, plan.x.count)
 
     def column(name: str) -> npt.NDArray[np.float64]:
         return np.array(table[name], dtype=float).reshape(shape)
@@ -58,10 +56,10 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
     kinds = list(COLOUR)
     verdict = np.array([kinds.index(Kind(v)) for v in table["verdict"]])
     verdict = verdict.reshape(shape)
-    xs, ys = study.x.values(), study.y.values()
-    unit = position_unit(study)
+    xs, ys = plan.x.values(), plan.y.values()
+    unit = position_unit(plan)
     factor, shown = (1e6, "[µm]") if unit == "m" else (1.0, f"[{unit}]" if unit != "1" else "")
-    goal = "zero" if study.controller in ALONE else "the set-point"
+    goal = "zero" if plan.loop.controller.is_none else "the set-point"
     distance, swing = f"Distance to {goal} at the end", "Swing at the end"
     panels: list[tuple[str, str, Any]] = [
         (distance, f"|error of x| {shown}", np.abs(column("final_error")) * factor),
@@ -82,8 +80,8 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
             rasterized=True,
         )
         met = [Patch(color=COLOUR[k], label=k.value) for n, k in enumerate(kinds) if n in verdict]
-        axes[0].set_title(f"{loop_label(study.plant, study.controller)}: how the motion ends")
-        line = _draw_boundary(axes[0], study)
+        axes[0].set_title(f"{plan.loop.label}: how the motion ends")
+        line = _draw_boundary(axes[0], plan)
         figure.legend(handles=met + line, loc="outside lower center", ncols=len(met) + len(line))
         for place, (title, label, values) in zip(axes[1:], panels, strict=True):
             norm = None
@@ -102,40 +100,40 @@ def map_figure(study: MapStudy, folder: Path) -> Any:
             image = place.pcolormesh(xs, ys, values, norm=norm, rasterized=True, **style)
             figure.colorbar(image, ax=place, label=label.strip())
             place.set_title(title)
-            _draw_boundary(place, study)
+            _draw_boundary(place, plan)
         for place in axes:
-            place.set_xlabel(_label(study, study.x.name))
+            place.set_xlabel(_label(plan, plan.x.name))
             place.ticklabel_format(useOffset=False, axis="both")
             place.tick_params(axis="x", rotation=30)
-        axes[0].set_ylabel(_label(study, study.y.name))
+        axes[0].set_ylabel(_label(plan, plan.y.name))
     return figure
 
 
-def _label(study: MapStudy, name: str) -> str:
-    from .study import axis_unit
+def _label(plan: MapPlan, name: str) -> str:
+    from .map_plan import axis_unit
 
-    unit = axis_unit(study, name)
+    unit = axis_unit(plan, name)
     return f"{name} [{unit}]" if unit not in ("", "1") else name
 
 
-def _draw_boundary(axes: Any, study: MapStudy) -> list[Any]:
+def _draw_boundary(axes: Any, plan: MapPlan) -> list[Any]:
     """The line on which the loop, while stuck, neither falls nor grows."""
     from matplotlib.lines import Line2D
 
     from .cell import stuck_growth
-    from .study import DESIGN, kernel_of
+    from .map_plan import DESIGN, kernel_of
 
-    if study.fmus is not None:
+    if plan.fmus is not None:
         return []  # an FMU gives no Jacobian of the whole loop
-    if PLANT + "Kv" not in [p.name for p in kernel_of(study).parameters]:
+    if PLANT + "Kv" not in [p.name for p in kernel_of(plan).parameters]:
         return []  # the criterion is one of friction with a smooth sign
-    if DESIGN in (study.x.side, study.y.side):
+    if DESIGN in (plan.x.side, plan.y.side):
         return []  # a design for each of its points would take longer than the map
-    if kernel_of(study).sample_time:
+    if kernel_of(plan).sample_time:
         return []  # the criterion is one of continuous feedback
-    xs = np.linspace(study.x.low, study.x.high, _BOUNDARY_POINTS)
-    ys = np.linspace(study.y.low, study.y.high, _BOUNDARY_POINTS)
-    growth = np.array([[stuck_growth(study, float(x), float(y)) for x in xs] for y in ys])
+    xs = np.linspace(plan.x.low, plan.x.high, _BOUNDARY_POINTS)
+    ys = np.linspace(plan.y.low, plan.y.high, _BOUNDARY_POINTS)
+    growth = np.array([[stuck_growth(plan, float(x), float(y)) for x in xs] for y in ys])
     label = "limit of stability while the block is stuck (Routh-Hurwitz)"
     if not (growth.min() < 0.0 < growth.max()):
         return []

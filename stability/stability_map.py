@@ -24,6 +24,8 @@ from ..solver.tables import table_path
 from .attractor import Kind
 from .borders import border_cells, refined_borders
 from .cell import run_chunk
+from .map_pictures import save_map_picture
+from .map_plan import MapPlan, kernel_of
 from .store import (
     BORDERS,
     PARTS,
@@ -37,7 +39,6 @@ from .store import (
     verdict_codes,
     verdicts_in,
 )
-from .study import MapStudy, kernel_of
 
 if TYPE_CHECKING:
     from ..orchestration.workers import Workers
@@ -48,18 +49,17 @@ CHECKED = 0.05  # share of the cells away from borders that is computed again
 
 
 def make_map(
-    study: MapStudy,
+    plan: MapPlan,
     folder: Path,
     workers: Workers,
     resume: bool = False,
     refine: bool = False,
     progress: Progress | None = None,
-    beside: Callable[[Path], object] | None = None,
 ) -> MapSummary:
     """Compute a map, or finish one, and write it.
 
-    Writes ``map.parquet`` (``map.csv`` without pyarrow) and ``map.json``, with `refine` also
-    ``borders.csv``, into `folder`, all at once. `beside` may add files to the folder it is given.
+    Writes ``map.parquet`` (``map.csv`` without pyarrow), ``map.json``, ``parameters.toml`` and the
+    picture, with `refine` also ``borders.csv``, into `folder`, all at once.
 
     Raises
     ------
@@ -68,26 +68,26 @@ def make_map(
     OSError
         If the results cannot be written.
     """
-    parts = KeptParts(folder / PARTS, study.fingerprint())
-    finished = claim_folder(study, folder, parts, resume)
-    if study.fmus is None:
-        kernel_of(study).compile()  # thousands of runs are worth half a second
+    parts = KeptParts(folder / PARTS, plan.fingerprint())
+    finished = claim_folder(plan, folder, parts, resume)
+    if plan.fmus is None:
+        kernel_of(plan).compile()  # thousands of runs are worth half a second
     new = finished is None
     if finished is None:
-        finished = _complete(study, parts, workers, progress)
+        finished = _complete(plan, parts, workers, progress)
     borders = None
     if refine and (new or not (folder / BORDERS).is_file()):
         table = table_path(parts.folder if new else folder, TABLE)
         verdicts = np.array(verdict_codes(verdicts_in(table)), dtype=np.int8)
-        borders, found = refined_borders(study, verdicts, workers, progress)
+        borders, found = refined_borders(plan, verdicts, workers, progress)
         finished = replace(finished, borders=found)
 
     def write(stage: Path) -> None:
         if new:
             table = table_path(parts.folder, TABLE)
             table.replace(stage / table.name)
-            if beside:
-                beside(stage)
+            plan.loop.parameters().save(stage)
+            save_map_picture(plan, stage)
         if borders is not None:
             (stage / BORDERS).write_text(borders, encoding="utf-8")
         write_json(stage / "map.json", finished.figures())
@@ -100,11 +100,11 @@ def make_map(
 
 
 def _complete(
-    study: MapStudy, parts: KeptParts, workers: Workers, progress: Progress | None
+    plan: MapPlan, parts: KeptParts, workers: Workers, progress: Progress | None
 ) -> MapSummary:
     """Compute what is missing, then make one table of all, among the parts."""
-    plain = chunks_of(study.cells, "c", [range(study.cells)])
-    _compute(study, parts, plain, 1.0, workers, progress)
+    plain = chunks_of(plan.cells, "c", [range(plan.cells)])
+    _compute(plan, parts, plain, 1.0, workers, progress)
     codes: list[int] = []
     reasons: dict[int, str] = {}
     for name in plain:
@@ -112,18 +112,18 @@ def _complete(
         codes += verdict_codes(columns["verdict"])
         reasons |= {c: r for c, r in zip(columns["cell"], columns["reason"], strict=True) if r}
     verdicts = np.array(codes, dtype=np.int8)
-    border = border_cells(verdicts.reshape(study.y.count, study.x.count))
-    random = np.random.default_rng(study.seed)
-    away = np.setdiff1d(np.arange(study.cells), border)
+    border = border_cells(verdicts.reshape(plan.y.count, plan.x.count))
+    random = np.random.default_rng(plan.seed)
+    away = np.setdiff1d(np.arange(plan.cells), border)
     some = np.sort(random.choice(away, math.ceil(CHECKED * len(away)), replace=False))
-    again = chunks_of(study.cells, "t", [border.tolist(), some.tolist()])
-    _compute(study, parts, again, study.finer, workers, progress)
+    again = chunks_of(plan.cells, "t", [border.tolist(), some.tolist()])
+    _compute(plan, parts, again, plan.finer, workers, progress)
     kinds = list(Kind)
     checked: dict[int, Kind] = {}
     for name in again:
         columns = load(parts, name)
         checked |= dict(zip(columns["cell"], map(Kind, columns["verdict"]), strict=True))
-    finer = "a tenth of the tolerance" if study.fmus is None else "half the step"
+    finer = "a tenth of the tolerance" if plan.fmus is None else "half the step"
     changed: dict[int, str] = {}
     for cell, finer_kind in checked.items():
         kind = kinds[verdicts[cell]]
@@ -137,7 +137,7 @@ def _complete(
     merge_chunks(parts, list(plain), [kinds[k].value for k in verdicts], checked, changed)
     found, counts = np.unique(verdicts, return_counts=True)
     return MapSummary(
-        study,
+        plan,
         {kinds[k].value: int(n) for k, n in zip(found, counts, strict=True)},
         len(checked),
         len(changed),
@@ -149,7 +149,7 @@ def _complete(
 
 
 def _compute(
-    study: MapStudy,
+    plan: MapPlan,
     parts: KeptParts,
     chunks: Mapping[str, Sequence[int]],
     share: float,
@@ -157,7 +157,7 @@ def _compute(
     progress: Progress | None,
 ) -> None:
     total, done = sum(map(len, chunks.values())), 0
-    jobs = {name: (study, cells, share) for name, cells in chunks.items()}
+    jobs = {name: (plan, cells, share) for name, cells in chunks.items()}
     for _, columns in parts.results(
         jobs, run_chunk, workers, lambda name, found: bool(found["cell"] == list(chunks[name]))
     ):

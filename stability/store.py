@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from ..orchestration.kept_parts import KeptParts
 from ..solver.tables import BadTable, NoPyarrow, read_table, write_table
 from .attractor import Kind
 from .budget import BUDGET, BUDGET_OVER_FMUS
-from .study import BadMap, MapStudy
+from .map_plan import BadMap, MapPlan
 
 Columns = dict[str, list[Any]]
 CHUNK, LEAST_CHUNKS = 96, 8  # cells in one, and chunks of a small map: all workers have some
@@ -39,7 +39,7 @@ class MapSummary:
         What the user should know beside, of the files; not in ``map.json``.
     """
 
-    study: MapStudy
+    plan: MapPlan
     verdicts: dict[str, int]
     checked: int
     disagreed: int
@@ -52,12 +52,12 @@ class MapSummary:
     def figures(self) -> dict[str, Any]:
         rate = self.random_disagreed / self.random_checked if self.random_checked else None
         return {
-            "fingerprint": self.study.fingerprint(),
-            "study": asdict(self.study),
-            "cells": self.study.cells,
+            "fingerprint": self.plan.fingerprint(),
+            "study": self.plan.described(),
+            "cells": self.plan.cells,
             "verdicts": self.verdicts,
             "undecided": self.undecided,
-            "budget": BUDGET if self.study.fmus is None else BUDGET_OVER_FMUS,
+            "budget": BUDGET if self.plan.fmus is None else BUDGET_OVER_FMUS,
             "checked_tighter": self.checked,
             "disagreed": self.disagreed,
             "checked_at_random": self.random_checked,
@@ -85,9 +85,7 @@ SUMMARY = (
 )
 
 
-def claim_folder(
-    study: MapStudy, folder: Path, parts: KeptParts, resume: bool
-) -> MapSummary | None:
+def claim_folder(plan: MapPlan, folder: Path, parts: KeptParts, resume: bool) -> MapSummary | None:
     """Take the folder for this map; what it says of itself where it is finished already."""
     if not (folder / "map.json").is_file():
         parts.claim("map", resume, BadMap)
@@ -103,7 +101,7 @@ def claim_folder(
         raise BadMap(f"{folder} holds this map already; add --resume to go on with it")
     try:
         figures = (found[name] for name in SUMMARY)
-        return replace(MapSummary(study, *figures), undecided=found.get("undecided", {}))
+        return replace(MapSummary(plan, *figures), undecided=found.get("undecided", {}))
     except KeyError as error:
         raise BadMap(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
 

@@ -19,7 +19,8 @@ from wired_loop import missing_for_ecos
 import ballscrew
 from ballscrew import cli
 from ballscrew.fmus.export import export
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop import Loop
 
 ROOT = Path(__file__).resolve().parents[1]
 HOW_TO = sorted((ROOT / "docs" / "howto").glob("*.md"))
@@ -100,7 +101,7 @@ def test_the_controller_that_the_contract_page_adds_closes_the_loop(tmp_path):
     namespace: dict[str, object] = {"__name__": module}
     exec(compile(blocks(page, "python")[-1], page.name, "exec"), namespace)
     file = export(namespace[function](), tmp_path / f"{name}.fmu")
-    result = run_study(Study(str(file), stop=3.0))
+    result = run_closed_loop(Loop(str(file), stop=3.0))
     assert result.trusted
     assert result.run.outputs["x"][-1] == pytest.approx(0.08, abs=0.01)
 

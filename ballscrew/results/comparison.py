@@ -21,8 +21,8 @@ class Comparison(Result, SwapResult):
         return {"comparison": comparison_figure(self.results)}
 
     def headline(self) -> str:
-        doubtful = [r.study.label for r in self.results if not r.trusted]
-        names = ", ".join(r.study.label for r in self.results)
+        doubtful = [r.loop.label for r in self.results if not r.trusted]
+        names = ", ".join(r.loop.label for r in self.results)
         failed = [name for name, _ in self.failures]
         return (
             f"{names or 'none'} on one plant"
@@ -35,7 +35,7 @@ class Comparison(Result, SwapResult):
             figures, units = result.figures(), units_of_figures(result.run.units)
             peak = with_unit(figures.get("peak_voltage"), units["peak_voltage"])
             settled = with_unit(figures.get("settling_time_2pct"), "s")
-            yield result.study.label, f"peak {peak}, settled in {settled}, {figures['verdict']}"
+            yield result.loop.label, f"peak {peak}, settled in {settled}, {figures['verdict']}"
         yield from ((name, f"failed: {why}") for name, why in self.failures)
 
     def to_pandas(self) -> Any:

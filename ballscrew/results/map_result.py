@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..orchestration.parts import loop_label
 from ..orchestration.pictures import drawing, write_figure
 from ..solver.tables import read_table, table_path
 from ..stability.store import TABLE, MapSummary
@@ -37,18 +36,18 @@ class StabilityMap(Result):
     def pictures(self) -> dict[str, Any]:
         from ..stability.map_pictures import map_figure
 
-        return {"map": map_figure(self.summary.study, self.folder)}
+        return {"map": map_figure(self.summary.plan, self.folder)}
 
     def headline(self) -> str:
         s = self.summary
         return (
-            f"{s.study.cells} loops of {loop_label(s.study.plant, s.study.controller)}; at a tenth "
+            f"{s.plan.cells} loops of {s.plan.loop.label}; at a tenth "
             f"of the tolerance {s.disagreed} of {s.checked} have another verdict"
         )
 
     def facts(self) -> Iterable[tuple[str, str]]:
         for verdict, count in sorted(self.summary.verdicts.items(), key=lambda row: -row[1]):
-            yield verdict, f"{count} of {self.summary.study.cells}"
+            yield verdict, f"{count} of {self.summary.plan.cells}"
         for reason, count in self.summary.undecided.items():
             yield f"undecided: {reason}", f"{count}"
 

@@ -21,7 +21,7 @@ class RunResult(Result, ClosedLoopResult):
         return run_figures(self)
 
     def headline(self) -> str:
-        return f"{self.study.label}, {self.run.verdict.word}: {self.run.verdict.reason}"
+        return f"{self.loop.label}, {self.run.verdict.word}: {self.run.verdict.reason}"
 
     def facts(self) -> Iterable[tuple[str, str]]:
         figures = self.figures()

@@ -156,7 +156,7 @@ def motion(law: str, gain: float, stop: float, step: float, start: float = 2e-5)
 def cycle(gain: float) -> Any:
     """What becomes of the drive with a position gain [1/s]."""
     return ballscrew.lyapunov(
-        TABLE_LOOP, DRIVE, stop=2.0, setpoint=0.0, controller_values={"Kx": gain}
+        TABLE_LOOP, DRIVE, stop=2.0, reference=0.0, controller_values={"Kx": gain}
     ).motion
 
 

@@ -106,7 +106,7 @@ def creeping() -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def hunting() -> Any:
-    return ballscrew.lyapunov(LAWS["PID"], MOTOR, stop=5.0, setpoint=1.0).motion
+    return ballscrew.lyapunov(LAWS["PID"], MOTOR, stop=5.0, reference=1.0).motion
 
 
 @cache
@@ -191,7 +191,7 @@ def _map() -> tuple[Any, Any, Any]:
             folder,
             MOTOR,
             stop=3.0,
-            setpoint=1.0,
+            reference=1.0,
         ).columns()
     swing = [
         {"limit cycle": 1e3 * (size or 0.0), "diverges": np.inf}.get(kind, np.nan)

@@ -52,7 +52,7 @@ def motion(stop: float, step: float, static: float, soft: bool = False, kd: floa
 @cache
 def exponents() -> Any:
     """Of the example, whose Fs is 1.5 Fc."""
-    return ballscrew.lyapunov(PID, MASS, stop=200.0, setpoint=STEP)
+    return ballscrew.lyapunov(PID, MASS, stop=200.0, reference=STEP)
 
 
 def slip(error: float, beyond: float) -> tuple[float, float, float]:
@@ -207,7 +207,7 @@ def _map(x: str, y: str, values: dict[str, float]) -> tuple[Any, Any, Any]:
     """Values along x and y, and the swing of the position where it hunts [mm]."""
     with tempfile.TemporaryDirectory() as folder:
         cells = ballscrew.stability_map(
-            PID, x, y, folder, MASS, stop=300.0, setpoint=STEP, plant_values=values
+            PID, x, y, folder, MASS, stop=300.0, reference=STEP, plant_values=values
         ).columns()
     hunting = [kind == "limit cycle" for kind in cells["verdict"]]
     swing = np.where(hunting, np.array(cells["oscillation_amplitude"]) * 1e3, np.nan)

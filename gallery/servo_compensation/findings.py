@@ -126,7 +126,7 @@ def motion(
 def cycle(law: str, model: float, damping: float) -> Any:
     """What becomes of it."""
     return ballscrew.lyapunov(
-        law, SERVO, stop=40.0, setpoint=0.0, controller_values=_gains(model, damping)
+        law, SERVO, stop=40.0, reference=0.0, controller_values=_gains(model, damping)
     ).motion
 
 
@@ -174,7 +174,7 @@ def cells(law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
             folder,
             SERVO,
             stop=20.0,
-            setpoint=0.0,
+            reference=0.0,
         ).columns()
     mismatch = TC - np.array(found["Tc_hat"])
     damping = KD + B - np.array(found["b_hat"])

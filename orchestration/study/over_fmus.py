@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT
-from ..closed_loop import Study, run_study
+from ..closed_loop import run_closed_loop
+from ..loop import Loop
 from .loop import StudyLoop
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def check_over_fmus(
     finer = ((values, t) for t in {tolerance / 10, finest})
     uncertain = moved(chain(((v, tolerance) for v in _nearest(loop, values)), finer))
     stop, step = float(own.time[-1]), float(own.time[1])
-    study = Study(
+    over = Loop(
         controller=fmus[1],
         plant=fmus[0],
         reference=reference,
@@ -104,18 +105,18 @@ def check_over_fmus(
         controller_values=_of(CONTROLLER, values),
         isolate=False,
     )
-    run = run_study(study).run
-    position = np.interp(own.time, run.time, run.outputs["x"])
+    found = run_closed_loop(over).run
+    position = np.interp(own.time, found.time, found.outputs["x"])
     apart = float(np.abs(position - own.position).max())
     if apart > ALLOWED * uncertain:  # or were they all lucky?
         between = np.geomspace(finest, tolerance, TOLERANCES)
         uncertain = max(uncertain, moved((values, float(t)) for t in between))
     allowed = ALLOWED * max(uncertain, ROUND_OFF)
-    verdict = run.verdict
+    verdict = found.verdict
     allowed = max(allowed, float(verdict.error_estimate["x"]))
     error = own.reference - position
-    found = {"rms_error": np.sqrt(np.mean(error**2)), "peak_error": np.abs(error).max()}
-    off = max(abs(table[name] - figure) for name, figure in found.items())
+    figures = {"rms_error": np.sqrt(np.mean(error**2)), "peak_error": np.abs(error).max()}
+    off = max(abs(table[name] - figure) for name, figure in figures.items())
     agrees = apart <= allowed and bool(off <= allowed)  # NaN is not
     return FmuCheck(apart, allowed, agrees, verdict.word, verdict.reason)
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+from ...solver.nearest import nearest
 
 
 class BadPlan(ValueError):
@@ -54,6 +55,5 @@ def check_names(where: str, given: Mapping[str, Any], known: Sequence[str] | set
     """Make sure that all names are known. Raises `BadPlan`."""
     for name in given:
         if name not in known:
-            near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-            hint = f"; nearest: {near[0]}" if near else ""
+            hint = nearest(name, known)
             raise BadPlan(f"{where} has no {name!r}{hint}; it has {', '.join(sorted(known))}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.loop_lyapunov import loop_maker, loop_order
@@ -17,7 +18,7 @@ def concept() -> Figures:
     """Section 3.2: first frames and initial conditions."""
     kernel = loop_kernel("plant", "nctf")
     order = loop_order(kernel)
-    make = loop_maker("plant", "nctf", SETPOINT)
+    make = loop_maker(Loop("nctf", reference=SETPOINT))
     frames = {}
     for shift in range(len(order)):
         turned = order[shift:] + order[:shift]
@@ -28,7 +29,7 @@ def concept() -> Figures:
     starts = {}
     for setpoint in (0.02, 0.04, 0.08, 0.12):
         run_ = lyapunov(
-            loop_maker("plant", "iol", setpoint),
+            loop_maker(Loop("iol", reference=setpoint)),
             STOP,
             order=loop_order(loop_kernel("plant", "iol")),
         )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.kernel import IntegrationError
@@ -43,7 +44,7 @@ def loop_run(
 ) -> Any:
     """One step to a set-point by one solver, on a grid of a millisecond."""
     reference = Reference.constant(setpoint)
-    return run_monolithic(plant, controller, reference, stop, 1e-3, controller_values=values)
+    return run_monolithic(Loop(controller, plant, reference, stop, controller_values=values), 1e-3)
 
 
 def growth(
@@ -55,7 +56,7 @@ def growth(
     points: int = 2,
 ) -> tuple[Vector, Vector]:
     """Times [s] and the largest exponent's estimate times time [bits], by the first tangent."""
-    model = loop_maker("plant", controller, setpoint, None, values)(tolerance)
+    model = loop_maker(Loop(controller, reference=setpoint, controller_values=values))(tolerance)
     first = loop_order(model.kernel)[0]
     frame = np.eye(len(model.x))[[first]]
     run = follow_tangents(model, np.linspace(0.0, stop, points), count=1, frame=frame)
@@ -87,7 +88,9 @@ def end_of(
     sigma0: float, sigma1: float, controller: str = "iol", setpoint: float = SETPOINT
 ) -> End:
     """The end of one loop of the plane of Fig. 3.18."""
-    model = loop_maker("plant", controller, setpoint, None, hats(sigma0, sigma1))(1e-8)
+    model = loop_maker(
+        Loop(controller, reference=setpoint, controller_values=hats(sigma0, sigma1))
+    )(1e-8)
     x = [s.name for s in model.kernel.states].index("plant_x")
     for start, stop in ((0.0, STOP - 2.0), (STOP - 2.0, STOP)):
         seen = follow_returns(model, start, stop, x, math.inf, 1)

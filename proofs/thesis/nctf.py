@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ballscrew.controllers.nctf import STEP_VOLTAGE, STOPPED_SPEED, design
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.plant.axis import axis
@@ -96,7 +97,7 @@ def nctf() -> Figures:
     second = int(np.flatnonzero(window)[np.argmax(u[window])])
     late = run.time >= 2.2
     printed = {name: -value for name, value in design().parameters().items() if name[0] == "K"}
-    model = loop_maker("plant", "nctf", SETPOINT, None, printed)(1e-9)
+    model = loop_maker(Loop("nctf", reference=SETPOINT, controller_values=printed))(1e-9)
     literal = follow_tangents(model, np.linspace(0.0, STOP, 3), count=1)
     default = {p.name: p.default for p in loop_kernel("plant", "nctf").parameters}
     return metrics(run).to_dict() | {

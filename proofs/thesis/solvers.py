@@ -7,6 +7,7 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from ballscrew.orchestration.loop import Loop
 from ballscrew.stability.loop_lyapunov import loop_maker
 from thesis.loops import SEEN, SWING, End, Figures, Vector, end_of, hats
 from thesis.model import parameters
@@ -15,7 +16,9 @@ from thesis.printed import RUNAWAY, SETPOINT, SIGMA0, STOP, SYSTEM_1, SYSTEM_2, 
 
 def by_scipy(sigma0: float, sigma1: float, method: str, rtol: float, atol: float) -> End:
     """The same by a solver of scipy, with one absolute tolerance for all states."""
-    model = loop_maker("plant", "iol", SETPOINT, None, hats(sigma0, sigma1))(1e-8)
+    model = loop_maker(Loop("iol", reference=SETPOINT, controller_values=hats(sigma0, sigma1)))(
+        1e-8
+    )
     x = [s.name for s in model.kernel.states].index("plant_x")
 
     def far(t: float, state: Vector) -> float:

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+from ballscrew.orchestration.loop import Loop
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.loop_lyapunov import loop_lyapunov, loop_maker, loop_order
 from thesis.claim import Claim, number, numbers
@@ -29,14 +30,14 @@ def spectra() -> Figures:
     """Exponents of the nominal loops and of 3.5.1.1 and 3.5.1.2, at 20 s and at 300 s."""
     found: Figures = {}
     for name, stop in (("at_20_s", STOP), ("at_300_s", LONG)):
-        found[f"iol_{name}"] = spectrum_figures(loop_lyapunov("iol", stop))
-        found[f"nctf_{name}"] = spectrum_figures(loop_lyapunov("nctf", stop))
+        found[f"iol_{name}"] = spectrum_figures(loop_lyapunov(Loop("iol", stop=stop)))
+        found[f"nctf_{name}"] = spectrum_figures(loop_lyapunov(Loop("nctf", stop=stop)))
     for variant, controller in VARIANTS.items():
         as_percent = (1.00001 * SIGMA0, SYSTEM_1[1])
         _, grown = growth(controller, hats(*as_percent), LONG, tolerance=1e-11)
         found[f"system_1_{variant}_as_percent_at_300_s"] = float(grown[-1]) / LONG
         for k, system in enumerate((SYSTEM_1, SYSTEM_2), start=1):
-            run = loop_lyapunov(controller, STOP, controller_values=hats(*system))
+            run = loop_lyapunov(Loop(controller, stop=STOP, controller_values=hats(*system)))
             found[f"system_{k}_{variant}"] = spectrum_figures(run)
             times, grown = growth(controller, hats(*system), 600.0, tolerance=1e-11, points=2401)
             rate = grown[1:] / times[1:]
@@ -47,7 +48,7 @@ def spectra() -> Figures:
                 **_after_300_s(controller, system),
                 "last_below_printed": float(times[1 + below[-1]]),
             }
-    model = loop_maker("plant", "iol", SETPOINT, None, hats(*SYSTEM_1))(1e-9)
+    model = loop_maker(Loop("iol", reference=SETPOINT, controller_values=hats(*SYSTEM_1)))(1e-9)
     before = time.perf_counter()
     follow_tangents(model, np.linspace(0.0, STOP, 401))
     found["seconds_system_1"] = time.perf_counter() - before
@@ -56,7 +57,7 @@ def spectra() -> Figures:
 
 def _after_300_s(controller: str, system: tuple[float, float]) -> Figures:
     """All exponents and the mean trace after 300 s, and the largest at other tolerances."""
-    make = loop_maker("plant", controller, SETPOINT, None, hats(*system))
+    make = loop_maker(Loop(controller, reference=SETPOINT, controller_values=hats(*system)))
     model = make(1e-11)
     frame = np.eye(len(model.x))[loop_order(model.kernel)]
     run = follow_tangents(model, np.array([0.0, LONG]), frame=frame)

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ballscrew.controllers.nctf import STOPPED_SPEED, design
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
@@ -77,7 +78,7 @@ def tables() -> Figures:
     for name, (q, p) in {"70": (70, 70), "130": (130, 130)}.items():
         made = design({"sigma0": q / 100 * SIGMA0, "sigma1": p / 100 * SIGMA1})
         run = loop_run("nctf", made.parameters())
-        exponents = loop_lyapunov("nctf", LONG, controller_values=made.parameters())
+        exponents = loop_lyapunov(Loop("nctf", stop=LONG, controller_values=made.parameters()))
         runs[name] = (run, made, exponents)
     rows_alone = {}
     for p in (70, 130):

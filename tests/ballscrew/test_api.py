@@ -150,9 +150,9 @@ def test_a_component_made_a_minute_ago_runs_and_has_exponents(tmp_path):
 
 def test_a_component_made_a_minute_ago_is_called_by_its_own_name(tmp_path):
     own = proportional(300.0)
-    assert ballscrew.run(own, stop=0.1).study.label == "proportional"
+    assert ballscrew.run(own, stop=0.1).loop.label == "proportional"
     found = ballscrew.swap([own, "pid"], stop=0.1, sampled=2e-3)
-    labels = [r.study.label for r in found.results]
+    labels = [r.loop.label for r in found.results]
     assert labels == ["proportional+sampled", "pid+sampled"]
     axes = {"x": "Kp=200:300:2", "y": "plant.Fs=2.2:2.4:2"}
     made = ballscrew.stability_map(own, **axes, folder=tmp_path, stop=0.2, workers=2)
@@ -182,7 +182,7 @@ def test_a_coupling_and_a_set_point_are_given_as_the_command_takes_them(tmp_path
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"controller": "pidd"}, "controller 'pidd' is neither .* did you mean pid"),
+        ({"loop": "pidd"}, "controller 'pidd' is neither .* did you mean pid"),
         ({"plant": "plnt"}, "plant 'plnt' is neither .* did you mean plant"),
         ({"coupling": "jakobi"}, "coupling is 'jakobi', expected one of jacobi"),
         ({"reference": "move:distanse=1"}, "distanse"),
@@ -192,7 +192,7 @@ def test_a_coupling_and_a_set_point_are_given_as_the_command_takes_them(tmp_path
         ({"step": 30.0}, "step is 30.0 s, expected more than 0 and at most stop"),
         ({"reference": float("inf")}, "reference is inf, expected a finite number"),
         ({"reference": "mvoe:distance=1"}, r"no motion 'mvoe'; .* did you mean move"),
-        ({"controller": 3}, "controller is 3, expected a name, a path or a Component"),
+        ({"loop": 3}, "controller is 3, expected a name, a path or a Component"),
         ({"coupling": 3}, "coupling is 3, expected one of jacobi"),
         (
             {"controller_values": {"Kp": "a"}},
@@ -203,7 +203,7 @@ def test_a_coupling_and_a_set_point_are_given_as_the_command_takes_them(tmp_path
 )
 def test_a_run_refuses_what_the_command_refuses(given, said):
     with pytest.raises(ValueError, match=said):
-        ballscrew.run(**{"controller": "pid", **given})
+        ballscrew.run(**{"loop": "pid", **given})
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def test_a_run_refuses_what_the_command_refuses(given, said):
         ({"controller_values": {"Kp": float("nan")}}, "is nan, expected a finite number"),
         ({"controller_values": {"Kpp": 1.0}}, "controller has no parameter 'Kpp'; nearest: Kp"),
         ({"plant_values": {"m": "a"}}, r"plant_values\['m'\] is 'a', expected a number"),
-        ({"setpoint": "a"}, "setpoint is 'a', expected a number"),
+        ({"reference": float("nan")}, "reference is nan, expected a finite number"),
     ],
 )
 def test_exponents_and_maps_refuse_what_the_commands_refuse(given, said, tmp_path):
@@ -302,7 +302,7 @@ def test_over_fmus_exponents_and_maps_are_those_of_the_command_and_their_wrong_u
     assert over.exponents == pytest.approx(ballscrew.lyapunov("pid", stop=0.2).exponents, rel=1e-3)
     axes = {"x": "Kp=300:400:2", "y": "plant.Fs=2.2:2.4:2"}
     made = ballscrew.stability_map("pid", **axes, folder=tmp_path, stop=0.2, step=1e-3)
-    assert made.summary.study.fmus.step == 1e-3
+    assert made.summary.plan.loop.step == 1e-3
     for wrong in ({"mapping": {"a": "b"}}, {"step": -1.0}, {"step": 1.0}):
         with pytest.raises(ValueError, match=r"step"):
             ballscrew.lyapunov("pid", stop=0.2, **wrong)

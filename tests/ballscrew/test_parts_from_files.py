@@ -13,9 +13,10 @@ import ballscrew
 from ballscrew.cli import main
 from ballscrew.fmus import catalogue
 from ballscrew.fmus.reading import Description, unpack
+from ballscrew.orchestration.loop import Loop
 from ballscrew.solver import codegen
 from ballscrew.solver.component_file import read_component
-from ballscrew.stability.study import MapStudy, kernel_of, read_axis
+from ballscrew.stability.map_plan import MapPlan, kernel_of, read_axis
 
 # The same equations as in the catalogue, so that the catalogue's results are the oracle.
 MINE = """
@@ -152,12 +153,12 @@ def test_a_map_over_a_file_s_parameters_is_the_catalogue_s_with_workers_too(mine
 
 def test_workers_of_a_map_take_the_equations_that_it_began_with(mine):
     read_component(mine)
-    axes = [read_axis(text, "plant", mine) for text in ("Kp=200:400:2", "Ki=100:200:2")]
-    study = MapStudy(mine, *axes)
-    sent, module = pickle.dumps(study), kernel_of(study).module
+    loop = Loop(mine)
+    plan = MapPlan(loop, *(read_axis(t, loop) for t in ("Kp=200:400:2", "Ki=100:200:2")))
+    sent, module = pickle.dumps(plan), kernel_of(plan).module
     Path("a/mine.py").unlink()
     assert kernel_of(pickle.loads(sent)).module == module
-    assert pickle.loads(sent) == study
+    assert pickle.loads(sent) == plan
 
 
 @pytest.mark.parametrize(
@@ -214,6 +215,6 @@ def test_the_public_functions_take_files_too(mine):
     assert ballscrew.export(mine, "own.fmu").is_file()
     assert ballscrew.lyapunov(mine, "b/mine.py:body", stop=0.1).label == "pid_a on body"
     compared = ballscrew.swap([mine, Path("b/mine.py:make")], stop=0.02, step=1e-3)
-    assert [r.study.label for r in compared.results] == ["pid_a", "pid_b"]
+    assert [r.loop.label for r in compared.results] == ["pid_a", "pid_b"]
     with pytest.raises(ValueError, match=r"there is no file c\.py"):
         ballscrew.run("c.py:make")

@@ -12,6 +12,7 @@ import ballscrew
 from ballscrew.cli import main
 from ballscrew.fmus.catalogue import component
 from ballscrew.orchestration.in_practice import in_practice, practice_of
+from ballscrew.orchestration.parts import Part
 
 GAIN, RESOLUTION = 300.0, 1e-5
 MINE = f"""
@@ -92,7 +93,7 @@ def test_nothing_is_sampled_unless_it_is_asked_for_or_made_so(tmp_path):
 def test_instruments_fit_what_is_measured_and_what_none_measures_is_told(name, instruments, ideal):
     found = practice_of(component(name), sampled=True, noise=True)
     assert (found.instruments, found.ideal) == (instruments, ideal)
-    assert in_practice(name, True, True)[0] == "+".join([name, "sampled", *instruments])
+    assert in_practice(Part(name), 1e-3, True)[0].name == "+".join([name, "sampled", *instruments])
     told = "".join(found.notes)
     assert all(signal in told for signal in ideal)
     assert bool(told) == bool(ideal)

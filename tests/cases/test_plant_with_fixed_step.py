@@ -7,10 +7,10 @@ import zipfile
 import pytest
 from cases import ballscrew, cart_position, case, last_row, maker
 
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.system import SystemStudy, run_system
 from tests.cases.test_units_command_kN_to_N import SYSTEM
 
 FIXED = "if(fabs(h-0.01)>1e-12)return 3;"
@@ -46,14 +46,14 @@ def parts(folder, size=0.01):
 
 def test_both_sides_of_one_step_and_a_system(tmp_path):
     names = parts(tmp_path)
-    pair = run_study(Study(*names, Reference.constant(0.1), stop=0.5)).run
+    pair = run_closed_loop(Loop(*names, Reference.constant(0.1), stop=0.5)).run
     assert pair.step_range == pytest.approx((0.01, 0.01))
     assert not pair.stopped
     with zipfile.ZipFile(tmp_path / "s.ssp", "w") as archive:
         archive.writestr("SystemStructure.ssd", SYSTEM)
         for name in ("pd", "cart"):
             archive.write(tmp_path / f"{name}.fmu", f"{name}.fmu")
-    system = run_system(SystemStudy(tmp_path / "s.ssp", Reference.constant(0.1), stop=0.5)).run
+    system = run_closed_loop(SystemLoop(tmp_path / "s.ssp", Reference.constant(0.1), stop=0.5)).run
     assert system.step_range == pytest.approx((0.01, 0.01))
     assert not system.stopped
 
@@ -61,4 +61,4 @@ def test_both_sides_of_one_step_and_a_system(tmp_path):
 def test_two_steps_that_differ_are_refused_in_one_line(tmp_path):
     names = parts(tmp_path, size=0.02)
     with pytest.raises(CouplingError, match=r"cart\.fmu of 0\.01 s and pd\.fmu of 0\.02 s"):
-        run_study(Study(*names, Reference.constant(0.1), stop=0.5))
+        run_closed_loop(Loop(*names, Reference.constant(0.1), stop=0.5))

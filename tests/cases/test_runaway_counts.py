@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from cases import ballscrew, cart_position, case, last_row, maker
 
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.signal_motion import signal_motion
@@ -33,7 +34,7 @@ def test_what_is_large_at_rest_does_not_diverge(tmp_path, attributes, scale, bia
     mk = maker()
     mk.plant(str(tmp_path / "cart.fmu"), xa=attributes, scale=scale, bias=bias)
     mk.pd(str(tmp_path / "pd.fmu"), scale=1 / scale, bias=bias / scale)
-    result = run_study(study(tmp_path))
+    result = run_closed_loop(study(tmp_path))
     moved = (result.run.outputs["x"][-1] - bias) / scale
     assert result.trusted
     assert moved == pytest.approx(cart_position(0.5), rel=2e-3)
@@ -41,14 +42,14 @@ def test_what_is_large_at_rest_does_not_diverge(tmp_path, attributes, scale, bia
 
 def study(folder, stop=0.5):
     names = str(folder / "pd.fmu"), str(folder / "cart.fmu")
-    return Study(*names, Reference.constant(0.1), stop=stop, step=1e-3, isolate=False)
+    return Loop(*names, Reference.constant(0.1), stop=stop, step=1e-3, isolate=False)
 
 
 def test_a_loop_that_runs_away_is_still_told_from_its_signals(tmp_path):
     mk = maker()
     mk.plant(str(tmp_path / "cart.fmu"))
     mk.pd(str(tmp_path / "pd.fmu"), out="$u$=400*($x$-$x_d$);")  # positive feedback
-    run = run_study(study(tmp_path, stop=5.0)).run
+    run = run_closed_loop(study(tmp_path, stop=5.0)).run
     assert run.diverged
     assert "leaves every bound" in run.stopped
     assert signal_motion(run, {"x": 1.0, "v": 1.0}).kind is Kind.DIVERGES

@@ -3,13 +3,14 @@
 import pytest
 from cases import cart_position, case
 
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 
 
 def test_sources_that_define_the_prefix_themselves(tmp_path):
     folder = case("sources_with_their_own_prefix", tmp_path)
     names = str(folder / "pd.fmu"), str(folder / "cart_src.fmu")
-    run = run_study(Study(*names, Reference.constant(0.1), stop=0.5, step=1e-3)).run
+    run = run_closed_loop(Loop(*names, Reference.constant(0.1), stop=0.5, step=1e-3)).run
     assert run.verdict.trusted
     assert run.outputs["x"][-1] == pytest.approx(cart_position(0.5), rel=1e-3)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from cases import case, maker
 
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 
 STRICT = "if(t+h>m->stop)return 3;"
@@ -15,8 +16,8 @@ STRICT = "if(t+h>m->stop)return 3;"
 def test_co_runs_end_with_the_run(tmp_path):
     folder = case("stop_time_overstepped", tmp_path)
     names = str(folder / "pd_ns.fmu"), str(folder / "cart_st2.fmu")
-    study = Study(*names, Reference.constant(0.1), stop=5.0, step=5e-4, isolate=False)
-    run = run_study(study).run
+    study = Loop(*names, Reference.constant(0.1), stop=5.0, step=5e-4, isolate=False)
+    run = run_closed_loop(study).run
     assert run.verdict.trusted, run.verdict.reason
     assert run.outputs["x"][-1] == pytest.approx(0.1, abs=1e-5)
 
@@ -32,8 +33,8 @@ def test_fmus_that_refuse_a_step_behind_the_stop_time(tmp_path, saves, in_step):
     mk.pd(str(tmp_path / "pd.fmu"), saves=saves, **body)
     names = str(tmp_path / "pd.fmu"), str(tmp_path / "cart.fmu")
     for stop, step in ((0.3, 7e-4), (0.7, 1e-3), (0.35, 3.1e-4)):
-        study = Study(*names, Reference.constant(0.1), stop=stop, step=step, isolate=False)
-        run = run_study(study).run
+        study = Loop(*names, Reference.constant(0.1), stop=stop, step=step, isolate=False)
+        run = run_closed_loop(study).run
         assert not run.stopped
         assert run.verdict.trusted or in_step  # one that answers in its step is late by one
         assert run.time[-1] == stop
@@ -43,5 +44,5 @@ def test_our_plant_probes_no_controller_beyond_the_end(tmp_path):
     mk = maker()
     mk.pd(str(tmp_path / "pd.fmu"), step=STRICT)
     for coupling in (Coupling.INTERFACE_JACOBIAN, Coupling.GAUSS_SEIDEL):
-        study = Study(str(tmp_path / "pd.fmu"), stop=0.03, step=7e-4, coupling=coupling)
-        assert not run_study(study).run.stopped
+        study = Loop(str(tmp_path / "pd.fmu"), stop=0.03, step=7e-4, coupling=coupling)
+        assert not run_closed_loop(study).run.stopped

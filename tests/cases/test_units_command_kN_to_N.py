@@ -11,13 +11,13 @@ import pytest
 from cases import ballscrew, cart_position, case, last_row, maker
 
 from ballscrew.cli import main
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.system import SystemStudy, run_system
 from ballscrew.stability.fmu_cell import run_fmu_cell
 from ballscrew.stability.fmu_parts import OverFmus, opened_parts
-from ballscrew.stability.study import Axis, MapStudy
+from ballscrew.stability.map_plan import Axis, MapPlan
 
 TANGENT = Coupling.INTERFACE_JACOBIAN
 RUN = "--setpoint 0.1 --stop 0.5 --step 1e-3 --out out"
@@ -95,7 +95,7 @@ def test_a_command_in_kilonewtons_to_a_plant_in_newtons(tmp_path):
 
 def followed(path, controllers="pd", plants="cart", **options):
     """The run of both FMUs, in this process."""
-    study = Study(
+    study = Loop(
         str(path / f"{controllers}.fmu"),
         str(path / f"{plants}.fmu"),
         Reference.constant(0.1),
@@ -104,7 +104,7 @@ def followed(path, controllers="pd", plants="cart", **options):
         isolate=False,
         **options,
     )
-    return run_study(study)
+    return run_closed_loop(study)
 
 
 @pytest.mark.parametrize(
@@ -221,10 +221,10 @@ def test_the_law_and_probed_derivatives_pass_through_the_conversions(mk, tmp_pat
             out=f"$u$=(300.0*($x_d$-$x$)*{size!r}-5.0*$v$)/{volts!r};" + gains * reports,
             units=UNITS,
         )
-        study = Study(
+        study = Loop(
             str(tmp_path / f"{name}.fmu"), stop=0.3, step=1e-3, isolate=False, coupling=TANGENT
         )
-        return run_study(study).run
+        return run_closed_loop(study).run
 
     expected, found = built("si", "m", 1.0, "V", 1.0), built("small", "mm", 1e-3, "mV", 1e-3)
     assert expected.verdict.trusted
@@ -244,10 +244,10 @@ def test_maps_over_fmus_are_in_metres(mk, tmp_path):
         Axis("setpoint", "setpoint", "", 0.1, 0.2, 2),
         Axis("controller.Kp", "controller", "Kp", 25.0, 30.0, 2),
     )
-    study = MapStudy(names[0], axes[0], axes[1], plant=names[1], stop=0.5)
-    with opened_parts(names[1], names[0], 0) as parts:
-        fmus = OverFmus(1e-3, 0, {}, {})
-        cell = run_fmu_cell(study, fmus, parts, 0.1, 25.0, 1.0)
+    plan = MapPlan(Loop(*names, stop=0.5, step=1e-3), *axes)
+    with opened_parts(plan.loop, 0) as parts:
+        fmus = OverFmus(0, {})
+        cell = run_fmu_cell(plan, fmus, parts, 0.1, 25.0, 1.0)
     assert cell.final_error == pytest.approx(cart_position(0.5) - 0.1, abs=1e-4)
 
 
@@ -269,10 +269,10 @@ def test_a_system_takes_the_set_point_in_metres_and_labels_what_it_records(mk, t
         archive.writestr("SystemStructure.ssd", SYSTEM)
         for name in ("pd", "cart"):
             archive.write(tmp_path / f"{name}.fmu", f"{name}.fmu")
-    study = SystemStudy(
+    study = SystemLoop(
         tmp_path / "s.ssp", Reference.constant(0.1), stop=0.5, step=1e-3, isolate=False
     )
-    run, pair = run_system(study).run, followed(tmp_path).run
+    run, pair = run_closed_loop(study).run, followed(tmp_path).run
     assert run.units == {"x": "mm", "v": "", "u": "N"}
     np.testing.assert_allclose(run.outputs["x"], pair.outputs["x"], rtol=1e-9)
     np.testing.assert_allclose(run.commands["u"], pair.commands["u"], atol=1e-9)

@@ -6,6 +6,7 @@ import pytest
 
 from ballscrew.controllers.linearization import gains_from_poles, input_output_linearization
 from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.plant.ball_screw import ball_screw
@@ -96,7 +97,7 @@ def exact(t, step=0.08):
 
 @pytest.mark.parametrize("goal", [0.08, -0.08, 0.02])
 def test_with_exact_parameters_the_loop_is_the_linear_one(goal):
-    run = run_monolithic("plant", "iol", Reference.constant(goal), 3.0, 1e-2)
+    run = run_monolithic(Loop("iol", reference=Reference.constant(goal), stop=3.0), 1e-2)
     distance = run.outputs["x"] - goal
     np.testing.assert_allclose(distance, exact(run.time, goal), atol=2e-10)
 
@@ -105,19 +106,20 @@ def test_the_linear_loop_holds_for_another_plant_that_the_controller_knows():
     values = {"m": 2.0, "R": 15.0, "Jm": 1e-8, "sigma0": 5e4, "Fc": 2.0, "Fs": 3.0}
     known = {n + "_hat" if n in ("sigma0", "Fc", "Fs") else n: v for n, v in values.items()}
     run = run_monolithic(
-        "plant",
-        "iol",
-        Reference.constant(0.08),
-        3.0,
+        Loop(
+            "iol",
+            reference=Reference.constant(0.08),
+            stop=3.0,
+            plant_values=values,
+            controller_values=known,
+        ),
         1e-2,
-        plant_values=values,
-        controller_values=known,
     )
     np.testing.assert_allclose(run.outputs["x"] - 0.08, exact(run.time), atol=2e-9)
 
 
 def test_published_figures_of_the_nominal_step():
-    run = run_monolithic("plant", "iol", Reference.constant(0.08), 20.0, 1e-3)
+    run = run_monolithic(Loop("iol", reference=Reference.constant(0.08), stop=20.0), 1e-3)
     u = run.commands["u"]
     assert u.max() == pytest.approx(32.1, abs=0.05)
     assert run.time[u.argmax()] == pytest.approx(0.336, abs=1e-3)
@@ -131,7 +133,8 @@ def test_a_little_wrong_friction_ends_beside_the_set_point():
     ends = {}
     for name in ("iol", "iol_true_acceleration"):
         run = run_monolithic(
-            "plant", name, Reference.constant(0.08), 20.0, 1e-2, controller_values=values
+            Loop(name, reference=Reference.constant(0.08), stop=20.0, controller_values=values),
+            1e-2,
         )
         ends[name] = run.outputs["x"][-1] - 0.08
     assert ends["iol"] == pytest.approx(23.4e-6, abs=0.1e-6)

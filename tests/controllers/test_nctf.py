@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers.nctf import design, nctf
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
@@ -43,10 +44,10 @@ def test_design_errors_say_what_was_expected():
 
 
 def test_published_figures_of_the_nominal_step():
-    run = run_monolithic("plant", "nctf", Reference.constant(0.08), 20.0, 1e-3)
+    run = run_monolithic(Loop("nctf", reference=Reference.constant(0.08), stop=20.0), 1e-3)
     m = metrics(run)
     assert m.settling_time_2pct == pytest.approx(2.10, abs=0.005)
     assert m.overshoot == pytest.approx(0.06e-3, abs=2e-6)
     assert abs(m.steady_state_error) < 1e-9
-    mirrored = run_monolithic("plant", "nctf", Reference.constant(-0.08), 20.0, 1e-3)
+    mirrored = run_monolithic(Loop("nctf", reference=Reference.constant(-0.08), stop=20.0), 1e-3)
     np.testing.assert_allclose(mirrored.outputs["x"], -run.outputs["x"], atol=1e-9)

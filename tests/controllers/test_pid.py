@@ -7,6 +7,7 @@ import pytest
 
 from ballscrew.controllers.pid import simc
 from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.codegen import generate
@@ -29,7 +30,7 @@ def test_simc_gains_follow_the_rule_for_an_integrating_process_with_a_lag():
 def test_faster_tuning_settles_faster_and_asks_for_more_voltage():
     slow, fast = simc(), simc(closed_loop_time=0.2)
     assert fast.proportional > 2.5 * slow.proportional
-    run = run_monolithic("plant", "pid", Reference.constant(0.08), 20.0, 1e-2)
+    run = run_monolithic(Loop("pid", reference=Reference.constant(0.08), stop=20.0), 1e-2)
     assert abs(run.outputs["x"][-1] - 0.08) < 1e-6
     assert np.abs(run.commands["u"]).max() < 36.0  # within the motor's nominal voltage
 

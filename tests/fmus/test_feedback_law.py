@@ -5,6 +5,7 @@ import pytest
 
 from ballscrew.fmus.catalogue import CONTROLLERS, fmu_kernel
 from ballscrew.orchestration.fmu_instance import FmuInstance
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.kernel import Model
@@ -92,7 +93,7 @@ def plain_jacobi(fmus, controller, h, stop):
 
 def test_the_law_through_a_plain_jacobi_master_is_of_second_order(fmus):
     """4.2e-4 m at 1e-3 s and 1.8e-5 m at 2e-4 s for the linearizing controller, no rollback."""
-    truth = run_monolithic("plant", "iol", Reference.constant(0.08), 2.0, 1e-4)
+    truth = run_monolithic(Loop("iol", reference=Reference.constant(0.08), stop=2.0), 1e-4)
     steps = np.array([1e-3, 5e-4, 2e-4, 1e-4])
     errors = []
     for h in steps:

@@ -17,6 +17,7 @@ from wired_loop import WiredLoop, missing_for_ecos, run_in
 from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus import catalogue
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.compilers import compiler_for, own_platform
@@ -57,7 +58,9 @@ def truth():
     """``truth(controller, **parts)`` are the signals of one solver on the steps' grid."""
 
     def get(controller, **values):
-        run = run_monolithic("plant", controller, Reference.constant(GOAL), STOP, 1e-3, **values)
+        run = run_monolithic(
+            Loop(controller, reference=Reference.constant(GOAL), stop=STOP, **values), 1e-3
+        )
         every = round(STEP / 1e-3)
         return {n: y[::every] for n, y in (run.outputs | run.commands).items()}
 
@@ -108,7 +111,7 @@ def test_the_loop_follows_one_solver_at_ten_milliseconds(loop, truth, controller
 def test_a_sampled_controller_meets_all_its_instants_within_a_step(loop, kind):
     """At a communication point `u` is what was held up to there: the instant comes after it."""
     got = stepped(loop("pid_sampled", kind), ["x", "u"])
-    run = run_monolithic("plant", "pid_sampled", Reference.constant(GOAL), STOP, 1e-3)
+    run = run_monolithic(Loop("pid_sampled", reference=Reference.constant(GOAL), stop=STOP), 1e-3)
     every = round(STEP / 1e-3)
     assert np.abs(got["x"] - run.outputs["x"][::every]).max() < 1e-8
     assert got["u"][0] == 0.0

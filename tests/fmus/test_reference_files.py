@@ -9,6 +9,7 @@ import pytest
 from ballscrew.cli import main
 from ballscrew.fmus.catalogue import fmu, fmu_kernel, loop_fmu, loop_fmu_kernel
 from ballscrew.fmus.reference_files import reference_files
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 
@@ -65,7 +66,7 @@ def test_the_default_run_of_a_loop_is_the_step_of_eight_centimetres_and_its_refe
     assert course["time"][-1] == 20.0
     assert course["x"][0] == 0.0
     assert abs(course["x"][-1] - 0.08) < 1e-4
-    truth = run_monolithic("plant", "nctf", Reference.constant(0.08), 2.0, 1e-2)
+    truth = run_monolithic(Loop("nctf", reference=Reference.constant(0.08), stop=2.0), 1e-2)
     files = reference_files(loop_fmu_kernel("nctf"))
     assert sorted(files) == ["_ref.csv", "_ref.opt"]  # its set-point is where it starts
     names, expected = table(files["_ref.csv"])

@@ -11,7 +11,8 @@ import pytest
 
 from ballscrew.cli import main
 from ballscrew.fmus import source_fmu
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop import Loop
 
 
 @pytest.fixture
@@ -31,13 +32,13 @@ def sources_only(native, tmp_path):
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_sources_run_as_the_binary_does(native, sources_only, fmi):
-    expected = run_study(
-        Study(str(native("pid", fmi)), str(native("plant", fmi)), stop=0.1, step=1e-3)
+    expected = run_closed_loop(
+        Loop(str(native("pid", fmi)), str(native("plant", fmi)), stop=0.1, step=1e-3)
     ).run
-    study = Study(
+    study = Loop(
         str(sources_only("pid", fmi)), str(sources_only("plant", fmi)), stop=0.1, step=1e-3
     )
-    found = run_study(study).run
+    found = run_closed_loop(study).run
     np.testing.assert_allclose(found.outputs["x"], expected.outputs["x"], rtol=0, atol=1e-12)
 
 
@@ -94,7 +95,7 @@ def test_the_same_sources_are_compiled_once(tmp_path, sources_only, monkeypatch)
     )
     path = sources_only("pid")
     for copy in (path, shutil.copy(path, tmp_path / "copy.fmu")):
-        run_study(Study(str(copy), stop=0.01, step=1e-3))
+        run_closed_loop(Loop(str(copy), stop=0.01, step=1e-3))
     assert len(calls) == 1
 
 
@@ -118,5 +119,5 @@ def test_what_was_compiled_crashes_in_its_own_process(sources_only):
         assert changed != data
         return changed
 
-    run = run_study(Study(str(sources_only("pid", 3, crashing)), stop=0.1, step=1e-3)).run
+    run = run_closed_loop(Loop(str(sources_only("pid", 3, crashing)), stop=0.1, step=1e-3)).run
     assert "controller (pid3.fmu) was ended by SIG" in run.stopped

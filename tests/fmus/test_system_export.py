@@ -20,6 +20,7 @@ from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus.reading import FmuError
 from ballscrew.fmus.system_export import CannotConnect, export_system
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.compilers import compiler_for, own_platform
@@ -384,7 +385,7 @@ def test_a_stranger_s_master_runs_the_native_system_to_the_same_course(
 def test_our_own_command_runs_the_native_system(native_system, tmp_path):
     out = tmp_path / "out"
     assert main(["run", "--system", str(native_system), "--stop", "0.5", "--out", str(out)]) == 0
-    truth = run_monolithic("plant", "iol", Reference.constant(0.08), 0.5, 1e-3)
+    truth = run_monolithic(Loop("iol", reference=Reference.constant(0.08), stop=0.5), 1e-3)
     table = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True)
     assert abs(table["x"][-1] - truth.outputs["x"][-1]) < 1e-5
 
@@ -401,7 +402,7 @@ def test_the_linearizing_loop_is_right_to_second_order_in_a_stranger_s_master(sy
     """Held without the law, the same loop is off by four centimetres at these steps."""
     errors = []
     for step in (1e-3, 5e-4):
-        truth = run_monolithic("plant", "iol", Reference.constant(0.08), 1.0, step)
+        truth = run_monolithic(Loop("iol", reference=Reference.constant(0.08), stop=1.0), step)
         theirs = course(master, systems["iol"], step, 1.0)
         errors.append(np.abs(theirs[:, 0] - truth.outputs["x"][1:]).max())
     assert errors[0] < 4.5e-4

@@ -159,7 +159,7 @@ def test_without_backlash_the_drive_is_stable_up_to_the_end_of_the_cycles():
         TABLE_LOOP,
         DRIVE,
         stop=2.0,
-        setpoint=0.0,
+        reference=0.0,
         plant_values={"b": 0.0},
         controller_values={"Kx": HIGH},
     ).motion
@@ -173,7 +173,7 @@ def test_the_amplitude_is_a_multiple_of_the_backlash_and_the_frequency_does_not_
         TABLE_LOOP,
         DRIVE,
         stop=2.0,
-        setpoint=0.0,
+        reference=0.0,
         plant_values={"b": 5 * B},
         controller_values={"Kx": HIGH},
     ).motion
@@ -192,7 +192,7 @@ def test_measured_at_the_motor_it_rests_within_the_backlash():
 
 def test_dry_friction_at_the_table_ends_the_hunting_as_another_solver_has_it():
     dry = DRIVE.replace(":drive", ":dry_drive")
-    found = ballscrew.lyapunov(TABLE_LOOP, dry, stop=2.0, setpoint=0.0)
+    found = ballscrew.lyapunov(TABLE_LOOP, dry, stop=2.0, reference=0.0)
     assert found.motion.kind.value == "stuck on a line of equilibria"
 
     def rates(_t, y, dry):

@@ -142,7 +142,7 @@ def test_with_bristles_and_no_fall_it_comes_to_rest_and_with_sticking_it_creeps(
     ]
     assert late[1] < 1e-9 < 1e-4 < late[0]
     found = ballscrew.lyapunov(
-        ours.LAWS["PID"], ours.LUGRE, stop=5.0, setpoint=1.0, plant_values=given
+        ours.LAWS["PID"], ours.LUGRE, stop=5.0, reference=1.0, plant_values=given
     ).motion
     assert found.kind.value == "stuck on a line of equilibria"
 

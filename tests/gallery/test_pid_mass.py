@@ -93,7 +93,7 @@ def test_the_closed_form_of_the_cycle_leaves_out_terms_in_the_width_of_the_fall(
     misses = []
     for width in (4e-3, 1e-3, 2.5e-4):
         found = ballscrew.lyapunov(
-            ours.PID, ours.MASS, stop=200.0, setpoint=1.0, plant_values={"Vs": width}
+            ours.PID, ours.MASS, stop=200.0, reference=1.0, plant_values={"Vs": width}
         ).motion
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(ours, "VS", width)
@@ -124,7 +124,7 @@ def test_the_time_until_friction_falls_is_that_of_the_riccati_equation():
 def test_the_cycle_is_in_proportion_to_the_fall_of_friction():
     swings = [
         ballscrew.lyapunov(
-            ours.PID, ours.MASS, stop=200.0, setpoint=1.0, plant_values={"Fs": fs, "Vs": 1e-6}
+            ours.PID, ours.MASS, stop=200.0, reference=1.0, plant_values={"Fs": fs, "Vs": 1e-6}
         ).motion.amplitude["plant_x"]
         for fs in (1.25, 1.5)
     ]

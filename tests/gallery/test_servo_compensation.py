@@ -205,7 +205,7 @@ def drawn_loop(law, j, kp, kamp, z, coulomb, mismatch, start):
         law,
         ours.SERVO,
         stop=30.0 * 2.0 * math.pi * math.sqrt(j / (kamp * kt * kp)) + 12.0 * j / abs(damping),
-        setpoint=0.0,
+        reference=0.0,
         plant_values={
             **{"J": j, "Kamp": kamp, "KT": kt, "Fc": coulomb, "Fs": coulomb, "sigma2": 0.0},
             "x_start": start,

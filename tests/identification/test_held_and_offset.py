@@ -123,7 +123,7 @@ def test_an_offset_that_is_known_is_held():
 @pytest.mark.parametrize(
     ("law", "fixed", "offset", "words"),
     [
-        ("dahl", {"sgma": 1.0}, False, r"no parameter 'sgma' \(nearest: sigma"),
+        ("dahl", {"sgma": 1.0}, False, r"no parameter 'sgma'; nearest: sigma"),
         ("dahl", {"sigma": 0.0}, False, "sigma is 0, expected a number above 0"),
         ("dahl", {"offset": float("nan")}, False, "expected a finite number"),
         ("dahl", {"offset": 1.0}, True, "held at 1 N and fitted"),

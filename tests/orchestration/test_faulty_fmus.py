@@ -9,8 +9,9 @@ from cases import cart_position, maker
 
 from ballscrew.cli import main
 from ballscrew.fmus.reading import FmuError, unpack
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.isolated import IsolatedInstance
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 
 MISSING = "ModuleNotFoundError: No module named 'zmq'"
@@ -49,7 +50,7 @@ def test_an_fmu_that_prints_without_end_fills_no_disk(mk, tmp_path):
     line = "x" * 1000
     mk.pd(str(tmp_path / "pd.fmu"), step=f'for(int k=0;k<40;k++)puts("{line}");')
     names = str(tmp_path / "pd.fmu"), str(tmp_path / "cart.fmu")
-    run = run_study(Study(*names, Reference.constant(0.1), stop=0.1, step=1e-3)).run
+    run = run_closed_loop(Loop(*names, Reference.constant(0.1), stop=0.1, step=1e-3)).run
     assert not run.stopped
     instance = IsolatedInstance(tmp_path / "pd.fmu", "controller")
     try:

@@ -7,7 +7,8 @@ import pytest
 from instrument_loops import SIGNALS, apart, exact_course, exported
 
 from ballscrew.fmus.catalogue import component
-from ballscrew.orchestration.system import SystemStudy, run_system
+from ballscrew.orchestration.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop import SystemLoop
 
 
 @pytest.mark.parametrize(
@@ -30,7 +31,7 @@ def test_our_master_runs_a_sampled_loop_with_instruments_exactly(
     path = exported(tmp_path / "loop.ssp", controller, instruments)
     period = component(controller).sample_time.default
     values = {"plant.solver_tolerance": 1e-10}
-    result = run_system(SystemStudy(path, stop=stop, step=period / parts, values=values))
+    result = run_closed_loop(SystemLoop(path, stop=stop, step=period / parts, values=values))
     course = np.column_stack([result.run.outputs[n][::parts] for n in SIGNALS])
     exact = exact_course(controller, [component(n) for n in instruments], stop)
     assert result.run.verdict.trusted

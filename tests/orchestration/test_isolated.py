@@ -15,9 +15,10 @@ from ballscrew.fmus.made_here import is_ours
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.fmus.reading import FmuError
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.fmu_instance import StepFailed
 from ballscrew.orchestration.isolated import IsolatedInstance
+from ballscrew.orchestration.loop import Loop
 
 SEGFAULT = "import ctypes; ctypes.string_at(0)"
 
@@ -116,7 +117,7 @@ def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkey
             in_step="self.x_d = plant.GAIN * self.x_d",
             modules={"plant": f"GAIN = {gain}\n"},
         )
-        courses.append(run_study(Study(str(path), stop=0.02, step=1e-3)).run.commands["u"])
+        courses.append(run_closed_loop(Loop(str(path), stop=0.02, step=1e-3)).run.commands["u"])
     np.testing.assert_allclose(courses[0][0], 400 * 0.08, rtol=1e-12)
     np.testing.assert_allclose(courses[1][0], 400 * 0.04, rtol=1e-12)
 
@@ -136,9 +137,9 @@ def test_thirty_instances_live_side_by_side(tmp_path):
 
 
 def test_isolated_and_not_isolated_runs_are_the_same_to_the_last_bit(tmp_path):
-    study = Study("iol", stop=0.1, step=1e-3)
-    alone = run_study(Study("iol", stop=0.1, step=1e-3, isolate=True)).run
-    together = run_study(study).run
+    study = Loop("iol", stop=0.1, step=1e-3)
+    alone = run_closed_loop(Loop("iol", stop=0.1, step=1e-3, isolate=True)).run
+    together = run_closed_loop(study).run
     for name, course in together.outputs.items():
         np.testing.assert_array_equal(alone.outputs[name], course)
     np.testing.assert_array_equal(alone.commands["u"], together.commands["u"])

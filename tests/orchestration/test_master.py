@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers import CONTROLLERS
-from ballscrew.orchestration.closed_loop import BadParameter, Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import StepFailed
+from ballscrew.orchestration.limits import BadParameter
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
@@ -22,7 +24,9 @@ def truth():
         key = (controller, stop, goal, str(values))
         if key not in kept:
             reference = Reference.constant(goal)
-            kept[key] = run_monolithic("plant", controller, reference, stop, 1e-4, **values)
+            kept[key] = run_monolithic(
+                Loop(controller, reference=reference, stop=stop, **values), 1e-4
+            )
         return kept[key]
 
     return course
@@ -34,7 +38,7 @@ def error(run, reference, name="x"):
 
 
 def run(controller, step, stop=2.0, **options):
-    return run_study(Study(controller, step=step, stop=stop, **options)).run
+    return run_closed_loop(Loop(controller, step=step, stop=stop, **options)).run
 
 
 @pytest.fixture
@@ -194,7 +198,7 @@ def test_a_moving_reference_is_followed_as_in_one_solver(tmp_path):
     path = tmp_path / "reference.csv"
     path.write_text("time,x_d\n0,0\n0.5,0.02\n1.0,0.02\n1.5,-0.01\n")
     reference = Reference.read(path)
-    exact = run_monolithic("plant", "pid", reference, 2.0, 1e-3)
+    exact = run_monolithic(Loop("pid", reference=reference, stop=2.0), 1e-3)
     result = run("pid", 1e-3, reference=reference)
     assert error(result, exact) < 1e-6
     np.testing.assert_allclose(
@@ -228,7 +232,7 @@ def test_requests_that_make_no_sense_are_refused_with_the_reason(fmus):
 
 
 def test_a_run_without_motion_is_saved_with_its_pictures(tmp_path):
-    result = run_study(Study("pid", reference=Reference.constant(0.0), stop=0.05))
+    result = run_closed_loop(Loop("pid", reference=Reference.constant(0.0), stop=0.05))
     RunResult.of(result).save(tmp_path)
     assert (tmp_path / "phase.png").exists()
     assert result.figures()["settling_time_2pct"] is None
@@ -237,7 +241,8 @@ def test_a_run_without_motion_is_saved_with_its_pictures(tmp_path):
 def test_initial_discrete_states_reach_both_roads():
     values = {"w_start": 0.5}
     exact = run_monolithic(
-        "plant", "pid_sampled", Reference.constant(0.08), 0.1, 1e-3, controller_values=values
+        Loop("pid_sampled", reference=Reference.constant(0.08), stop=0.1, controller_values=values),
+        1e-3,
     )
     result = run("pid_sampled", 1e-3, 0.1, controller_values=values)
     assert error(result, exact) < 1e-7

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import move, read_motion
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.study.loop import StudyLoop
@@ -117,7 +118,7 @@ def check(run, truth, controller, name, round_off):
 @pytest.mark.parametrize("controller", ["pid", "nctf", "iol"])
 def test_in_one_solver_whatever_the_step(controller, name, truth):
     motion, goal, _, step = SET_POINTS[name]
-    run = run_monolithic("plant", controller, motion, STOP, step)
+    run = run_monolithic(Loop(controller, reference=motion, stop=STOP), step)
     assert run.verdict.trusted
     errors = check(run, truth, controller, name, 2e-11)
     assert errors["x"] < 2e-11
@@ -133,7 +134,7 @@ def test_over_fmus_no_error_is_larger_than_the_one_a_trusted_run_states(
 ):
     motion, _, ends, step = SET_POINTS[name]
     fmus = str(native(controller)), str(native("plant"))
-    run = run_study(Study(*fmus, motion, STOP, step, coupling=coupling)).run
+    run = run_closed_loop(Loop(*fmus, motion, STOP, step, coupling=coupling)).run
     check(run, truth, controller, name, 1e-10)
     if name.startswith("step") and coupling is Coupling.INTERFACE_JACOBIAN:
         assert run.verdict.trusted  # the jump itself costs nothing, wherever it is
@@ -145,7 +146,9 @@ def test_over_fmus_no_error_is_larger_than_the_one_a_trusted_run_states(
 
 def test_a_jump_that_the_linearized_loop_answers_as_the_linear_one():
     """x''' + 18 x'' + 107 x' + 210 (x - x_d) = 0, solved by hand."""
-    run = run_monolithic("plant", "iol", read_motion("step:size=0.08,at=0.10037"), 2.0, 0.05)
+    run = run_monolithic(
+        Loop("iol", reference=read_motion("step:size=0.08,at=0.10037"), stop=2.0), 0.05
+    )
     t = np.maximum(run.time - 0.10037, 0.0)
     exact = 0.08 * (1 - 21 * np.exp(-5 * t) + 35 * np.exp(-6 * t) - 15 * np.exp(-7 * t))
     np.testing.assert_allclose(run.outputs["x"], exact, atol=2e-10)
@@ -156,8 +159,8 @@ def test_steps_that_adapt_themselves_end_at_a_jump_and_see_a_curve(native):
     for text, trusted in (("step:size=0.01,at=0.10037", True), ("move:distance=0.01", True)):
         motion = read_motion(text)
         fmus = str(native("pid")), str(native("plant"))
-        run = run_study(Study(*fmus, motion, STOP, 5e-3, adaptive=True)).run
-        exact = run_monolithic("plant", "pid", motion, STOP, 1e-3)
+        run = run_closed_loop(Loop(*fmus, motion, STOP, 5e-3, adaptive=True)).run
+        exact = run_monolithic(Loop("pid", reference=motion, stop=STOP), 1e-3)
         apart = np.interp(run.time, exact.time, exact.outputs["x"]) - run.outputs["x"]
         assert not run.outputs["x"][run.time < 0.1].any()
         assert run.verdict.trusted is trusted
@@ -169,9 +172,9 @@ def test_steps_that_adapt_themselves_end_at_a_jump_and_see_a_curve(native):
 def test_what_is_sampled_sees_a_jump_no_sooner_and_at_the_next_sample(controller):
     """A jump between two samples, in one solver, over FMUs and in a study's loop."""
     motion = read_motion("step:size=0.01,at=0.01037")
-    whole = run_monolithic("plant", controller, motion, 0.05, 1e-3)
+    whole = run_monolithic(Loop(controller, reference=motion, stop=0.05), 1e-3)
     study = StudyLoop(loop_kernel("plant", controller)).run({}, motion, 0.05, 1e-10)
-    over = run_study(Study(controller, reference=motion, stop=0.05, step=1e-3)).run
+    over = run_closed_loop(Loop(controller, reference=motion, stop=0.05, step=1e-3)).run
     assert over.verdict.trusted is (controller == "pid_sampled")  # the other moves in between, too
     rows = np.searchsorted(study.time, whole.time - 1e-9)
     np.testing.assert_allclose(study.position[rows], whole.outputs["x"], atol=1e-12)

@@ -10,9 +10,10 @@ import pytest
 from pythonfmu.builder import FmuBuilder
 
 from ballscrew.cli import main
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.reference_signal import Reference
 
@@ -21,7 +22,7 @@ STOP, STEP = 0.3, 1e-3
 
 def course(plant, controller, **options):
     options = {"step": STEP, "stop": STOP, **options}
-    run = run_study(Study(str(controller), str(plant), **options)).run
+    run = run_closed_loop(Loop(str(controller), str(plant), **options)).run
     assert not run.stopped
     return run, run.outputs | run.commands
 
@@ -192,8 +193,8 @@ def relays(tmp_path_factory):
 def test_integer_and_boolean_signals_are_the_numbers_they_are(relays, saves, isolate):
     reference = Reference.constant(0.3)
     options = {"stop": 0.6, "step": 0.01, "coupling": Coupling.GAUSS_SEIDEL}
-    expected = run_study(Study(*relays(False, saves), reference, **options)).run
-    found = run_study(Study(*relays(True, saves), reference, isolate=isolate, **options)).run
+    expected = run_closed_loop(Loop(*relays(False, saves), reference, **options)).run
+    found = run_closed_loop(Loop(*relays(True, saves), reference, isolate=isolate, **options)).run
     assert not found.stopped
     assert set(found.commands["on"]) == {0.0, 1.0}
     for name, values in expected.outputs.items():
@@ -202,14 +203,14 @@ def test_integer_and_boolean_signals_are_the_numbers_they_are(relays, saves, iso
 
 
 def test_boolean_commands_are_not_corrected(relays):
-    study = Study(*relays(True, True), stop=0.1, step=0.01, corrections=1)
+    study = Loop(*relays(True, True), stop=0.1, step=0.01, corrections=1)
     with pytest.raises(CouplingError, match="corrections need real commands"):
-        run_study(study)
+        run_closed_loop(study)
 
 
 def test_a_value_between_whole_numbers_ends_the_run_in_words(relays):
     relay, _ = relays(True, False)
-    study = Study(relay, mapping={"level": "x", "on": "u"}, stop=0.1, step=1e-3)
-    stopped = run_study(study).run.stopped
+    study = Loop(relay, mapping={"level": "x", "on": "u"}, stop=0.1, step=1e-3)
+    stopped = run_closed_loop(study).run.stopped
     assert "level is of type Integer and was given" in stopped
     assert "expected a whole number in its range" in stopped

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballscrew.orchestration import pictures
-from ballscrew.orchestration.closed_loop import Study
 from ballscrew.orchestration.closed_loop_result import ClosedLoopResult
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.loop_run import LoopRun
 from ballscrew.orchestration.pictures import save_comparison_picture, save_run_pictures
 from ballscrew.orchestration.thinning import rows_over_plane, rows_over_time
@@ -42,7 +42,7 @@ def result(name="pid", steps=2000, stop=20.0, spike=0.0, noise=0.0):
         step_range=(1e-3, 1e-3),
         verdict=Verdict(True, "", ""),
     )
-    return ClosedLoopResult(Study(name), run)
+    return ClosedLoopResult(Loop(name), run)
 
 
 def test_a_picture_ends_soon_after_the_motion_and_says_so():

@@ -9,9 +9,10 @@ import pytest
 from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.export import export
 from ballscrew.orchestration import master
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.played import Played, reopened_to_judge
 from ballscrew.solver.component import Component, Input, Output, State, symbol
 
@@ -30,10 +31,10 @@ from ballscrew.solver.component import Component, Input, Output, State, symbol
 def test_the_verdict_is_that_of_the_fmus_to_the_last_bit(
     controller, step, stop, given, monkeypatch
 ):
-    asked = Study(controller, stop=stop, step=step, **given)
-    played = run_study(asked).run
+    asked = Loop(controller, stop=stop, step=step, **given)
+    played = run_closed_loop(asked).run
     monkeypatch.setattr(master, "reopened_to_judge", FmuInstance.reopened)
-    through_fmus = run_study(asked).run
+    through_fmus = run_closed_loop(asked).run
     assert repr(played.verdict) == repr(through_fmus.verdict)
     assert asdict(played).keys() == asdict(through_fmus).keys()
     for name, values in through_fmus.outputs.items():
@@ -45,7 +46,7 @@ def test_a_run_with_its_verdict_steps_its_two_fmus_alone(monkeypatch):
     open_fmu, play = FmuInstance.__init__, Played.__init__
     monkeypatch.setattr(FmuInstance, "__init__", lambda *a: opened.append(a) or open_fmu(*a))
     monkeypatch.setattr(Played, "__init__", lambda *a: played.append(a) or play(*a))
-    verdict = run_study(Study("iol", stop=0.3, step=1e-3)).run.verdict
+    verdict = run_closed_loop(Loop("iol", stop=0.3, step=1e-3)).run.verdict
     assert "a half and a quarter of the step" in verdict.reason
     assert len(opened) == len(played) + 2
 

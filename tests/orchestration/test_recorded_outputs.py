@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from pythonfmu.builder import FmuBuilder
 
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.loop import Loop
 
 COUNTING = """
 from pythonfmu import Fmi2Causality, Fmi2Slave, Integer, Real
@@ -35,8 +36,8 @@ def test_other_outputs_of_a_controller_are_recorded_beside_its_command(tmp_path,
     script = tmp_path / "counting.py"
     script.write_text(COUNTING)
     FmuBuilder.build_FMU(script, dest=tmp_path / "Counting.fmu")
-    result = run_study(
-        Study(str(tmp_path / "Counting.fmu"), stop=0.01, step=1e-3, coupling=coupling)
+    result = run_closed_loop(
+        Loop(str(tmp_path / "Counting.fmu"), stop=0.01, step=1e-3, coupling=coupling)
     )
     run = result.run
     np.testing.assert_array_equal(400.0 * run.others["controller.error"], run.commands["u"])

@@ -11,9 +11,10 @@ from reference_fmus import reference_fmu, reference_result
 from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.isolated import IsolatedInstance
+from ballscrew.orchestration.loop import Loop
 
 MODELS = ("BouncingBall", "Dahlquist", "VanDerPol", "Stair", "Resource", "Feedthrough")
 
@@ -101,14 +102,14 @@ def test_model_exchange_without_continuous_states_gives_the_published_result(tmp
 def test_a_run_of_reference_fmus_gives_the_published_result(tmp_path, name, signal, port, fmi):
     expected = reference_result(name)
     mapping = {port: signal, "Float64_discrete_input": "x_d"}
-    study = Study(
+    study = Loop(
         str(reference_fmu(tmp_path, "Feedthrough", fmi)),
         str(reference_fmu(tmp_path, name, fmi)),
         mapping=mapping,
         step=expected["time"][1],
         stop=expected["time"][-1],
     )
-    run = run_study(study).run
+    run = run_closed_loop(study).run
     assert not run.stopped
     # with other steps, Stair counts on the other side of a communication point
     assert run.verdict.trusted == (name != "Stair"), run.verdict.reason

@@ -11,8 +11,9 @@ from diagnosed import run as command
 from pythonfmu.builder import FmuBuilder
 from third_party_fmus import proportional
 
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.orchestration.wiring import WiringError
 
@@ -155,7 +156,7 @@ def test_two_files_of_one_name_are_refused(hand, folder, tmp_path):
         (("--map", "pos=x", "--map", "v=x_d"), "would hide a column of the results"),
         (("--map", "pos=x", "--map", "plant.v=time"), "would hide a column of the results"),
         (("--map", "pos=x", "--map", "Hand.spin=v"), "controller has no port 'spin'"),
-        (("--map", "pos=x", "--map", "posi=v"), "neither side has a port 'posi' (nearest: pos"),
+        (("--map", "pos=x", "--map", "posi=v"), "neither side has a port 'posi' ; nearest: pos"),
         (
             ("--map", "pos=x", "--set", "Hnd.Kp=1"),
             "controller.NAME=VALUE or Hand.NAME=VALUE",
@@ -189,7 +190,7 @@ def test_an_input_that_nothing_drives_is_said_and_stays(hand, tmp_path):
 def test_a_set_point_by_another_name_is_taken_and_said(folder):
     text = HAND.replace("x_d", "goal").replace('"pos", "goal", "load"', '"pos", "goal"')
     path = built(folder, "Goal", text.format(name="Goal"))
-    result = run_study(Study(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
+    result = run_closed_loop(Loop(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
     assert any("'goal' of Goal" in n and "set-point" in n for n in result.notes)
     assert result.run.commands["u"][0] == pytest.approx(400 * 0.08)
 
@@ -197,9 +198,9 @@ def test_a_set_point_by_another_name_is_taken_and_said(folder):
 def test_two_candidates_for_the_set_point_are_refused(folder):
     path = built(folder, "Two", HAND.replace("x_d", "goal").format(name="Two"))
     with pytest.raises(WiringError, match="say which is the set-point, as --map goal=x_d"):
-        run_study(Study(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
+        run_closed_loop(Loop(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
     mapping = {"pos": "x", "goal": "x_d"}
-    result = run_study(Study(str(path), mapping=mapping, stop=0.01, step=1e-3))
+    result = run_closed_loop(Loop(str(path), mapping=mapping, stop=0.01, step=1e-3))
     assert [n for n in result.notes if "set-point" in n] == []
 
 
@@ -210,7 +211,7 @@ def test_two_candidates_for_the_set_point_are_refused(folder):
 def by_name(folder):
     """A sampled controller whose period is called as ours is."""
     path = sampled(folder, "Named", period="sample_time")
-    return run_study(Study(str(path), stop=0.2, step=1e-3)).run
+    return run_closed_loop(Loop(str(path), stop=0.2, step=1e-3)).run
 
 
 @pytest.mark.parametrize(
@@ -222,7 +223,7 @@ def by_name(folder):
 )
 def test_a_sampled_controller_is_known_by_how_it_moves(folder, by_name, name, changes, found):
     path = sampled(folder, name, **changes)
-    result = run_study(Study(str(path), stop=0.2, step=1e-3))
+    result = run_closed_loop(Loop(str(path), stop=0.2, step=1e-3))
     assert any(f"is sampled every 0.005 s, by {found}" in n for n in result.notes)
     assert result.run.coupling_reason == by_name.coupling_reason
     np.testing.assert_array_equal(result.run.outputs["x"], by_name.outputs["x"])
@@ -232,19 +233,19 @@ def test_a_sampled_controller_is_known_by_how_it_moves(folder, by_name, name, ch
 @pytest.mark.parametrize("seconds", [0.0005, 0.001, 0.0013, 0.04])
 def test_periods_shorter_and_longer_than_a_step_are_found(folder, seconds):
     path = sampled(folder, f"P{round(1e6 * seconds)}", seconds=seconds)
-    result = run_study(Study(str(path), stop=0.2, step=1e-3))
+    result = run_closed_loop(Loop(str(path), stop=0.2, step=1e-3))
     assert any(f"every {seconds:g} s, by its parameter Ts" in n for n in result.notes)
 
 
 def test_a_period_that_is_set_is_the_one_that_counts(folder):
     path = sampled(folder, "Set", seconds=0.005)
-    result = run_study(Study(str(path), controller_values={"Ts": 0.008}, stop=0.2, step=1e-3))
+    result = run_closed_loop(Loop(str(path), controller_values={"Ts": 0.008}, stop=0.2, step=1e-3))
     assert any("every 0.008 s, by its parameter Ts" in n for n in result.notes)
 
 
 def test_a_controller_that_answers_in_every_step_is_not_sampled(folder):
     path = proportional(folder, "EveryStep")
-    result = run_study(Study(str(path), stop=0.05, step=1e-3, coupling=Coupling.GAUSS_SEIDEL))
+    result = run_closed_loop(Loop(str(path), stop=0.05, step=1e-3, coupling=Coupling.GAUSS_SEIDEL))
     assert not any("sampled" in note for note in result.notes)
 
 
@@ -269,5 +270,5 @@ def test_discrete_commands_whose_period_is_not_to_be_had_are_refused(folder, tmp
 def test_steps_that_may_not_vary_are_told(folder):
     text = HAND.format(name="Fixed")
     path = built(folder, "Fixed", text, canHandleVariableCommunicationStepSize=False)
-    result = run_study(Study(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
+    result = run_closed_loop(Loop(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
     assert any("steps have to be all of one length" in n for n in result.notes)

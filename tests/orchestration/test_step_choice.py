@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.loop_run import UNBOUNDED, LoopRun
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.step_choice import choose_step
@@ -88,13 +89,16 @@ def test_runs_that_end_at_the_same_time_are_not_refined_on() -> None:
 
 def test_a_loop_that_was_left_to_the_user_is_refined_until_it_is_right(native) -> None:
     parts = str(native("iol")), str(native("plant"))
-    study = Study(*parts, stop=3.0, controller_values=WRONG_ESTIMATES)
-    result = run_study(study)
+    study = Loop(*parts, stop=3.0, controller_values=WRONG_ESTIMATES)
+    result = run_closed_loop(study)
     assert result.trusted
     assert result.step_choice is not None
     assert result.step_choice.tried[0] == (1e-3, "not converged")
     exact = run_monolithic(
-        "plant", "iol", Reference.constant(0.08), 3.0, 1e-3, controller_values=WRONG_ESTIMATES
+        Loop(
+            "iol", reference=Reference.constant(0.08), stop=3.0, controller_values=WRONG_ESTIMATES
+        ),
+        1e-3,
     )
     for name, values in exact.outputs.items():
         there = np.interp(exact.time, result.run.time, result.run.outputs[name])

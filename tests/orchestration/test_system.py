@@ -11,10 +11,11 @@ from ballscrew.cli import main
 from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.system_export import CannotConnect, export_system
 from ballscrew.fmus.system_reading import BadSystem
-from ballscrew.orchestration.closed_loop import BadParameter, Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.limits import BadParameter
+from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.system import SystemStudy, run_system
 from ballscrew.orchestration.whole_loop import run_monolithic
 
 STEP = 1e-3  # where runs are compared with each other, none needs to choose its step
@@ -31,8 +32,8 @@ def ours(tmp_path_factory):
 
 def test_our_own_file_gives_the_same_run_as_the_parts_by_name(ours):
     for name, path in ours.items():
-        by_file = run_system(SystemStudy(path, stop=0.2, step=STEP)).run
-        by_name = run_study(Study(name, stop=0.2, step=STEP)).run
+        by_file = run_closed_loop(SystemLoop(path, stop=0.2, step=STEP)).run
+        by_name = run_closed_loop(Loop(name, stop=0.2, step=STEP)).run
         assert by_file.coupling is by_name.coupling
         assert by_file.verdict.word == by_name.verdict.word
         np.testing.assert_array_equal(by_file.time, by_name.time)
@@ -47,8 +48,8 @@ def test_a_system_of_fmi_3_runs_as_one_of_fmi_2_does(native, tmp_path):
         for file in two.namelist():
             name = {"resources/plant.fmu": "plant", "resources/controller.fmu": "iol"}.get(file)
             three.writestr(file, native(name, 3).read_bytes() if name else two.read(file))
-    expected = run_system(SystemStudy(path, stop=0.1, step=STEP)).run
-    found = run_system(SystemStudy(tmp_path / "three.ssp", stop=0.1, step=STEP)).run
+    expected = run_closed_loop(SystemLoop(path, stop=0.1, step=STEP)).run
+    found = run_closed_loop(SystemLoop(tmp_path / "three.ssp", stop=0.1, step=STEP)).run
     assert found.coupling is expected.coupling
     np.testing.assert_allclose(found.outputs["x"], expected.outputs["x"], rtol=0, atol=1e-12)
     with pytest.raises(CannotConnect, match="holds FMUs of FMI"):
@@ -57,10 +58,12 @@ def test_a_system_of_fmi_3_runs_as_one_of_fmi_2_does(native, tmp_path):
 
 def test_a_plain_master_that_connects_the_law_ports_is_right_with_second_order(ours):
     """4.2e-4 m at 1e-3 s and 1.8e-5 m at 2e-4 s: what other masters get from the same file."""
-    truth = run_monolithic("plant", "iol", Reference.constant(0.08), 2.0, 1e-4)
+    truth = run_monolithic(Loop("iol", reference=Reference.constant(0.08), stop=2.0), 1e-4)
     errors = {}
     for h in (1e-3, 2e-4):
-        run = run_system(SystemStudy(ours["iol"], stop=2.0, step=h, coupling=Coupling.JACOBI)).run
+        run = run_closed_loop(
+            SystemLoop(ours["iol"], stop=2.0, step=h, coupling=Coupling.JACOBI)
+        ).run
         assert set(run.commands) >= {"u", "u_gain_i", "u_ref_i", "u_rate"}
         exact = np.interp(run.time, truth.time, truth.outputs["x"])
         errors[h] = np.abs(run.outputs["x"] - exact).max()
@@ -73,14 +76,14 @@ def test_set_point_stop_time_and_parameters_come_from_the_file_unless_told(ours,
     short = export_system(
         fmu("plant"), fmu("nctf"), tmp_path / "short.ssp", name="s", setpoint=-0.03, stop=0.05
     )
-    own = run_system(SystemStudy(short)).run
+    own = run_closed_loop(SystemLoop(short)).run
     assert own.time[-1] == 0.05
     assert set(own.reference) == {-0.03}
-    told = run_system(
-        SystemStudy(short, Reference.constant(0.02), stop=0.1, values={"plant.sigma0": 6e4})
+    told = run_closed_loop(
+        SystemLoop(short, Reference.constant(0.02), stop=0.1, values={"plant.sigma0": 6e4})
     ).run
-    same = run_study(
-        Study("nctf", reference=Reference.constant(0.02), stop=0.1, plant_values={"sigma0": 6e4})
+    same = run_closed_loop(
+        Loop("nctf", reference=Reference.constant(0.02), stop=0.1, plant_values={"sigma0": 6e4})
     ).run
     np.testing.assert_array_equal(told.outputs["z"], same.outputs["z"])
 
@@ -158,9 +161,9 @@ def test_two_third_party_parts_run_as_they_do_by_name(parts, tmp_path):
         INPUT,
         START.format(name="goal", value=0.05),
     )
-    by_file = run_system(SystemStudy(path, stop=0.2, step=STEP)).run
-    by_name = run_study(
-        Study(str(parts["ctl"]), reference=Reference.constant(0.05), stop=0.2, step=STEP)
+    by_file = run_closed_loop(SystemLoop(path, stop=0.2, step=STEP)).run
+    by_name = run_closed_loop(
+        Loop(str(parts["ctl"]), reference=Reference.constant(0.05), stop=0.2, step=STEP)
     ).run
     np.testing.assert_array_equal(by_file.outputs["x"], by_name.outputs["x"])
     np.testing.assert_array_equal(by_file.commands["u"], by_name.commands["u"])
@@ -183,11 +186,11 @@ def test_parts_between_controller_and_plant_are_stepped_in_the_order_of_the_sign
         INPUT.replace("goal", "g"),
     )
     goal = Reference.constant(0.08)
-    one = run_system(SystemStudy(direct, goal, stop=0.1, step=STEP)).run
-    two = run_system(SystemStudy(through, goal, stop=0.1, step=STEP)).run
+    one = run_closed_loop(SystemLoop(direct, goal, stop=0.1, step=STEP)).run
+    two = run_closed_loop(SystemLoop(through, goal, stop=0.1, step=STEP)).run
     np.testing.assert_allclose(two.outputs["x"], one.outputs["x"], atol=1e-9)
-    half = run_system(
-        SystemStudy(through, goal, stop=0.1, step=STEP, values={"amplifier.gain": 0.5})
+    half = run_closed_loop(
+        SystemLoop(through, goal, stop=0.1, step=STEP, values={"amplifier.gain": 0.5})
     ).run
     assert half.commands["u"][0] == pytest.approx(0.5 * one.commands["u"][0], rel=1e-9)
 
@@ -199,14 +202,14 @@ def test_a_factor_on_a_connection_is_honoured(parts, tmp_path):
         [*LOOP[:2], "ctl.u -> axis.u * 0.5", ".goal -> ctl.x_d * 0.01"],
         INPUT,
     )
-    run = run_system(SystemStudy(scaled, Reference.constant(8.0), stop=0.05, step=1e-4)).run
+    run = run_closed_loop(SystemLoop(scaled, Reference.constant(8.0), stop=0.05, step=1e-4)).run
     plain = strange(
         tmp_path / "plain.ssp",
         {k: parts[k] for k in ("axis", "ctl", "amplifier")},
         [*LOOP[:2], "ctl.u -> amplifier.a", "amplifier.b -> axis.u", ".goal -> ctl.x_d"],
         INPUT,
     )
-    study = SystemStudy(
+    study = SystemLoop(
         plain,
         Reference.constant(0.08),
         stop=0.05,
@@ -214,7 +217,9 @@ def test_a_factor_on_a_connection_is_honoured(parts, tmp_path):
         values={"amplifier.gain": 0.5},
         coupling=Coupling.GAUSS_SEIDEL,
     )
-    np.testing.assert_allclose(run.outputs["x"], run_system(study).run.outputs["x"], atol=1e-12)
+    np.testing.assert_allclose(
+        run.outputs["x"], run_closed_loop(study).run.outputs["x"], atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -233,14 +238,14 @@ def test_a_factor_on_a_connection_is_honoured(parts, tmp_path):
 def test_systems_that_make_no_loop_are_refused(parts, tmp_path, elements, connections, tail, match):
     path = strange(tmp_path / "s.ssp", {k: parts[k] for k in elements}, connections, tail=tail)
     with pytest.raises(BadSystem, match=match):
-        run_system(SystemStudy(path))
+        run_closed_loop(SystemLoop(path))
 
 
 def test_unknown_elements_and_parameters_are_named_with_the_nearest(ours):
-    with pytest.raises(BadParameter, match=r"no element 'plnt' \(nearest: plant\)"):
-        run_system(SystemStudy(ours["iol"], values={"plnt.sigma0": 1.0}))
+    with pytest.raises(BadParameter, match=r"no element 'plnt'; nearest: plant"):
+        run_closed_loop(SystemLoop(ours["iol"], values={"plnt.sigma0": 1.0}))
     with pytest.raises(BadParameter, match=r"plant has no parameter 'sigma'; nearest: sigma"):
-        run_system(SystemStudy(ours["iol"], values={"plant.sigma": 1.0}))
+        run_closed_loop(SystemLoop(ours["iol"], values={"plant.sigma": 1.0}))
 
 
 def test_the_command_line_exports_and_runs_systems(tmp_path, capsys):

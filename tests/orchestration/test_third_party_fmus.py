@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from pythonfmu.builder import FmuBuilder
 
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.wiring import WiringError
 
 SCRIPT = """
@@ -53,14 +54,16 @@ def finely(third_party):
     """The same at a tenth of the step, in this process, where that is a matter of seconds."""
 
     def run(name, saves):
-        fine = Study(third_party(name, saves), mapping=MAP, stop=1.0, step=1e-4, isolate=False)
-        return run_study(fine).run
+        fine = Loop(third_party(name, saves), mapping=MAP, stop=1.0, step=1e-4, isolate=False)
+        return run_closed_loop(fine).run
 
     return run
 
 
 def test_a_stranger_that_reports_no_derivatives_is_probed(third_party, finely):
-    result = run_study(Study(third_party("Probed", True), mapping=MAP, stop=1.0, step=1e-3)).run
+    result = run_closed_loop(
+        Loop(third_party("Probed", True), mapping=MAP, stop=1.0, step=1e-3)
+    ).run
     assert result.coupling is Coupling.INTERFACE_JACOBIAN
     assert "probed" in result.coupling_reason
     assert result.verdict.trusted
@@ -73,7 +76,7 @@ def test_a_stranger_that_reports_no_derivatives_is_probed(third_party, finely):
 def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_steps(
     third_party, finely
 ):
-    result = run_study(Study(third_party("Held", False), mapping=MAP, stop=1.0, step=1e-3)).run
+    result = run_closed_loop(Loop(third_party("Held", False), mapping=MAP, stop=1.0, step=1e-3)).run
     assert "it is held" in result.coupling_reason
     assert result.effect_rate_max == {}
     assert np.isfinite(result.verdict.contraction)
@@ -88,13 +91,11 @@ def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_step
 def test_ports_that_do_not_match_are_named_with_the_nearest(third_party):
     path = third_party("Unmapped", True)
     with pytest.raises(WiringError, match=r"nothing drives the input 'u'.*voltage.*--map"):
-        run_study(Study(path, stop=0.01, step=1e-3))
+        run_closed_loop(Loop(path, stop=0.01, step=1e-3))
     with pytest.raises(WiringError, match=r"measures nothing"):
-        run_study(Study(path, mapping={"voltage": "u"}, stop=0.01, step=1e-3))
-    with pytest.raises(
-        WiringError, match=r"neither side has a port 'positoin' \(nearest: position"
-    ):
-        run_study(Study(path, mapping={"positoin": "x"}, stop=0.01, step=1e-3))
+        run_closed_loop(Loop(path, mapping={"voltage": "u"}, stop=0.01, step=1e-3))
+    with pytest.raises(WiringError, match=r"neither side has a port 'positoin'; nearest: position"):
+        run_closed_loop(Loop(path, mapping={"positoin": "x"}, stop=0.01, step=1e-3))
 
 
 COUNTER = """
@@ -122,13 +123,13 @@ def test_a_controller_that_cannot_be_taken_back_is_stepped_once_a_step_and_never
     script = tmp_path / "script_counter.py"
     script.write_text(COUNTER.format(name="Counter"))
     FmuBuilder.build_FMU(script, dest=tmp_path / "Counter.fmu")
-    study = Study(
+    study = Loop(
         str(tmp_path / "Counter.fmu"),
         mapping={"position": "x", "voltage": "u"},
         stop=0.01,
         step=1e-3,
         coupling=Coupling.GAUSS_SEIDEL,
     )
-    run = run_study(study).run
+    run = run_closed_loop(study).run
     assert run.stopped == ""
     np.testing.assert_array_equal(run.commands["u"][:-1], 0.125 * np.arange(1, 11))

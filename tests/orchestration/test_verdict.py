@@ -8,7 +8,8 @@ import nonlinear_loops
 import pytest
 from trusted_loops import RIGHT, WRONG, lower_bound, plain, summaries, summary, upper_bound
 
-from ballscrew.orchestration.closed_loop import Study, run_study
+from ballscrew.orchestration.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference
 
@@ -65,8 +66,8 @@ def test_a_jump_closer_to_a_communication_point_than_its_time_is_known_is_not_tr
 
 def test_a_body_that_breaks_loose_at_the_start_itself_is_trusted(native):
     """Its flag of sticking jumps right after the start, whose value is given."""
-    study = Study("pid", str(native("plant_classical")), stop=0.05, step=1e-3)
-    run = run_study(study).run
+    study = Loop("pid", str(native("plant_classical")), stop=0.05, step=1e-3)
+    run = run_closed_loop(study).run
     assert run.outputs["stuck"][:3].tolist() == [1.0, 0.0, 0.0]
     assert run.verdict.trusted
     assert run.verdict.error_estimate["stuck"] == 0.0

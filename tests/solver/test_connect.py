@@ -68,7 +68,7 @@ def test_what_a_law_takes_the_sign_of_is_known_in_each_mode(mode, sign):
 
 
 def test_a_cycle_of_a_law_with_a_sign_has_its_exponent_in_closed_form():
-    found = ballscrew.lyapunov(law(), mass(), stop=100.0, setpoint=0.0).motion
+    found = ballscrew.lyapunov(law(), mass(), stop=100.0, reference=0.0).motion
     frequency = math.sqrt(1.0 - DAMPING**2 / 4)
     ratio = math.exp(-math.pi * DAMPING / 2 / frequency)
     assert found.kind.value == "limit cycle"

@@ -14,6 +14,7 @@ from known_systems import (
     two_circles,
 )
 
+from ballscrew.orchestration.loop import Loop
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.solver.spectrum import follow_returns
 from ballscrew.stability.attractor import Attractor, Kind, classify_attractor
@@ -96,7 +97,9 @@ def test_a_swing_that_grows_for_hours_is_no_torus() -> None:
 def test_classical_friction_sticks_while_the_integral_winds_up_and_does_not_creep(
     integral: float,
 ) -> None:
-    model = loop_maker("plant_classical", "pid", 0.05, None, {"Ki": integral})(1e-9)
+    model = loop_maker(
+        Loop("pid", "plant_classical", reference=0.05, controller_values={"Ki": integral})
+    )(1e-9)
     motion = classify_attractor(model, 0.0, 20.0)
     assert motion.kind is Kind.WINDING, motion.evidence
     assert "plant_x, plant_v stand still" in motion.evidence
@@ -115,7 +118,7 @@ def test_a_sampled_loop_that_swings_from_sample_to_sample_does_not_creep(
     controller: str, period: float, stop: float
 ) -> None:
     """Cycles of 2 and of 6 samples, beside an equilibrium, whose swing is below a nominal value."""
-    model = loop_maker("plant", controller, 0.08, None, {"sample_time": period})(1e-7)
+    model = loop_maker(Loop(controller, controller_values={"sample_time": period}))(1e-7)
     follow_returns(model, 0.0, stop, 0, np.inf, 0)
     motion = classify_attractor(model, stop, stop, exponents=False, rounds=1)
     assert motion.kind in (Kind.CYCLE, Kind.UNDECIDED), motion.evidence
@@ -124,15 +127,15 @@ def test_a_sampled_loop_that_swings_from_sample_to_sample_does_not_creep(
 def test_one_loop_that_creeps_does_so_by_all_roads() -> None:
     """The loop of Section 3.5.1.1 of the thesis, whose creep outlasts every solver's patience."""
     given = {"sigma0_hat": 66967.331, "sigma1_hat": 355.76}
-    model = loop_maker("plant", "iol", 0.08, None, given)(1e-6)  # as a map's cell
+    model = loop_maker(Loop("iol", controller_values=given))(1e-6)  # as a map's cell
     follow_returns(model, 0.0, 20.0, 0, np.inf, 0)
     assert classify_attractor(model, 20.0, 20.0, False, rounds=1).kind is Kind.CREEPING
-    motion = loop_lyapunov("iol", 20.0, controller_values=given).motion
+    motion = loop_lyapunov(Loop("iol", stop=20.0, controller_values=given)).motion
     assert motion.kind is Kind.CREEPING, motion.evidence
 
 
 def test_what_diverges_before_the_first_hundredth_of_the_run_has_exponents_until_then() -> None:
-    run = loop_lyapunov("nctf_sampled", 20.0, controller_values={"sample_time": 2e-3})
+    run = loop_lyapunov(Loop("nctf_sampled", stop=20.0, controller_values={"sample_time": 2e-3}))
     assert run.motion.kind is Kind.DIVERGES
     assert len(run.running()[0]) > 100
     assert run.exponents[0] > 100.0

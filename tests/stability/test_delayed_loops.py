@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 from scipy.special import lambertw
 
+from ballscrew.orchestration.loop import Loop
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,
@@ -94,7 +95,10 @@ def parts() -> tuple[Component, Component]:
 def test_a_loop_with_a_delay_is_stable_up_to_its_gain(gain: float) -> None:
     """s = -K exp(-0.7 s): stable while 0.7 K is less than pi / 2, which is K = 2.244."""
     plant, controller = parts()
-    run = loop_lyapunov(controller, 20.0, 0.0, plant, controller_values={"K": gain}, tolerance=1e-9)
+    run = loop_lyapunov(
+        Loop(controller, plant, reference=0.0, stop=20.0, controller_values={"K": gain}),
+        tolerance=1e-9,
+    )
     if gain > np.pi / 1.4:
         assert run.motion.kind is Kind.DIVERGES
         return
@@ -118,4 +122,4 @@ def test_a_loop_that_is_sampled_and_has_delays_is_refused_in_one_line() -> None:
         sample_time=Parameter("T", 0.1, "s", "period", "made up"),
     )
     with pytest.raises(NoExponents, match="has delays and is sampled; tangents of both"):
-        loop_lyapunov(sampled, 5.0, 0.0, plant)
+        loop_lyapunov(Loop(sampled, plant, reference=0.0, stop=5.0))

@@ -8,6 +8,7 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 from ballscrew.gallery.cart_pendulum.findings import BALANCE, DRY
+from ballscrew.orchestration.loop import Loop
 from ballscrew.plant.classical import classical, with_sticking
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
@@ -165,16 +166,19 @@ def test_without_a_fall_from_static_to_sliding_friction_the_error_shrinks_withou
 def test_a_block_that_sticks_while_its_integral_fills_is_not_at_rest(
     static: float, integral: float
 ) -> None:
-    given = {"Fc": 1.0, "Fs": static, "Vs": 1e-3}, {"Ki": integral}
-    model = loop_maker("plant_classical", "pid", 0.08, *given)(1e-7)
+    given = {"Fc": 1.0, "Fs": static, "Vs": 1e-3}
+    loop = Loop("pid", "plant_classical", plant_values=given, controller_values={"Ki": integral})
+    model = loop_maker(loop)(1e-7)
     found = classify_attractor(model, 0.0, 60.0, exponents=False, rounds=3)
     assert found.kind is Kind.CYCLE, found.evidence
 
 
 def test_a_sampled_integral_that_fills_is_a_drift() -> None:
     """A block that sticks a millimetre from its goal: the integral, and the current, go on."""
-    given = {"Fc": 5.0, "Fs": 25.0}, {"Ki": 100.0, "Kp": 1.0, "Kd": 0.0}
-    model = loop_maker("plant_classical", "pid_sampled", 0.08, *given)(1e-8)
+    given = {"Fc": 5.0, "Fs": 25.0}
+    gains = {"Ki": 100.0, "Kp": 1.0, "Kd": 0.0}
+    loop = Loop("pid_sampled", "plant_classical", plant_values=given, controller_values=gains)
+    model = loop_maker(loop)(1e-8)
     names = [s.name for s in model.kernel.states]
     model.x[names.index("plant_x")] = model.x[names.index("controller_x_last")] = 0.081
     found = equilibrium_near(model, 0.0)
@@ -187,7 +191,7 @@ def test_a_sampled_integral_that_fills_is_a_drift() -> None:
 
 def test_wherever_in_its_cycle_it_is_looked_at_a_hunting_cart_is_not_at_rest() -> None:
     """It slides towards a place where it would rest if it came there; but it sticks before."""
-    make = loop_maker(DRY, BALANCE, 0.0)
+    make = loop_maker(Loop(BALANCE, DRY, reference=0.0))
     model = make(1e-9)
     model.advance(0.0, 30.0)
     state, mode = model.x.copy(), model.u.copy()

@@ -12,10 +12,10 @@ from ballscrew.fmus.export import export
 from ballscrew.fmus.native import ready
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import variational_model
+from ballscrew.orchestration.loop import Loop
 from ballscrew.plant.axis import axis
 from ballscrew.solver.component import Component, Input, Output, symbol
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.fmu_parts import FmuLoop
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
 from ballscrew.stability.lyapunov import NoExponents
 from ballscrew.stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
@@ -48,16 +48,16 @@ def equations_of_the_stranger():
 
 @pytest.mark.parametrize("controller", ["iol", "pid"])
 def test_native_variational_fmus_have_the_exponents_of_the_equations(native, controller):
-    run = loop_lyapunov_over_fmus(FmuLoop(controller), STOP, STEP)
+    run = loop_lyapunov_over_fmus(Loop(controller, stop=STOP, step=STEP))
     assert run.method.startswith("native variational FMUs, tangent ports")
     assert share_of_allowed(run.exponents, np.sort(run.tighter.exponents)[::-1]) < 1.0
-    assert run.motion.evidence == loop_lyapunov(controller, STOP).motion.evidence
+    assert run.motion.evidence == loop_lyapunov(Loop(controller, stop=STOP)).motion.evidence
 
 
 def test_readable_and_native_fmus_give_the_same_exponents(native, monkeypatch):
-    own = loop_lyapunov_over_fmus(FmuLoop("pid"), 0.1, STEP)
+    own = loop_lyapunov_over_fmus(Loop("pid", stop=0.1, step=STEP))
     monkeypatch.setattr(ready, "_native", _no_compiler)
-    readable = loop_lyapunov_over_fmus(FmuLoop("pid"), 0.1, STEP)
+    readable = loop_lyapunov_over_fmus(Loop("pid", stop=0.1, step=STEP))
     assert readable.method.startswith("readable variational FMUs")
     np.testing.assert_allclose(readable.exponents, own.exponents, rtol=1e-7, atol=1e-7)
 
@@ -67,9 +67,9 @@ def _no_compiler(name, tangents):
 
 
 def test_a_third_party_controller_is_probed_in_a_process_of_its_own(third_party):
-    loop = FmuLoop(str(third_party), mapping=STATE_FEEDBACK_PORTS)
-    run = loop_lyapunov_over_fmus(loop, STOP, STEP)
-    expected = loop_lyapunov(equations_of_the_stranger(), STOP)
+    loop = Loop(str(third_party), mapping=STATE_FEEDBACK_PORTS)
+    run = loop_lyapunov_over_fmus(replace(loop, stop=STOP, step=STEP))
+    expected = loop_lyapunov(Loop(equations_of_the_stranger(), stop=STOP))
     assert "controller: third-party FMU, probed by differences" in run.method
     assert share_of_allowed(run.exponents, expected.exponents) < 3.0
     assert np.all(run.error < 5e-3 * np.maximum(1.0, np.abs(run.exponents)))
@@ -86,16 +86,16 @@ def test_derivatives_of_a_set_point_that_stands_still_are_zero(tmp_path):
         outputs=(replace(output, value=output.value + 20 * symbol("v_d")),),
     )
     path = export(made, tmp_path / "forward.fmu")
-    run = loop_lyapunov_over_fmus(FmuLoop(str(path)), 0.1, STEP)
-    expected = loop_lyapunov(plain, 0.1)
+    run = loop_lyapunov_over_fmus(Loop(str(path), stop=0.1, step=STEP))
+    expected = loop_lyapunov(Loop(plain, stop=0.1))
     assert share_of_allowed(run.exponents, expected.exponents) < 3.0
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_a_plain_export_of_a_controller_with_a_state_is_probed(native, fmi):
     """Its state is followed in volts: the sum of all exponents stays, and so do the fast ones."""
-    run = loop_lyapunov_over_fmus(FmuLoop(str(native("pid", fmi))), STOP, STEP)
-    expected = np.sort(loop_lyapunov("pid", STOP).exponents)[::-1]
+    run = loop_lyapunov_over_fmus(Loop(str(native("pid", fmi)), stop=STOP, step=STEP))
+    expected = np.sort(loop_lyapunov(Loop("pid", stop=STOP)).exponents)[::-1]
     assert run.exponents.sum() == pytest.approx(expected.sum(), rel=1e-4)
     assert run.exponents[-1] == pytest.approx(expected[-1], rel=2e-3)
     assert "differ by a constant over the time" in run.method
@@ -103,13 +103,13 @@ def test_a_plain_export_of_a_controller_with_a_state_is_probed(native, fmi):
 
 
 def test_without_equations_the_signals_tell_and_it_is_said_that_they_tell_no_more(native):
-    loop = FmuLoop("iol", str(write_variational_plant(native)))
-    run = loop_lyapunov_over_fmus(loop, 20.0, 2e-3)
+    loop = Loop("iol", str(write_variational_plant(native)))
+    run = loop_lyapunov_over_fmus(replace(loop, stop=20.0, step=2e-3))
     assert run.motion.kind is Kind.LINE
     assert "the first tangent grows by" in run.motion.evidence
     assert run.motion.limit is None
     assert "finite-time only" in run.method
-    early = loop_lyapunov_over_fmus(loop, 0.5, 2e-3)
+    early = loop_lyapunov_over_fmus(replace(loop, stop=0.5, step=2e-3))
     assert early.motion.kind is Kind.UNDECIDED
     assert not early.decided
 
@@ -123,7 +123,7 @@ def write_variational_plant(native):
 def test_what_cannot_be_followed_is_refused_with_what_is_missing(tmp_path, fmus):
     def refused(words, **loop):
         with pytest.raises(NoExponents, match=words):
-            loop_lyapunov_over_fmus(FmuLoop(**loop), 0.1, STEP)
+            loop_lyapunov_over_fmus(Loop(**loop, stop=0.1, step=STEP))
 
     ports = {"mapping": STATE_FEEDBACK_PORTS}
     refused("sampled", controller="pid_sampled")

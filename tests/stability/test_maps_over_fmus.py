@@ -13,21 +13,23 @@ import pyarrow.parquet as pq
 import pytest
 from third_party_fmus import STATE_FEEDBACK_PORTS, state_feedback
 
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.workers import Processes
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.fmu_parts import over_fmus
+from ballscrew.stability.map_plan import BadMap, MapPlan, read_axis
 from ballscrew.stability.signal_motion import signal_motion
 from ballscrew.stability.stability_map import make_map
-from ballscrew.stability.study import BadMap, MapStudy, read_axis
 
 STEP = 1e-3
 
 
 def study(controller, x, y, plant="plant", via="fmu", mapping=None, **options):
-    axes = [read_axis(text, plant, controller) for text in (x, y)]
-    exponents = options.get("exponents", False)
-    fmus = over_fmus(plant, controller, STEP, mapping or {}, exponents) if via == "fmu" else None
-    return MapStudy(controller, *axes, plant, fmus=fmus, **options)
+    step, stop = STEP if via == "fmu" else None, options.pop("stop", 20.0)
+    loop = Loop(controller, plant, stop=stop, mapping=mapping, step=step)
+    axes = [read_axis(text, loop) for text in (x, y)]
+    fmus = over_fmus(loop, options.get("exponents", False)) if via == "fmu" else None
+    return MapPlan(loop, *axes, fmus=fmus, **options)
 
 
 def table(made, folder, workers=1, resume=False):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from ballscrew.orchestration.loop import Loop
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,
@@ -124,11 +125,11 @@ def test_a_mass_under_a_sampled_law_loses_stability_where_its_map_does() -> None
 def test_the_sampled_pid_comes_to_rest_as_the_continuous_one_the_more_the_faster_it_samples() -> (
     None
 ):
-    exact = loop_lyapunov("pid", 2.0, tolerance=1e-9)
+    exact = loop_lyapunov(Loop("pid", stop=2.0), tolerance=1e-9)
     errors = []
     for period in (4e-3, 2e-3):
         run = loop_lyapunov(
-            "pid_sampled", 2.0, controller_values={"sample_time": period}, tolerance=1e-9
+            Loop("pid_sampled", stop=2.0, controller_values={"sample_time": period}), tolerance=1e-9
         )
         assert run.motion.kind is exact.motion.kind is Kind.LINE
         assert run.motion.limit is not None
@@ -145,9 +146,9 @@ def test_a_watch_changes_nothing_and_hears_how_far_the_exponents_are(
     monkeypatch.setattr("ballscrew.stability.lyapunov.TOLD", 0.0)
     monkeypatch.setattr("ballscrew.solver.spectrum.PIECE", 3)
     said: list[str] = []
-    plain = loop_lyapunov("pid_sampled", 0.5, tolerance=1e-9)
+    plain = loop_lyapunov(Loop("pid_sampled", stop=0.5), tolerance=1e-9)
     watching = Watching(said.append, 1e6)
-    watched = loop_lyapunov("pid_sampled", 0.5, tolerance=1e-9, watching=watching)
+    watched = loop_lyapunov(Loop("pid_sampled", stop=0.5), tolerance=1e-9, watching=watching)
     assert watched.exponents[:-1] == pytest.approx(plain.exponents[:-1], rel=1e-9)
     assert watched.exponents[-1] == plain.exponents[-1] == -np.inf
     assert watched.motion.kind is plain.motion.kind
@@ -157,9 +158,12 @@ def test_a_watch_changes_nothing_and_hears_how_far_the_exponents_are(
 def test_quantized_loops_have_the_exponents_of_the_average_and_the_verdict_of_the_staircase() -> (
     None
 ):
-    exact = loop_lyapunov("pid_sampled", 2.0, plant="plant_classical", tolerance=1e-9)
+    exact = loop_lyapunov(Loop("pid_sampled", "plant_classical", stop=2.0), tolerance=1e-9)
     values = {"encoder_counts": 1.0, "encoder_p": 20.0}  # a count is 5 cm
-    run = loop_lyapunov("pid_encoder", 2.0, 0.08, "plant_classical", None, values, 1e-9)
+    run = loop_lyapunov(
+        Loop("pid_encoder", "plant_classical", reference=0.08, stop=2.0, controller_values=values),
+        tolerance=1e-9,
+    )
     assert "dithered average" in run.method
     assert run.exponents == pytest.approx(exact.exponents, rel=1e-6)
     assert run.motion.kind is Kind.BOUNDED  # it hunts from count to count

@@ -14,22 +14,23 @@ import pytest
 from dask_cluster import cluster
 from scipy.integrate import solve_ivp
 
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.workers import Processes
 from ballscrew.stability import budget, stability_map, store
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.cell import model_at, run_cell, stuck_growth
 from ballscrew.stability.map_pictures import save_map_picture
+from ballscrew.stability.map_plan import BadMap, MapPlan, read_axis
 from ballscrew.stability.stability_map import make_map
-from ballscrew.stability.study import BadMap, MapStudy, read_axis
 
 SIGMA0, SIGMA1 = 66967.231, 344.56
 
 
-def gamma(columns=5, rows=4, **options):
+def gamma(columns=5, rows=4, stop=20.0, **options):
     """A coarse map of the estimates of an input-output linearization (Fig. 3.18)."""
-    x = read_axis(f"sigma0_hat=66965.89:66969.24:{columns}", "plant", "iol")
-    y = read_axis(f"sigma1_hat=340:366:{rows}", "plant", "iol")
-    return MapStudy("iol", x, y, **options)
+    x = read_axis(f"sigma0_hat=66965.89:66969.24:{columns}", Loop("iol"))
+    y = read_axis(f"sigma1_hat=340:366:{rows}", Loop("iol"))
+    return MapPlan(Loop("iol", stop=stop), x, y, **options)
 
 
 @pytest.fixture(scope="module")
@@ -83,9 +84,9 @@ def test_the_table_has_a_row_for_every_cell_in_order_and_counts_agree(whole):
 
 def test_a_loop_that_rests_late_is_followed_on_until_it_does_where_another_solver_ends(tmp_path):
     """From other starts an NCTF loop sticks after 26 to 111 s; the runs take 5 s."""
-    x = read_axis("plant.x_start=-0.2:0.2:3", "plant", "nctf")
-    y = read_axis("plant.v_start=-0.1:0.1:2", "plant", "nctf")
-    study = MapStudy("nctf", x, y, stop=5.0, tolerance=1e-6)
+    x = read_axis("plant.x_start=-0.2:0.2:3", Loop("nctf"))
+    y = read_axis("plant.v_start=-0.1:0.1:2", Loop("nctf"))
+    study = MapPlan(Loop("nctf", stop=5.0), x, y, tolerance=1e-6)
     summary = make_map(study, tmp_path, Processes(1))
     assert summary.verdicts == {Kind.LINE: 6}
     assert summary.undecided == {}
@@ -103,22 +104,22 @@ def test_a_loop_that_rests_late_is_followed_on_until_it_does_where_another_solve
     )
     assert end.success
     assert np.ptp(end.y, axis=1).max() < 1e-6  # nominal magnitudes: nothing moves any more
-    assert end.y[0, -1] * nominal[0] == pytest.approx(study.setpoint, abs=1e-6)
+    assert end.y[0, -1] * nominal[0] == pytest.approx(study.loop.set_point, abs=1e-6)
 
 
 def test_a_sampled_loop_is_followed_on_until_it_rests():
-    x = read_axis("plant.x_start=-0.2:0.2:2", "plant", "pid_sampled")
-    y = read_axis("plant.v_start=-0.1:0.1:2", "plant", "pid_sampled")
-    study = MapStudy("pid_sampled", x, y, stop=5.0, tolerance=1e-6)
+    x = read_axis("plant.x_start=-0.2:0.2:2", Loop("pid_sampled"))
+    y = read_axis("plant.v_start=-0.1:0.1:2", Loop("pid_sampled"))
+    study = MapPlan(Loop("pid_sampled", stop=5.0), x, y, tolerance=1e-6)
     assert run_cell(study, -0.2, 0.1, 1e-6).verdict is Kind.LINE
 
 
 def test_an_undecided_cell_says_why_when_its_budget_is_used_up(tmp_path, monkeypatch):
     monkeypatch.setattr(budget, "FOLLOWED", 1.0)
     monkeypatch.setattr(budget, "CREPT", 1.0)
-    x = read_axis("plant.x_start=-0.2:0.2:3", "plant", "nctf")
-    y = read_axis("plant.v_start=-0.1:0.1:2", "plant", "nctf")
-    study = MapStudy("nctf", x, y, stop=2.0, tolerance=1e-6)
+    x = read_axis("plant.x_start=-0.2:0.2:3", Loop("nctf"))
+    y = read_axis("plant.v_start=-0.1:0.1:2", Loop("nctf"))
+    study = MapPlan(Loop("nctf", stop=2.0), x, y, tolerance=1e-6)
     summary = make_map(study, tmp_path, Processes(1))
     reasons = [r for r in pq.read_table(tmp_path / "map.parquet")["reason"].to_pylist() if r]
     why, evidence = reasons[0].split(": ", 1)
@@ -130,9 +131,9 @@ def test_an_undecided_cell_says_why_when_its_budget_is_used_up(tmp_path, monkeyp
 
 
 def test_a_cell_without_a_controller_says_so():
-    x = read_axis("design.m=8:1e4:2", "plant", "nctf")
-    y = read_axis("plant.sigma2=1:2:2", "plant", "nctf")
-    found = run_cell(MapStudy("nctf", x, y, stop=1.0), 1e4, 1.0, 1e-6)
+    x = read_axis("design.m=8:1e4:2", Loop("nctf"))
+    y = read_axis("plant.sigma2=1:2:2", Loop("nctf"))
+    found = run_cell(MapPlan(Loop("nctf", stop=1.0), x, y), 1e4, 1.0, 1e-6)
     assert found.verdict is Kind.UNDECIDED
     assert found.reason.startswith("no controller can be designed on this plant: ")
 
@@ -198,15 +199,15 @@ def test_the_exponent_of_a_cell_is_that_of_the_whole_run():
     study = gamma(exponents=True, stop=2.0)
     found = run_cell(study, *values.values(), 1e-8)
     run = follow_tangents(
-        loop_maker("plant", "iol", 0.08, None, values)(1e-10), [0.0, 2.0], count=1
+        loop_maker(Loop("iol", controller_values=values))(1e-10), [0.0, 2.0], count=1
     )
     assert found.lambda1 == pytest.approx(run.exponents[0] / np.log(2), rel=1e-3)
 
 
 def test_nctf_is_designed_on_the_perturbed_plant_and_run_on_the_nominal_one():
-    x = read_axis("design.sigma1=241:448:3", "plant", "nctf")
-    y = read_axis("plant.Fc=1.2:1.4:2", "plant", "nctf")
-    study = MapStudy("nctf", x, y, exponents=True, stop=20.0)
+    x = read_axis("design.sigma1=241:448:3", Loop("nctf"))
+    y = read_axis("plant.Fc=1.2:1.4:2", Loop("nctf"))
+    study = MapPlan(Loop("nctf"), x, y, exponents=True)
     nominal = run_cell(study, SIGMA1, 1.284, 1e-8)
     soft = run_cell(study, 0.7 * SIGMA1, 1.284, 1e-8)
     # Table 3.3 at 300 s and 100 % / 70 %: -0.0134 and -0.0167; neutral, so lambda * t is constant
@@ -226,11 +227,12 @@ import sys
 from pathlib import Path
 from ballscrew.orchestration.workers import Processes
 from ballscrew.stability import stability_map as m, store
-from ballscrew.stability.study import read_axis
+from ballscrew.orchestration.loop import Loop
+from ballscrew.stability.map_plan import read_axis
 store.CHUNK = 2
-x = read_axis("sigma0_hat=66965.89:66969.24:5", "plant", "iol")
-y = read_axis("sigma1_hat=340:366:4", "plant", "iol")
-m.make_map(m.MapStudy("iol", x, y), Path(sys.argv[1]), Processes(1))
+x = read_axis("sigma0_hat=66965.89:66969.24:5", Loop("iol"))
+y = read_axis("sigma1_hat=340:366:4", Loop("iol"))
+m.make_map(m.MapPlan(Loop("iol"), x, y), Path(sys.argv[1]), Processes(1))
 """
 
 
@@ -317,4 +319,4 @@ def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, mon
 )
 def test_axes_that_make_no_sense_say_why(text, words):
     with pytest.raises(BadMap, match=words):
-        read_axis(text, "plant", "iol")
+        read_axis(text, Loop("iol"))

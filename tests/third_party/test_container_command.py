@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 
@@ -25,7 +26,9 @@ COMMAND = Path(sys.executable).with_name("fmucontainer")
 @pytest.mark.parametrize("build", [[], ["--native"]])
 def test_the_command_packs_an_exported_system_that_then_goes_to_its_set_point(tmp_path, build):
     assert main(["export", "--ssp", *build, "--only", "iol", "--out", str(tmp_path)]) == 0
-    exact = run_monolithic("plant", "iol", Reference.constant(0.08), STOP, 1e-3).outputs["x"]
+    exact = run_monolithic(
+        Loop("iol", reference=Reference.constant(0.08), stop=STOP), 1e-3
+    ).outputs["x"]
     errors = []
     for step in (1e-3, 2e-4):
         done = subprocess.run(

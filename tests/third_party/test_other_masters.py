@@ -12,6 +12,7 @@ from wired_loop import OUTPUTS, missing_for_ecos, run_in, wired
 
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
@@ -79,7 +80,7 @@ def position_error(fmus, host, step, *, law=True, **options):
     """Largest error of the IOL loop's position [m] against the whole loop in one solver."""
     loop = wired(fmus["plant"], fmus["iol"], step, IOL_STOP, law=law)
     course = course_in(host, loop, **options)
-    exact = run_monolithic("plant", "iol", GOAL, IOL_STOP, step)
+    exact = run_monolithic(Loop("iol", reference=GOAL, stop=IOL_STOP), step)
     return apart(course[:, :1], table(exact)[:, :1])
 
 

@@ -9,7 +9,8 @@ from pyssp_standard.ssp import SSP
 from wired_loop import missing_for_ecos, run_in, wired
 
 from ballscrew.fmus.system_export import export_system
-from ballscrew.orchestration.system import SystemStudy, run_system
+from ballscrew.orchestration.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop import SystemLoop
 
 HOSTS = ["libcosim", "ecos", "container"]
 STEP = 1e-4
@@ -38,7 +39,7 @@ def test_a_system_of_native_fmus_is_read_and_run(native, tmp_path):
     """An .ssp with them inside, by our reader and master; pyssp_standard opens it, too."""
     path = tmp_path / "loop.ssp"
     export_system(native("plant"), native("nctf"), path, name="loop")
-    result = run_system(SystemStudy(path, None, 0.2, step=1e-3))
+    result = run_closed_loop(SystemLoop(path, None, 0.2, step=1e-3))
     assert result.trusted, result.figures()["verdict_reason"]
     with SSP(path) as opened:
         assert len(opened.resources) >= 2

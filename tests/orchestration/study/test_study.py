@@ -13,6 +13,7 @@ from dask_cluster import cluster
 from long_commands import Command, interrupted
 
 from ballscrew.cli import main
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
@@ -279,6 +280,6 @@ def test_a_run_is_that_of_the_monolithic_reference(controller):
     """Sampled on its own grid, and continuous with ramps in between."""
     motion = read_motion("move:distance=0.005,start=0.01,dwell=0.05,back=0")
     own = StudyLoop(loop_kernel("plant", controller)).run({}, motion, 0.3, 1e-8)
-    other = run_monolithic("plant", controller, motion, 0.3, 1e-3)
+    other = run_monolithic(Loop(controller, reference=motion, stop=0.3), 1e-3)
     np.testing.assert_allclose(own.position, other.outputs["x"], rtol=0, atol=1e-11)
     np.testing.assert_allclose(own.command, other.commands["u"], rtol=0, atol=1e-6)

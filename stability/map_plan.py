@@ -5,31 +5,31 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.catalogue import component, kept_as
-from ..instruments import bare
+from ..fmus.catalogue import kept_as
+from ..orchestration.loop import Loop
 from ..orchestration.memory import check_memory
-from ..orchestration.parts import label_of, part_of
+from ..orchestration.reference_signal import Reference
 from ..orchestration.whole_loop import held_loop_kernel
-from ..solver.component_file import names_file, remember_component
 from ..solver.kernel import PLANT, Kernel, ParameterInfo
-from .fmu_parts import OverFmus
+from ..solver.nearest import nearest
+from ..solver.tape import UnsupportedComponent
+from .fmu_parts import OverFmus, over_fmus
 
 Vector = npt.NDArray[np.float64]
 TOLERANCE = 1e-8
+TOLERANCE_OF_MOTIONS = 1e-6  # where no exponent is asked for
 TIGHTER = 0.1
 SHORTER = 0.5  # a coupling of second order is four times as good
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
 MOST_BYTES = 10**30  # counts on the command line have any number of digits
 SETPOINT, DESIGN = "setpoint", "design"
-_FROM_FILES = "components from files"
 
 
 class BadMap(ValueError):
@@ -73,35 +73,56 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class MapStudy:
+class MapPlan:
     """Everything that decides a map.
 
     Attributes
     ----------
-    plant_values, controller_values : dict of str to float
-        Parameters and initial states that are not nominal, the same in all cells.
-    stop : float
-        Length of each run [s].
+    loop : Loop
+        Its values that are no axis are the same in all cells. With a communication step, the map is
+        one over FMUs.
     exponents : bool
         Whether to compute the largest exponent of each cell.
     tolerance : float
         Of the solver of the equations.
     fmus : OverFmus, optional
-        Of a map over FMUs; then controller and plant may be paths of FMUs.
+        Of a map over FMUs.
     """
 
-    controller: str
+    loop: Loop
     x: Axis
     y: Axis
-    plant: str = "plant"
-    plant_values: Mapping[str, float] = field(default_factory=dict)
-    controller_values: Mapping[str, float] = field(default_factory=dict)
-    setpoint: float = 0.08
-    stop: float = 20.0
     exponents: bool = False
     tolerance: float = TOLERANCE
     seed: int = 0
     fmus: OverFmus | None = None
+
+    @classmethod
+    def of(
+        cls,
+        loop: Loop,
+        x: str,
+        y: str,
+        exponents: bool = False,
+        tolerance: float | None = None,
+        seed: int = 0,
+    ) -> MapPlan:
+        """A map of a loop over two axes, see `read_axis`, checked.
+
+        Raises
+        ------
+        BadMap
+            If an axis makes no sense, or there are no exponents of these parts.
+        BadParameter, FmuError, NotEnoughMemory
+        """
+        tolerance = tolerance or (TOLERANCE if exponents else TOLERANCE_OF_MOTIONS)
+        try:
+            fmus = None if loop.step is None else over_fmus(loop, exponents)
+        except UnsupportedComponent as error:
+            raise BadMap(f"exponents: {error}") from error
+        plan = cls(loop, read_axis(x, loop), read_axis(y, loop), exponents, tolerance, seed, fmus)
+        plan.check()
+        return plan
 
     @property
     def finer(self) -> float:
@@ -121,6 +142,7 @@ class MapStudy:
         NotEnoughMemory
             If the tables and pictures of so many cells do not fit.
         """
+        loop = self.loop
         check_memory(
             float(min(PER_CELL * self.cells, MOST_BYTES)),
             f"{self.x.count} x {self.y.count} cells need",
@@ -128,19 +150,19 @@ class MapStudy:
         )
         if self.fmus is None and self.exponents and kernel_of(self).quantized:
             raise BadMap(
-                f"{label_of(self.controller)} or {label_of(self.plant)} quantizes a signal, and a "
+                f"{loop.controller.label} or {loop.plant.label} quantizes a signal, and a "
                 "staircase has no tangents; map it without --exponents, and see lyapunov for "
                 "single loops"
             )
         if (self.x.side, self.x.parameter) == (self.y.side, self.y.parameter):
             raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
         if self.fmus is None and PLANT + "x" not in [s.name for s in kernel_of(self).states]:
-            raise BadMap(f"{label_of(self.plant)} has no state x, whose motion a map judges")
-        given = {"plant": self.plant_values, "controller": self.controller_values}
+            raise BadMap(f"{loop.plant.label} has no state x, whose motion a map judges")
+        given = {"plant": loop.plant_values, "controller": loop.controller_values}
         for axis in (self.x, self.y):
             if axis.parameter in given.get(axis.side, {}):
                 raise BadMap(f"{axis.name} is given a value and is an axis; expected one of them")
-            about = _about(axis, self.plant, self.controller)
+            about = _about(axis, loop)
             low, high = (about.minimum, about.maximum) if about else (-math.inf, math.inf)
             if axis.low < low or axis.high > high:
                 raise BadMap(
@@ -152,20 +174,29 @@ class MapStudy:
 
             check_parts(self, self.fmus)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What goes to workers: they may lack the files of parts, or find them edited."""
-        bases = (bare(p) for p in (self.plant, self.controller))
-        parts = {p: component(p) for p in bases if names_file(p)}
-        return vars(self) | {_FROM_FILES: parts}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for part, made in state.pop(_FROM_FILES).items():
-            remember_component(part, made)
-        vars(self).update(state)
+    def described(self) -> dict[str, Any]:
+        """As ``map.json`` says it."""
+        loop, fmus = self.loop, None
+        if self.fmus is not None:
+            fmus = {"step": loop.step, "mapping": loop.mapping, **asdict(self.fmus)}
+        return {
+            "controller": loop.controller.name,
+            "x": asdict(self.x),
+            "y": asdict(self.y),
+            "plant": loop.plant.name,
+            "plant_values": loop.plant_values,
+            "controller_values": loop.controller_values,
+            "setpoint": loop.set_point,
+            "stop": loop.stop,
+            "exponents": self.exponents,
+            "tolerance": self.tolerance,
+            "seed": self.seed,
+            "fmus": fmus,
+        }
 
     def fingerprint(self) -> str:
-        """Hash of the study and of the equations, or the FMUs, that it is about."""
-        text = json.dumps(asdict(self), sort_keys=True)
+        """Hash of the plan and of the equations, or the FMUs, that it is about."""
+        text = json.dumps(self.described(), sort_keys=True)
         if self.fmus is None:
             text += kernel_of(self).module
         return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -175,20 +206,21 @@ class MapStudy:
         row, column = divmod(cell, self.x.count)
         return self.x.value(column), self.y.value(row)
 
-    def values_at(self, x: float, y: float) -> tuple[dict[str, float], dict[str, float], float]:
-        """Values of the plant, values of the controller, and set-point [m] at a point.
+    def loop_at(self, x: float, y: float) -> Loop:
+        """The loop at a point.
 
         Raises
         ------
         ValueError
             If no controller can be designed on this plant.
         """
-        plant, controller = dict(self.plant_values), dict(self.controller_values)
-        setpoint = self.setpoint
+        loop = self.loop
+        plant, controller = dict(loop.plant_values), dict(loop.controller_values)
+        reference = loop.reference
         designed: dict[str, float] = {}
         for axis, value in ((self.x, x), (self.y, y)):
             if axis.side == SETPOINT:
-                setpoint = value
+                reference = Reference.constant(value)
             elif axis.side == DESIGN:
                 designed[axis.parameter] = value
             else:
@@ -196,11 +228,11 @@ class MapStudy:
         if designed:
             from ..controllers.nctf import design
 
-            controller = design({**self.plant_values, **designed}).parameters() | controller
-        return plant, controller, setpoint
+            controller = design({**loop.plant_values, **designed}).parameters() | controller
+        return replace(loop, plant_values=plant, controller_values=controller, reference=reference)
 
 
-def read_axis(text: str, plant: str, controller: str) -> Axis:
+def read_axis(text: str, loop: Loop) -> Axis:
     """An axis from ``NAME=LOW:HIGH:COUNT``.
 
     NAME is a parameter or initial state (``x_start``) of the controller or the plant, with
@@ -224,20 +256,18 @@ def read_axis(text: str, plant: str, controller: str) -> Axis:
         raise BadMap(f"{text!r}: the bounds are {low:g} and {high:g}, expected the lower one first")
     if count < 2:
         raise BadMap(f"{text!r}: {count} points, expected 2 or more")
-    side, parameter = _owner(name, plant, controller)
+    side, parameter = _owner(name, loop)
     return Axis(name, side, parameter, low, high, count)
 
 
-def _owner(name: str, plant: str, controller: str) -> tuple[str, str]:
-    import difflib
-
+def _owner(name: str, loop: Loop) -> tuple[str, str]:
     if name == SETPOINT:
         return SETPOINT, SETPOINT
-    ours, theirs = ([*part_of(part).parameters] for part in (plant, controller))
-    ours_is, theirs_is = label_of(plant), label_of(controller)
+    ours, theirs = loop.plant.parameters, loop.controller.parameters
+    ours_is, theirs_is = loop.plant.label, loop.controller.label
     side, dot, own = name.partition(".")
     if dot and side == DESIGN:
-        if controller != "nctf":
+        if loop.controller.name != "nctf":
             raise BadMap(f"{name!r}: only nctf is designed on a plant, and this is {theirs_is}")
         if own in ours:
             return DESIGN, own
@@ -250,8 +280,7 @@ def _owner(name: str, plant: str, controller: str) -> tuple[str, str]:
         return "controller", name
     elif name in ours:
         return "plant", name
-    near = difflib.get_close_matches(own if dot else name, [*theirs, *ours], n=3, cutoff=0.5)
-    hint = f"; nearest: {', '.join(near)}" if near else ""
+    hint = nearest(own if dot else name, [*theirs, *ours])
     raise BadMap(
         f"neither {theirs_is} nor {ours_is} has {name!r}{hint}; {theirs_is} has "
         f"{', '.join(theirs) or 'none'}; {ours_is} has {', '.join(ours)}"
@@ -259,31 +288,33 @@ def _owner(name: str, plant: str, controller: str) -> tuple[str, str]:
 
 
 @lru_cache(maxsize=8)
-def _loop(plant: str, controller: str, *_kept_as: object) -> Kernel:
+def _kernel(plant: str, controller: str, *_kept_as: object) -> Kernel:
     return held_loop_kernel(plant, controller)
 
 
-def kernel_of(study: MapStudy) -> Kernel:
-    """The loop of a study; of parts from files, the one of the equations that they have now."""
-    return _loop(study.plant, study.controller, kept_as(study.plant), kept_as(study.controller))
+def kernel_of(plan: MapPlan) -> Kernel:
+    """The equations of a map's loop; of parts from files, those that they have now."""
+    names = plan.loop.plant.name, plan.loop.controller.name
+    return _kernel(*names, *map(kept_as, names))
 
 
-def axis_unit(study: MapStudy, name: str) -> str:
+def axis_unit(plan: MapPlan, name: str) -> str:
     """The unit of an axis, for its label."""
-    axis = study.x if name == study.x.name else study.y
-    about = _about(axis, study.plant, study.controller)
+    axis = plan.x if name == plan.x.name else plan.y
+    about = _about(axis, plan.loop)
     return about.unit if about else "m"
 
 
-def position_unit(study: MapStudy) -> str:
+def position_unit(plan: MapPlan) -> str:
     """The unit of the position x, whose motion a map judges; metres of an FMU."""
-    if study.fmus is not None:
+    if plan.fmus is not None:
         return "m"
-    return next(s.unit for s in kernel_of(study).states if s.name == PLANT + "x")
+    return next(s.unit for s in kernel_of(plan).states if s.name == PLANT + "x")
 
 
-def _about(axis: Axis, plant: str, controller: str) -> ParameterInfo | None:
+def _about(axis: Axis, loop: Loop) -> ParameterInfo | None:
     """What is known of an axis' parameter; None of set-points."""
     if axis.side == SETPOINT:
         return None
-    return part_of(controller if axis.side == "controller" else plant).parameters[axis.parameter]
+    part = loop.controller if axis.side == "controller" else loop.plant
+    return part.parameters[axis.parameter]

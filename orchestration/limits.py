@@ -1,0 +1,50 @@
+"""What numbers of a run may be: checked where they come in, once."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+SHORTEST = 1e-9  # motion [s]: what is nearly nothing has no steps
+MOST_STEPS = 1e9  # no run of more would end
+
+
+class BadParameter(ValueError):
+    """A parameter does not exist or has a value that makes no sense."""
+
+
+def as_number(what: str, given: Any) -> float:
+    """A finite number, of text, too; raises `BadParameter`."""
+    try:
+        value = float(given)
+    except (ValueError, TypeError):
+        raise BadParameter(f"{what} is {given!r}, expected a number") from None
+    if not math.isfinite(value):
+        raise BadParameter(f"{what} is {given}, expected a finite number")
+    return value
+
+
+def check_length(what: str, given: Any) -> float:
+    """How long a motion is to be [s]; raises `BadParameter`."""
+    stop = as_number(what, given)
+    if stop <= 0:
+        raise BadParameter(f"{what} is {given} s, expected more than 0")
+    if stop < SHORTEST:
+        raise BadParameter(f"{what} is {given} s, expected at least {SHORTEST:g} s")
+    return stop
+
+
+def check_step(what: str, given: Any, stop: float | None) -> float:
+    """A communication step [s] of a motion of this length; None is a length not known yet.
+
+    Raises
+    ------
+    BadParameter
+    """
+    step = as_number(what, given)
+    longest = what.replace("step", "stop")
+    if step <= 0 or (stop is not None and step > stop):
+        raise BadParameter(f"{what} is {given} s, expected more than 0 and at most {longest}")
+    if stop is not None and stop / step > MOST_STEPS:
+        raise BadParameter(f"{what} {step:g} makes {stop / step:.3g} steps; use a larger one")
+    return step

@@ -1,0 +1,296 @@
+"""What is run: two parts around a set-point, or the elements of an .ssp; resolved once.
+
+`run`, `swap`, `lyapunov`, maps and the checks of studies are all done with a `Loop`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from ..fmus.set_point import START_VALUE
+from ..instruments import bare
+from ..plant import DEFAULT_LAW, LAWS, PLANTS
+from .couplings import Coupling, coupling_named
+from .isolated import TIME_LIMIT
+from .limits import BadParameter, as_number, check_length, check_step
+from .parameter_file import BALL_SCREW, FMU, ParameterFile, list_used
+from .parts import Part, PartLike, readable, resolve_controller, resolve_plant
+from .reference_motions import read_set_point
+from .reference_signal import Reference
+
+STOP = 20.0  # [s]
+
+ReferenceLike: TypeAlias = "float | str | Path | Reference"
+Values: TypeAlias = "Mapping[str, float]"
+
+
+@dataclass(frozen=True, kw_only=True)
+class HowCoupled:
+    """How the FMUs of a loop are coupled; see `Loop`."""
+
+    step: float | None = None
+    coupling: Coupling | None = None
+    corrections: int | None = None
+    adaptive: bool = False
+    isolate: bool | None = None
+    time_limit: float = TIME_LIMIT
+
+    def _resolve(self, **given: Any) -> None:
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
+
+    def __post_init__(self) -> None:
+        self._resolve(coupling=coupling_named("coupling", self.coupling))
+        if self.step is not None:
+            self._resolve(step=as_number("step", self.step))
+
+
+@dataclass(frozen=True)
+class Loop(HowCoupled):
+    """A plant and its controller around a set-point, and how they are coupled.
+
+    Parameters
+    ----------
+    controller, plant : str, path-like, Component or Part
+        A name of the catalogue, a file's function (``mine.py:pi``), the path of an FMU, or a
+        component. The controller ``none`` leaves a plant without inputs alone.
+    reference : float, str, path-like or Reference
+        Set-point [m], or set-point over time: a motion in words, as
+        ``"move:distance=0.02,speed=0.1"``, the path of a table, or a `Reference`.
+    stop : float
+        Length of the motion [s].
+    plant_values, controller_values : mapping of str to float, optional
+        Parameters and initial states that are not nominal, in SI units.
+    mapping : mapping of str to str, optional
+        Names of a third-party FMU's ports, ``theirs -> ours``.
+    told : ParameterFile, optional
+        Where values come from; the written parameter file keeps their intervals and sources.
+    notes : tuple of str
+        What is known before the run, and told with what the run says.
+    step : float, optional
+        Communication step [s]; left out, it is halved until the run is trusted.
+    coupling : str or Coupling, optional
+        Default: the interface-Jacobian coupling where the parts have its ports, else the best that
+        they can do.
+    corrections : int, optional
+        Of each step by rollback, 0 or 1.
+    adaptive : bool
+        Whether the residual chooses steps up to `step`.
+    isolate : bool, optional
+        Whether FMUs run each in a process of its own. Default: those that were not written here.
+    time_limit : float
+        Longest time that one call of an FMU in a process of its own may take [s].
+
+    Attributes
+    ----------
+    controller, plant : Part
+    reference : Reference
+    coupling : Coupling or None
+
+    Raises
+    ------
+    BadPart, BadComponentFile, BadParameter, BadReference
+        If a part, a number or the set-point makes no sense; the message says why.
+
+    Examples
+    --------
+    >>> from ballscrew import Loop
+    >>> loop = Loop("iol", reference=0.02, controller_values={"sigma0_hat": 6.5e4})
+    >>> loop.label, loop.controller.outputs[0]
+    ('iol', 'u')
+    """
+
+    controller: Part
+    plant: Part = field(default_factory=lambda: Part("plant"))
+    reference: Reference = field(default_factory=lambda: Reference.constant(START_VALUE))
+    stop: float = STOP
+    plant_values: Values = field(default_factory=dict)
+    controller_values: Values = field(default_factory=dict)
+    mapping: Mapping[str, str] = field(default_factory=dict)
+    told: ParameterFile | None = None
+    notes: tuple[str, ...] = ()
+
+    if TYPE_CHECKING:
+
+        def __init__(  # noqa: PLR0913
+            self,
+            controller: PartLike,
+            plant: PartLike = ...,
+            reference: ReferenceLike = ...,
+            stop: float = ...,
+            plant_values: Values | None = ...,
+            controller_values: Values | None = ...,
+            mapping: Mapping[str, str] | None = ...,
+            told: ParameterFile | None = ...,
+            notes: tuple[str, ...] = ...,
+            *,
+            step: float | None = ...,
+            coupling: str | Coupling | None = ...,
+            corrections: int | None = ...,
+            adaptive: bool = ...,
+            isolate: bool | None = ...,
+            time_limit: float = ...,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._resolve(
+            controller=resolve_controller(self.controller),
+            plant=resolve_plant(self.plant),
+            reference=as_reference(self.reference),
+            stop=check_length("stop", self.stop),
+            plant_values=_numbers("plant_values", self.plant_values),
+            controller_values=_numbers("controller_values", self.controller_values),
+            mapping=dict(self.mapping or {}),
+        )
+        if self.step is not None:
+            check_step("step", self.step, self.stop)
+
+    @property
+    def label(self) -> str:
+        """What it is called: as its controller, or as the plant that runs alone."""
+        return (self.plant if self.controller.is_none else self.controller).label
+
+    @property
+    def title(self) -> str:
+        """Both parts by their own names."""
+        plant, controller = self.plant.own_name, self.controller.own_name
+        return plant if self.controller.is_none else f"{controller} on {plant}"
+
+    @property
+    def set_point(self) -> float:
+        """The constant set-point [m]; raises `BadParameter` where it moves."""
+        if len(self.reference.values) > 1:
+            raise BadParameter("the set-point moves, expected a constant one")
+        return float(self.reference.values[0])
+
+    def check_values(self) -> None:
+        """Make sure that both parts have the parameters that are given, and in range.
+
+        Raises
+        ------
+        BadParameter, FmuError
+        """
+        self.plant.check_values("plant", self.plant_values)
+        self.controller.check_values("controller", self.controller_values)
+
+    def parameters(self) -> ParameterFile:
+        """All parameters as they are used, as a parameter file that the next command reads.
+
+        What still has the value that it was `told` keeps its interval and source.
+        """
+        told, source = self.told or ParameterFile(), "given to this run"
+        plant, values = self.plant, self.plant_values
+        known = plant.settable(values)
+        found = list_used(known, values, {**told.plant, **told.found}, source)
+        kind, law, own = FMU, "", set(known)
+        name = plant.name.removeprefix("plant").removeprefix("_") or DEFAULT_LAW
+        if plant.name in PLANTS and name in LAWS:
+            kind, law = BALL_SCREW, name
+        elif self.told is not None and set(told.plant) <= own:
+            kind, law, own = told.kind, told.law, set(told.plant)
+            if kind == BALL_SCREW:
+                own |= set(Part(told.plant_name).parameters)
+        described = list_used(
+            self.controller.settable(self.controller_values),
+            self.controller_values,
+            told.controllers.get(table_of(told, self.controller), {}),
+            source,
+        )
+        return replace(
+            told,
+            path=None,
+            kind=kind,
+            law=law,
+            plant={n: v for n, v in found.items() if n in own},
+            found={n: v for n, v in found.items() if n not in own},
+            controllers={**told.controllers, self.controller.label: described},
+            tolerance={},
+            not_identified={},
+            diagnosis=None,
+        )
+
+
+@dataclass(frozen=True)
+class SystemLoop(HowCoupled):
+    """The closed loop that an .ssp describes.
+
+    Parameters
+    ----------
+    system : path-like
+        An .ssp file.
+    reference : float, str, path-like or Reference, optional
+        For the system's set-point. Default: its start value, held.
+    stop : float, optional
+        [s] Default: the file's own, else 20 s.
+    values : mapping of str to float
+        Parameters and start values as ``element.variable``, over those of the file.
+    step, coupling, corrections, adaptive, isolate, time_limit
+        As in `Loop`. With ``jacobi`` and ``gauss-seidel`` wired feedback-law ports are signals like
+        any others, as other masters have them.
+    """
+
+    system: Path | str
+    reference: Reference | None = None
+    stop: float | None = None
+    values: Values = field(default_factory=dict)
+
+    if TYPE_CHECKING:
+
+        def __init__(  # noqa: PLR0913
+            self,
+            system: Path | str,
+            reference: ReferenceLike | None = ...,
+            stop: float | None = ...,
+            values: Values | None = ...,
+            *,
+            step: float | None = ...,
+            coupling: str | Coupling | None = ...,
+            corrections: int | None = ...,
+            adaptive: bool = ...,
+            isolate: bool | None = ...,
+            time_limit: float = ...,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._resolve(values=_numbers("values", self.values))
+        if self.reference is not None:
+            self._resolve(reference=as_reference(self.reference))
+        if self.stop is not None:
+            self._resolve(stop=check_length("stop", self.stop))
+            if self.step is not None:
+                check_step("step", self.step, self.stop)
+
+    @property
+    def label(self) -> str:
+        """What it is called in tables and pictures."""
+        return readable(Path(self.system).stem)
+
+    def parameters(self) -> None:
+        """None: the elements of an .ssp are the file's own, and it says their values itself."""
+
+
+def table_of(file: ParameterFile, controller: Part) -> str:
+    """Name of the table of a parameter file that is of a controller: its own, else the bare one's.
+
+    So ``[controller.pid]`` is of ``pid+position_encoder``, too, where that has no table.
+    """
+    own = controller.label
+    return own if own in file.controllers else Part(bare(controller.name)).label
+
+
+def as_reference(given: ReferenceLike) -> Reference:
+    """A set-point over time; a number is a constant one, text a motion or a file."""
+    if isinstance(given, Reference):
+        return given
+    if isinstance(given, str | Path):
+        return read_set_point(str(given))
+    return Reference.constant(as_number("reference", given))
+
+
+def _numbers(what: str, values: Values | None) -> dict[str, float]:
+    return {n: as_number(f"{what}[{n!r}]", v) for n, v in (values or {}).items()}
