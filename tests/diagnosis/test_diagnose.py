@@ -43,6 +43,7 @@ TRUTH = {
     "friction_drift": ({at.DRIFT: 0.24, at.DRIFT_VISCOUS: 0.24}, "friction_drift", 0.24),
     "voltage_saturation": (LIMITED, "voltage_limit", 3.2),
 }
+OTHERS = ("torque_ripple", "direction_asymmetry", "friction_drift", "voltage_saturation")
 
 
 @cache
@@ -60,10 +61,10 @@ def test_a_mass_that_is_found_is_in_the_model_once():
 @pytest.mark.parametrize(
     "effect",
     [
-        pytest.param(e, marks=pytest.mark.xdist_group("one_effect"))
-        if e == "unmodelled_inertia"
-        else e
-        for e in TRUTH
+        "load_bias",
+        "backlash",
+        pytest.param("unmodelled_inertia", marks=pytest.mark.xdist_group("one_effect")),
+        *(pytest.param(e, marks=pytest.mark.long) for e in OTHERS),
     ],
 )
 def test_a_hidden_effect_is_named_alone_and_has_its_size(effect):

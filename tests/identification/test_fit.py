@@ -167,6 +167,7 @@ def test_expected_information_is_the_variance_of_the_score():
     assert information[2].mean() == pytest.approx(covariance[1, 1], rel=0.03)
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_on_random_rigs():
     """A sample of what ``proofs/identification.py`` counts on a hundred rigs a law."""
     laws = ("modified_lugre", "dahl", "bliman_sorine", "directional_lugre")

@@ -62,7 +62,7 @@ def test_cells_are_classified_as_by_the_equations(native, tmp_path):
 
 
 def test_exponents_of_cells_are_those_of_the_equations(native, tmp_path):
-    axes = "design.sigma1=300:400:3", "plant.Fc=1.2:1.4:3"
+    axes = "design.sigma1=300:400:2", "plant.Fc=1.2:1.4:2"
     options = {"stop": 1.0, "exponents": True}
     over = table(study("nctf", *axes, **options), tmp_path / "fmu")
     model = table(study("nctf", *axes, via="model", **options), tmp_path / "model")
