@@ -163,7 +163,8 @@ def print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Pat
     print(f"{'coupling':<22}{figures['coupling']} ({figures['coupling_reason']})")
     print(f"{'communication steps':<22}{figures['macro_steps']}")
     if figures["steps_tried"]:
-        step = figures["steps_tried"][-1][0]
+        tried = figures["steps_tried"]
+        step = next((h for h, word in tried if word == "trusted"), tried[-1][0])
         print(f"{'step':<22}{step:g} s ({figures['step_reason']})")
     print(f"{'verdict':<22}{figures['verdict']}: {figures['verdict_reason']}")
     if figures["stopped"]:

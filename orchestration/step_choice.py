@@ -96,6 +96,10 @@ def choose_step(
             verdict = _judged_by_halving(run, apart, moved, worst, moved_before, step)
             if verdict is not None and not _jumps(run):
                 bound, run = verdict.error_estimate, replace(run, verdict=verdict)
+            elif verdict is None and run.verdict.trusted and _may_wait(run, moved, moved_before):
+                text = f"halving the step to {step:g} s moved {worst} by {100 * moved:.2g} %"
+                open_ = replace(run.verdict, trusted=False, reason=text, advice=UNBOUNDED)
+                run = replace(run, verdict=open_)
             elif verdict is not None or run.verdict.trusted:
                 run = at(step, True)
         runs.append(run)
@@ -139,6 +143,11 @@ def _done(tried: LoopRun, run_at: Callable[[float, bool], LoopRun], step: float)
         np.array_equal(values, tried.outputs[name]) for name, values in run.outputs.items()
     )
     return replace(run, verdict=tried.verdict) if same else run_at(step, True)
+
+
+def _may_wait(run: LoopRun, moved: float, moved_before: float) -> bool:
+    """Whether the next halving is likely to decide, and is had for less than a second look."""
+    return run.played and moved <= min(ACCURACY, CONVERGES * moved_before) and not _jumps(run)
 
 
 def _jumps(run: LoopRun) -> bool:
