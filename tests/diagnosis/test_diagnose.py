@@ -114,6 +114,7 @@ def test_two_effects_are_both_found_and_written(tmp_path):
 
 
 @in_a_world
+@pytest.mark.long
 def test_two_drifts_that_cancel_each_other_are_not_both_named(tmp_path):
     """Nothing is hidden; without a current, resistance and friction that change fit anything."""
     record, prior_model = write_world(draw_world("fast_screw", (), 82002), tmp_path)
@@ -184,6 +185,7 @@ def found_in_world(tmp_path, world, effects, seed):
 
 
 @in_a_world
+@pytest.mark.long
 def test_a_supply_that_sags_with_the_current_is_found_with_its_limit(tmp_path):
     _, found = found_in_world(tmp_path, "industrial", ("voltage_saturation",), 61000)
     (cause,) = found.causes
@@ -193,6 +195,7 @@ def test_a_supply_that_sags_with_the_current_is_found_with_its_limit(tmp_path):
 
 
 @in_a_world
+@pytest.mark.long
 def test_a_command_averaged_over_many_samples_is_found_with_its_window(tmp_path):
     """32 samples; a value that stood at the end of its range hid that."""
     _, found = found_in_world(tmp_path, "simulated", ("input_delay",), 61000)
@@ -201,6 +204,7 @@ def test_a_command_averaged_over_many_samples_is_found_with_its_window(tmp_path)
 
 
 @in_a_world
+@pytest.mark.long
 def test_bristles_of_a_law_that_has_none_are_told_from_a_gap_and_a_spring(tmp_path):
     case, found = found_in_world(tmp_path, "heavy_screw", ("presliding_hysteresis",), 61000)
     (cause,) = found.causes
