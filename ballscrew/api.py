@@ -148,26 +148,37 @@ def with_friction(
 
 
 def export(
-    part: str | Component,
+    part: PartLike,
     path: Path | str,
     native: bool = False,
     fmi: int = 2,
     platforms: Sequence[str] | None = None,
+    plant: PartLike | None = None,
+    tangents: int = 0,
+    params: ParameterFile | None = None,
 ) -> Path:
-    """Write a part as an FMU for co-simulation.
+    """Write a part, or the closed loop of a controller, as an FMU or a system of FMUs.
 
     Parameters
     ----------
     part : str or Component
         A name, a file's function (``mine.py:pi``), or a component.
     path : path-like
-        The FMU to write; replaced as a whole or not at all.
+        The file to write; replaced as a whole or not at all. A name in ``.ssp`` means a system: the
+        controller `part` and its plant, wired.
     native : bool
         Whether it holds compiled C, and needs no Python on the host; else it holds readable Python.
     fmi : {2, 3}
         Version of the standard; 3 needs `native`.
     platforms : sequence of str, optional
         With `native`: such as ``linux64``, ``win64``, ``darwin64``; default this machine's.
+    plant : str or Component, optional
+        Of an FMU: it holds the whole closed loop of this plant and the controller `part`. Of a
+        system: in place of the one that `params` describes, or ours.
+    tangents : int
+        How many tangent vectors the FMU carries, for exponents over FMUs.
+    params : ParameterFile, optional
+        Its values become start values.
 
     Returns
     -------
@@ -191,15 +202,28 @@ def export(
     ...     ballscrew.export("pid", Path(folder) / "pid.fmu").name
     'pid.fmu'
     """
-    from .fmus import export as readable
-    from .fmus.native.export import export_native
+    from tempfile import TemporaryDirectory
 
-    made = component(part) if isinstance(part, str) else part
-    if native:
-        return export_native(made, path, fmi=fmi, platforms=platforms).path
-    if fmi != 2 or platforms is not None:
+    from .exporting import SYSTEM, Export
+    from .options import read_whole_number
+    from .orchestration.parts import resolve, resolve_plant
+    from .params_option import plant_of
+
+    path = Path(path)
+    if not native and (fmi != 2 or platforms is not None):
         raise ValueError(f"fmi = {fmi}, platforms = {platforms}: these are for native=True")
-    return readable.export(made, path)
+    if tangents and (plant is not None or path.suffix == SYSTEM):
+        raise ValueError(f"tangents = {tangents}: these are for a part alone, not for a loop")
+    name = _as_it_is_now(part) if isinstance(part, str) else resolve("part", part).name
+    around = None if plant is None else resolve_plant(plant, fmus=False).name
+    if path.suffix == SYSTEM:
+        around = plant_of(around, params)
+    how = Export(
+        around or "", read_whole_number("tangents", tangents, 0, 12), params, native, fmi, platforms
+    )
+    with TemporaryDirectory(prefix="ballscrew-export-") as folder:
+        how.write(name, path, Path(folder))
+    return path
 
 
 def run(  # noqa: PLR0913

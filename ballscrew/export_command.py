@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
 import tempfile
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import native_command
-from .console import tell_export
+from .console import print_notes, tell_export
 from .controllers import CONTROLLERS
+from .exporting import Export
 from .instruments import INSTRUMENTS
-from .options import TRUSTED, BadRequest, out_folder, read_part, read_whole_number
-from .params_option import (
-    add_params,
-    apart,
-    bad_parameters,
-    kernel_with_values,
-    plant_of,
-    read_params,
+from .options import (
+    BAD_REQUEST,
+    TRUSTED,
+    BadRequest,
+    out_folder,
+    read_part,
+    read_whole_number,
 )
+from .params_option import add_params, bad_parameters, plant_of, read_params
 from .plant import PLANTS
 from .results_folder import prepare_folder, write_or_refuse
 from .sides import check_labels
 
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
+    from .solver.kernel import Kernel
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -85,7 +85,18 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="N",
         help="with --variational: tangents, as many as the loop has states (default 5)",
     )
-    native_command.add_options(parser.add_argument)
+    parser.add_argument(
+        "--native",
+        action="store_true",
+        help="write FMUs of compiled C, for hosts without Python; with --variational, --loop or "
+        "--ssp, of those",
+    )
+    parser.add_argument("--fmi", metavar="2|3", help="with --native: version of FMI (default 2)")
+    parser.add_argument(
+        "--platforms",
+        metavar="NAME,...",
+        help="with --native: some of linux64,win64,darwin64 (default: this one)",
+    )
     add_params(parser.add_argument, "its values become the FMUs' start values")
     parser.set_defaults(action=export)
 
@@ -112,32 +123,63 @@ def export(options: argparse.Namespace) -> int:
     if options.tangents is not None and not options.variational:
         raise BadRequest("--tangents makes no sense without --variational")
     tangents = read_whole_number("--tangents", options.tangents or "5", 1, 12)
-    native_command.check(options)
+    platforms = _read_native(options)
     prepare_folder(options.out)
-    if options.native and options.ssp:
-        return native_command.export_systems(options, names, told)
-    if options.native:
-        return native_command.export(options, names, tangents, told)
+    how = Export(
+        plant_of(options.plant, told) if whole else "",
+        tangents if options.variational else 0,
+        told,
+        options.native,
+        int(options.fmi or 2),
+        platforms,
+    )
     from .fmus.catalogue import name_of
     from .fmus.system_export import CannotConnect
     from .fmus.units import BadUnit
+    from .solver.compilers import CompilerFailed
     from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent
 
-    for name in names:
-        tell_export(names, name)
-        kind = "_variational" if options.variational else "_loop" if options.loop else ""
-        label = name_of(name)
-        target = options.out / (f"{label}.ssp" if options.ssp else f"{label}{kind}.fmu")
-        try:
-            _export_one(options, name, tangents, told, target)
-        except (ContractError, UnsupportedComponent, BadUnit, CannotConnect) as error:
-            if options.only or options.loop:
-                raise BadRequest(str(error)) from error
-            print(f"left out: {error}", file=sys.stderr)
-            continue
-        print(target)
+    kind = "_variational" if options.variational else "_loop" if options.loop else ""
+    ending = ".ssp" if options.ssp else f"{kind}.fmu"
+    with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
+        for name in names:
+            tell_export(names, name)
+            target = options.out / (name_of(name) + ending)
+            try:
+                write = partial(how.write, name, target, Path(folder))
+                made, kernel = write_or_refuse(write)
+            except (ContractError, UnsupportedComponent, BadUnit, CannotConnect) as error:
+                if options.only or options.loop:
+                    raise BadRequest(str(error)) from error
+                print(f"left out: {error}", file=sys.stderr)
+                continue
+            except CompilerFailed as error:
+                print(f"ballscrew: {error}", file=sys.stderr)
+                return BAD_REQUEST
+            if not (options.ssp or options.variational):
+                _add_reference(kernel, target)
+            print(target)
+            print_notes(filter(None, [made.note]))
     return TRUSTED
+
+
+def _read_native(options: argparse.Namespace) -> list[str] | None:
+    """The platforms; options that make no sense together are refused before any work is done."""
+    from .solver.compilers import PLATFORMS
+
+    for option in ("fmi", "platforms"):
+        if getattr(options, option) is not None and not options.native:
+            raise BadRequest(f"--{option} makes no sense without --native")
+    if options.fmi not in (None, "2", "3"):
+        raise BadRequest(f"--fmi is {options.fmi!r}, expected one of 2, 3")
+    if options.ssp and options.fmi == "3":
+        raise BadRequest("--fmi 3 and --ssp: a system of SSP 1.0 holds FMUs of FMI 2.0")
+    platforms = None if options.platforms is None else options.platforms.split(",")
+    for name in platforms or ():
+        if name not in PLATFORMS:
+            raise BadRequest(f"--platforms: no platform {name!r}; there are {', '.join(PLATFORMS)}")
+    return platforms
 
 
 def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[str]) -> list[str]:
@@ -152,53 +194,14 @@ def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[
         return [told.plant_name, *CONTROLLERS, *INSTRUMENTS]
 
 
-def _export_one(
-    options: argparse.Namespace,
-    name: str,
-    tangents: int,
-    told: ParameterFile | None,
-    target: Path,
-) -> None:
-    """Write one FMU or .ssp with the start values of a parameter file, or the nominal ones."""
-    from .fmus import catalogue
-    from .fmus.export import export_kernel
-    from .fmus.start_values import with_set_point
-    from .fmus.system_export import export_system
-    from .solver.files import write_atomically
+def _add_reference(kernel: Kernel, fmu: Path) -> None:
+    """Write the reference files beside an FMU, or say why there are none."""
+    from .fmus.reference_files import reference_files, write_reference_files
+    from .solver.kernel import IntegrationError
 
-    plant = plant_of(options, told) if options.ssp or options.loop else ""
-    if options.ssp:
-        with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
-
-            def fmu(part: str, side: str) -> Path:
-                # under the part's own name, which complaints tell
-                path = Path(folder) / side / f"{catalogue.name_of(part)}.fmu"
-                kernel = with_set_point(catalogue.fmu_kernel(part))
-                if told is None:
-                    path.parent.mkdir(exist_ok=True)
-                    return Path(shutil.copyfile(catalogue.stored_fmu(kernel), path))
-                return export_kernel(kernel_with_values(told, part, kernel), path)
-
-            base, instruments = apart(told, name)
-            sides = fmu(plant, "plant"), fmu(base, "controller"), target
-            between = {n: fmu(n, "between") for n in instruments}
-            label = catalogue.name_of(name)
-            write_or_refuse(partial(export_system, *sides, name=label, instruments=between))
+    try:
+        files = reference_files(kernel)
+    except (ArithmeticError, IntegrationError, ValueError) as error:
+        print_notes([f"{fmu}: no reference solution beside it: {error}"])
         return
-    if options.variational:
-        kernel = catalogue.variational_kernel(name, tangents)
-    elif options.loop:
-        kernel = catalogue.loop_fmu_kernel(name, plant)
-    else:
-        kernel = catalogue.fmu_kernel(name)
-    if told:
-        kernel = kernel_with_values(told, name, kernel, plant)
-        write_or_refuse(lambda: export_kernel(kernel, target))
-    else:
-        if options.variational:
-            made = catalogue.variational_fmu(name, tangents)
-        else:
-            made = catalogue.loop_fmu(name, plant) if options.loop else catalogue.fmu(name)
-        write_or_refuse(partial(write_atomically, target, made.read_bytes()))
-    if not options.variational:
-        native_command.add_reference(kernel, target)
+    write_or_refuse(partial(write_reference_files, files, fmu))

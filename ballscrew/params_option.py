@@ -150,16 +150,16 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
     return base, instruments
 
 
-def plant_of(options: argparse.Namespace, told: ParameterFile | None) -> str:
-    """The plant of ``--plant``, else the one that a parameter file describes, else ours.
+def plant_of(asked: str | None, told: ParameterFile | None) -> str:
+    """The plant that was asked for, else the one that a parameter file describes, else ours.
 
     Raises
     ------
     BadRequest
         If the file describes none.
     """
-    if options.plant is not None:
-        return str(options.plant)
+    if asked is not None:
+        return asked
     with bad_parameters():
         return told.plant_name if told else "plant"
 

@@ -144,26 +144,50 @@ def _place_of(name: str) -> str:
     return (NAMES | ALONE)[name]
 
 
-def fmu_kernel(part: str | Component) -> Kernel:
-    """The compiled component of a part, with the feedback law's ports, from disk if there."""
+def fmu_component(part: str | Component, plant: str = "", tangents: int = 0) -> Component:
+    """What an FMU of a part holds: see `fmu_kernel`; raises as `fmu` does."""
+    if tangents:
+        from .variational import variational
 
-    def make() -> Component:
-        from .export import with_law_ports
+        return variational(component(part), tangents)
+    if plant:
+        return loop(part, plant)
+    from .export import with_law_ports
 
-        return with_law_ports(component(part))
+    return with_law_ports(component(part))
 
+
+def fmu_kernel(part: str | Component, plant: str = "", tangents: int = 0) -> Kernel:
+    """The compiled component of a part, from disk if there.
+
+    Parameters
+    ----------
+    part : str or Component
+    plant : str
+        Of this plant and the part, a controller, the whole closed loop; empty: of no loop.
+    tangents : int
+        How many the part carries, in place of the feedback law's ports.
+    """
     name, modules = kept_as(part)
-    return stored_kernel(f"fmu_{name}", make, *modules, _EXPORT)
+    made_by = _EXPORT
+    if tangents:
+        name, made_by = f"{name}_variational_{tangents}", _VARIATIONAL
+    elif plant:
+        of, others = kept_as(plant)
+        name, modules, made_by = f"loop_{of}_{name}", (*others, *modules), _CONNECT
+    return stored_kernel(
+        f"fmu_{name}", lambda: fmu_component(part, plant, tangents), *modules, made_by
+    )
 
 
-def fmu(part: str | Component) -> Path:
-    """Path of a part's FMU in the user's cache, exported if it is not there yet.
+def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
+    """Path of the FMU of `fmu_kernel` in the user's cache, exported if it is not there yet.
 
     Raises
     ------
     UnknownComponent, BadComponentFile, ContractError, UnsupportedComponent, BadUnit
     """
-    return stored_fmu(fmu_kernel(part))
+    return stored_fmu(fmu_kernel(part, plant, tangents))
 
 
 def stored_fmu(kernel: Kernel) -> Path:
@@ -179,24 +203,7 @@ def stored_fmu(kernel: Kernel) -> Path:
     return keep(path, lambda: export_kernel(kernel, path))
 
 
-def variational_kernel(part: str | Component, tangents: int) -> Kernel:
-    """The compiled component of a part with tangents, from disk if there."""
-
-    def make() -> Component:
-        from .variational import variational
-
-        return variational(component(part), tangents)
-
-    name, modules = kept_as(part)
-    return stored_kernel(f"fmu_{name}_variational_{tangents}", make, *modules, _VARIATIONAL)
-
-
-def variational_fmu(part: str | Component, tangents: int) -> Path:
-    """Path of the FMU of a part with tangents, as `fmu`."""
-    return stored_fmu(variational_kernel(part, tangents))
-
-
-def loop(controller: str, plant: str = "plant") -> Component:
+def loop(controller: str | Component, plant: str = "plant") -> Component:
     """The whole closed loop of a plant and a controller, as one component.
 
     It is called after the controller, ``<name>_loop``, and its set-point starts at `START_VALUE`.
@@ -218,15 +225,3 @@ def loop(controller: str, plant: str = "plant") -> Component:
         replace(i, start=START_VALUE) if i.role == "reference" else i for i in whole.inputs
     )
     return replace(whole, name=f"{law.name}_loop", inputs=inputs)
-
-
-def loop_fmu_kernel(controller: str, plant: str = "plant") -> Kernel:
-    """The compiled closed loop with this controller, from disk if there; raises as `loop` does."""
-    (p, of_plant), (c, of_controller) = kept_as(plant), kept_as(controller)
-    parts = *of_plant, *of_controller, _CONNECT
-    return stored_kernel(f"fmu_loop_{p}_{c}", lambda: loop(controller, plant), *parts)
-
-
-def loop_fmu(controller: str, plant: str = "plant") -> Path:
-    """Path of the FMU of the closed loop with this controller, as `fmu`; raises as `loop` does."""
-    return stored_fmu(loop_fmu_kernel(controller, plant))

@@ -26,7 +26,7 @@ from provenance import provenance
 from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main as ballscrew
-from ballscrew.fmus.catalogue import fmu_kernel, loop_fmu_kernel
+from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.solver.kernel import Model
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -118,7 +118,7 @@ def wires(fmus: dict[str, str], controller: str) -> list[list[list[str]]]:
 @cache
 def reference(controller: str) -> np.ndarray:
     """Position of the block on a grid of `GRID` over 20 s [m]."""
-    kernel = loop_fmu_kernel(controller)
+    kernel = fmu_kernel(controller, "plant")
     model = Model(kernel)
     course = solve_ivp(
         model.derivatives,

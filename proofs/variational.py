@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from provenance import provenance
 
-from ballscrew.fmus.catalogue import variational_fmu
+from ballscrew.fmus.catalogue import fmu
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
@@ -79,8 +79,8 @@ def whole(case: Case, stop: float, tolerance: float = TIGHT) -> Spectrum:
 
 def over_fmus(case: Case, stop: float, step: float, **options: Any) -> TangentRun:
     """The tangents over the FMUs."""
-    plant = FmuInstance(variational_fmu("plant", TANGENTS), "plant")
-    controller = FmuInstance(variational_fmu(case.controller, TANGENTS), case.controller)
+    plant = FmuInstance(fmu("plant", tangents=TANGENTS), "plant")
+    controller = FmuInstance(fmu(case.controller, tangents=TANGENTS), case.controller)
     try:
         return follow_over_fmus(
             plant,

@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from ..fmus.catalogue import variational_kernel
+from ..fmus.catalogue import fmu_kernel
 from ..fmus.native.ready import ready_fmu
 from ..fmus.tangent_ports import is_tangent_port, tangent_states
 from ..orchestration.fmu_instance import FmuInstance
@@ -154,7 +154,7 @@ def _has_tangents(part: Part) -> bool:
         ports = {*part.inputs, *part.outputs}
         return any(is_tangent_port(port, ports) for port in ports)
     try:
-        variational_kernel(part.name, 1)
+        fmu_kernel(part.name, tangents=1)
     except UnsupportedComponent:
         return False
     return True

@@ -12,10 +12,10 @@ from ... import solver
 from ...solver import kernel_cache
 from ...solver.compilers import CompilerFailed, compiler_for, own_platform
 from ...solver.stored import fingerprint
-from ..catalogue import fmu, fmu_kernel, variational_fmu, variational_kernel
+from ..catalogue import fmu, fmu_kernel
 from ..made_here import is_kept, keep
 from .export import write_native
-from .sources import catalogued_model, variational_model
+from .sources import catalogued_model
 
 NATIVE, READABLE = "native", "readable"
 
@@ -47,12 +47,12 @@ def ready_fmu(name: str, tangents: int = 0) -> ReadyFmu:
     try:
         return ReadyFmu(_native(name, tangents), NATIVE)
     except CompilerFailed:
-        return ReadyFmu(variational_fmu(name, tangents) if tangents else fmu(name), READABLE)
+        return ReadyFmu(fmu(name, tangents=tangents), READABLE)
 
 
 def _native(name: str, tangents: int) -> Path:
     """Raises CompilerFailed also where there is no compiler."""
-    kernel = variational_kernel(name, tangents) if tangents else fmu_kernel(name)
+    kernel = fmu_kernel(name, tangents=tangents)
     content = kernel.to_json() + _way_of_making()
     stem = kernel_cache.hashed_name(f"{kernel.name}_native", content)
     path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
@@ -61,7 +61,7 @@ def _native(name: str, tangents: int) -> Path:
     platform = own_platform()
     if not platform or not compiler_for(platform):
         raise CompilerFailed("there is no C compiler")
-    model = variational_model(name, tangents) if tangents else catalogued_model(name)
+    model = catalogued_model(name, tangents=tangents)
     return keep(path, lambda: write_native(model, path, 2, [platform]))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 
@@ -16,10 +16,8 @@ from ...solver.kernel_cache import hashed_name
 from ...solver.stored import stored_kernel
 from ...solver.tape import functions
 from ...solver.translation import in_c
-from ..catalogue import component, fmu_kernel, variational_kernel
-from ..export import with_law_ports
+from ..catalogue import fmu_component, fmu_kernel
 from ..interface import MESSAGE, Interface, Variable, interface_of, number_variables
-from ..variational import variational
 from .partials import Entry, entry_of, partials
 
 MAIN = {2: "fmi2.c", 3: "fmi3.c"}
@@ -90,47 +88,16 @@ def native_model(component: Component) -> NativeModel:
     return _model(generate(component), generate(partials(component)))
 
 
-def stored_model(name: str, kernel: Kernel, make: Callable[[], Component]) -> NativeModel:
-    """As `native_model`, from disk where it is there already.
-
-    Parameters
-    ----------
-    name : str
-        An identifier.
-    kernel : Kernel
-        Of the component.
-    make : function without arguments
-        Makes the component; called only where something is not on disk yet.
-    """
+def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) -> NativeModel:
+    """The model of `catalogue.fmu_kernel`, from disk where it is there already."""
+    kernel = fmu_kernel(part, plant, tangents)
     maker = resources.files(__package__).joinpath("partials.py").read_text(encoding="utf-8")
-    stored = hashed_name(f"partials_{name}", maker + kernel.to_json())
-    return _model(kernel, stored_kernel(stored, lambda: partials(make())))
-
-
-def catalogued_model(part: str | Component) -> NativeModel:
-    """A part, named as in `catalogue`, with the feedback law's ports."""
+    stored = hashed_name(f"partials_{kernel.name}", maker + kernel.to_json())
 
     def make() -> Component:
-        return with_law_ports(component(part))
+        return partials(fmu_component(part, plant, tangents))
 
-    kernel = fmu_kernel(part)
-    return stored_model(kernel.name, kernel, make)
-
-
-def variational_model(part: str | Component, tangents: int) -> NativeModel:
-    """As `catalogued_model`, with tangents; the name of its FMU ends in ``_variational``.
-
-    Raises
-    ------
-    UnsupportedComponent
-        If it has modes, delays or discrete states.
-    """
-
-    def make() -> Component:
-        return variational(component(part), tangents)
-
-    kernel = variational_kernel(part, tangents)
-    return stored_model(kernel.name, kernel, make)
+    return _model(kernel, stored_kernel(stored, make))
 
 
 def with_kernel(model: NativeModel, kernel: Kernel) -> NativeModel:

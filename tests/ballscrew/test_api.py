@@ -9,6 +9,7 @@ import pytest
 from numpydoc.docscrape import FunctionDoc
 
 import ballscrew
+from ballscrew.cli import main
 from ballscrew.results.result import Result
 
 FUNCTIONS = [n for n in ballscrew.__all__ if inspect.isfunction(getattr(ballscrew, n))]
@@ -148,6 +149,27 @@ def test_a_component_made_a_minute_ago_runs_and_has_exponents(tmp_path):
     assert ballscrew.export(own, tmp_path / "own.fmu").is_file()
 
 
+@pytest.mark.parametrize(
+    ("options", "file", "given"),
+    [
+        ("--only pid", "pid.fmu", {}),
+        ("--loop pid --plant plant_dahl", "pid_loop.fmu", {"plant": "plant_dahl"}),
+        ("--ssp --only pid", "pid.ssp", {}),
+        ("--variational --tangents 2 --only pid", "pid_variational.fmu", {"tangents": 2}),
+    ],
+)
+def test_export_writes_what_the_command_writes(tmp_path, options, file, given):
+    values = tmp_path / "values.toml"
+    values.write_text(
+        'format = "ballscrew-parameters 1"\nkind = "ball_screw"\n[controller.pid]\nKp = 300.0\n'
+    )
+    told = ["--params", str(values), "--out", str(tmp_path / "theirs")]
+    assert main(["export", *options.split(), *told]) == 0
+    given["params"] = ballscrew.read_parameters(values)
+    path = ballscrew.export("pid", tmp_path / file, **given)
+    assert path.read_bytes() == (tmp_path / "theirs" / file).read_bytes()
+
+
 def test_a_component_made_a_minute_ago_is_called_by_its_own_name(tmp_path):
     own = proportional(300.0)
     assert ballscrew.run(own, stop=0.1).loop.label == "proportional"
@@ -272,6 +294,10 @@ def test_bad_requests_are_told_by_one_exception_with_one_line():
         ballscrew.component("iel")
     with pytest.raises(ValueError, match="native=True"):
         ballscrew.export("pid", "pid.fmu", fmi=3)
+    with pytest.raises(ValueError, match="part alone"):
+        ballscrew.export("pid", "pid.ssp", tangents=2)
+    with pytest.raises(KeyError, match="no component 'pidd'"):
+        ballscrew.export("pidd", "pid.fmu")
     with pytest.raises(ValueError, match="NAME=LOW:HIGH:COUNT"):
         ballscrew.stability_map("iol", x="sigma0_hat", y="sigma1_hat=1:2:2", folder="nowhere")
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.fmus.catalogue import fmu, fmu_kernel, loop_fmu, loop_fmu_kernel
+from ballscrew.fmus.catalogue import fmu, fmu_kernel
 from ballscrew.fmus.reference_files import reference_files
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
@@ -56,7 +56,7 @@ def test_a_host_that_does_what_the_files_say_gets_their_reference(name):
 
 
 def test_the_default_run_of_a_loop_is_the_step_of_eight_centimetres_and_its_reference():
-    path = loop_fmu("nctf")
+    path = fmu("nctf", "plant")
     description = fmpy.read_model_description(str(path))
     assert description.modelName == description.coSimulation.modelIdentifier == "nctf_loop"
     experiment = description.defaultExperiment
@@ -67,7 +67,7 @@ def test_the_default_run_of_a_loop_is_the_step_of_eight_centimetres_and_its_refe
     assert course["x"][0] == 0.0
     assert abs(course["x"][-1] - 0.08) < 1e-4
     truth = run_monolithic(Loop("nctf", reference=Reference.constant(0.08), stop=2.0), 1e-2)
-    files = reference_files(loop_fmu_kernel("nctf"))
+    files = reference_files(fmu_kernel("nctf", "plant"))
     assert sorted(files) == ["_ref.csv", "_ref.opt"]  # its set-point is where it starts
     names, expected = table(files["_ref.csv"])
     assert np.abs(expected[:, names.index("x")] - truth.outputs["x"]).max() < 1e-8

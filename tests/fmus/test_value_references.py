@@ -8,7 +8,7 @@ from exported_loops import IN_LOOPS
 
 from ballscrew.fmus import catalogue
 from ballscrew.fmus.native.export import write_native
-from ballscrew.fmus.native.sources import catalogued_model, stored_model, variational_model
+from ballscrew.fmus.native.sources import catalogued_model
 
 NAMES = [*catalogue.NAMES]
 LOOPS = [f"{name}_loop" for name in IN_LOOPS]
@@ -24,9 +24,8 @@ def described(path):
 def model_of(name):
     stem, _, kind = name.rpartition("_")
     if kind == "loop":
-        kernel = catalogue.loop_fmu_kernel(stem)
-        return stored_model(f"loop_{stem}", kernel, lambda: catalogue.loop(stem))
-    return variational_model(stem, 1) if kind == "variational" else catalogued_model(name)
+        return catalogued_model(stem, "plant")
+    return catalogued_model(stem, tangents=1) if kind == "variational" else catalogued_model(name)
 
 
 def references(root):
@@ -57,9 +56,9 @@ def test_native_fmus_count_their_variables_from_one(name, fmi, tmp_path):
 def test_pythonfmu_s_fmus_count_theirs_in_the_same_way(name, tmp_path):
     stem, _, kind = name.rpartition("_")
     if kind == "loop":
-        path = catalogue.loop_fmu(stem)
+        path = catalogue.fmu(stem, "plant")
     elif kind == "variational":
-        path = catalogue.variational_fmu(stem, 1)
+        path = catalogue.fmu(stem, tangents=1)
     else:
         path = catalogue.fmu(name)
     found = references(described(path))

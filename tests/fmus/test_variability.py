@@ -1,18 +1,18 @@
 """What a description calls discrete stays as it is between events; FMI 2.2.7 and 3.0, 2.4.7.4."""
 
-from functools import cache, partial
+from functools import cache
 
 import pytest
 import sympy as sp
 from exported_loops import IN_LOOPS
 from lxml import etree
 
-from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel, loop, loop_fmu_kernel
+from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel, loop
 from ballscrew.fmus.export import with_law_ports
 from ballscrew.fmus.interface import interface_of
 from ballscrew.fmus.model_description import model_description
 from ballscrew.fmus.native import description, description3
-from ballscrew.fmus.native.sources import catalogued_model, stored_model
+from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.solver.component import (
     TIME,
     Component,
@@ -37,7 +37,7 @@ def readable(kernel):
 
 
 def kernel_of(name):
-    return loop_fmu_kernel(LOOPS[name]) if name in LOOPS else fmu_kernel(name)
+    return fmu_kernel(LOOPS[name], "plant") if name in LOOPS else fmu_kernel(name)
 
 
 @cache
@@ -47,10 +47,7 @@ def part_of(name):
 
 @cache
 def native_of(name):
-    if name not in LOOPS:
-        return catalogued_model(name)
-    controller = LOOPS[name]
-    return stored_model(f"loop_{controller}", kernel_of(name), partial(loop, controller))
+    return catalogued_model(LOOPS[name], "plant") if name in LOOPS else catalogued_model(name)
 
 
 def variables(xml):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers import CONTROLLERS
-from ballscrew.fmus.catalogue import fmu_kernel, loop_fmu_kernel
+from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.solver.kernel import Kernel, Model
 
 
@@ -26,7 +26,7 @@ def test_a_kernel_survives_being_written_and_read():
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_a_connected_loop_has_the_derivatives_of_its_parts(controller):
     """Evaluate plant and controller apart, by hand, and compare with the loop's one function."""
-    loop = Model(loop_fmu_kernel(controller))
+    loop = Model(fmu_kernel(controller, "plant"))
     p, c = Model(fmu_kernel("plant")), Model(fmu_kernel(controller))
     random = np.random.default_rng(2)
     x = magnitudes(loop.kernel, random)

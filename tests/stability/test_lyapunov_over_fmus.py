@@ -11,7 +11,7 @@ from ballscrew.controllers.linearization import measurements_of
 from ballscrew.fmus.export import export
 from ballscrew.fmus.native import ready
 from ballscrew.fmus.native.export import write_native
-from ballscrew.fmus.native.sources import variational_model
+from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.orchestration.loop import Loop
 from ballscrew.plant.axis import axis
 from ballscrew.solver.component import Component, Input, Output, symbol
@@ -117,7 +117,11 @@ def test_without_equations_the_signals_tell_and_it_is_said_that_they_tell_no_mor
 def write_variational_plant(native):
     """A plant with tangents, as `export --native --variational` writes it."""
     path = native("plant").with_name("plant_variational.fmu")
-    return path if path.is_file() else write_native(variational_model("plant", 5), path, 2).path
+    return (
+        path
+        if path.is_file()
+        else write_native(catalogued_model("plant", tangents=5), path, 2).path
+    )
 
 
 def test_what_cannot_be_followed_is_refused_with_what_is_missing(tmp_path, fmus):

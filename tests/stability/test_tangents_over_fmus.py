@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballscrew.fmus.catalogue import variational_fmu
+from ballscrew.fmus.catalogue import fmu
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
@@ -32,8 +32,8 @@ def over_fmus(fmus):
     opened = []
 
     def run(controller, stop, step, ports=True, **options):
-        path = variational_fmu(controller, TANGENTS) if ports else fmus[controller]
-        plant = FmuInstance(variational_fmu("plant", TANGENTS), "plant")
+        path = fmu(controller, tangents=TANGENTS) if ports else fmus[controller]
+        plant = FmuInstance(fmu("plant", tangents=TANGENTS), "plant")
         other = FmuInstance(path, controller)
         opened.extend((plant, other))
         return follow_over_fmus(plant, other, GOAL, stop, step, **options)
@@ -112,7 +112,7 @@ def test_steps_that_are_too_long_at_their_shortest_are_counted_and_said(over_fmu
 
 
 def test_too_few_tangents_are_refused_with_the_number_needed(fmus):
-    plant = FmuInstance(variational_fmu("plant", 1), "plant")
+    plant = FmuInstance(fmu("plant", tangents=1), "plant")
     controller = FmuInstance(fmus["iol"], "iol")
     with pytest.raises(TangentsImpossible, match="export it with 4"):
         follow_over_fmus(plant, controller, GOAL, 1.0, 1e-3)

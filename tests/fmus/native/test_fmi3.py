@@ -20,7 +20,7 @@ from fmu_host import opened
 
 from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.fmus.native.export import write_native
-from ballscrew.fmus.native.sources import catalogued_model, variational_model
+from ballscrew.fmus.native.sources import catalogued_model
 
 
 def slave_of(path, values=None):
@@ -194,7 +194,7 @@ def test_a_call_that_makes_no_sense_is_refused_with_a_message_and_changes_nothin
 
 
 def test_the_variational_fmu_is_for_co_simulation_and_says_so(tmp_path):
-    path = write_native(variational_model("nctf", 1), tmp_path / "v.fmu", 3).path
+    path = write_native(catalogued_model("nctf", tangents=1), tmp_path / "v.fmu", 3).path
     assert validate_fmu(str(path)) == []
     description = fmpy.read_model_description(str(path))
     assert description.modelExchange is None

@@ -18,7 +18,7 @@ from fmu_host import opened
 
 from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
 from ballscrew.fmus.native.export import export_native, write_native
-from ballscrew.fmus.native.sources import catalogued_model, variational_model
+from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.instruments import INSTRUMENTS
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
@@ -109,12 +109,12 @@ def test_twins_give_the_same_numbers_from_random_inputs(fmus, native, name):
 
 
 def test_the_variational_twin_carries_tangents_and_sets_them_at_a_new_frame(tmp_path):
-    from ballscrew.fmus.catalogue import variational_fmu
+    from ballscrew.fmus.catalogue import fmu
 
-    own = write_native(variational_model("plant", 2), tmp_path / "v.fmu", 2).path
+    own = write_native(catalogued_model("plant", tangents=2), tmp_path / "v.fmu", 2).path
     assert validate_fmu(str(own)) == []
     seen = []
-    for path in (variational_fmu("plant", 2), own):
+    for path in (fmu("plant", tangents=2), own):
         slave, vr = opened(path, {"u": 5.0})
         outputs = [r for n, r in sorted(vr.items()) if n.endswith(("_d1", "_d2", "integral"))]
         slave.doStep(0.0, 1e-3)

@@ -132,10 +132,10 @@ def test_without_only_what_cannot_be_exported_is_left_out_and_said(
 
     original = sources.catalogued_model
 
-    def refusing(name):
+    def refusing(name, *kind):
         if name == "plant_dahl":
             raise UnsupportedComponent("plant_dahl has delays")
-        return original(name)
+        return original(name, *kind)
 
     monkeypatch.setattr(sources, "catalogued_model", refusing)
     assert export("--out", tmp_path) == 0

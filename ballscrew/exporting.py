@@ -1,0 +1,75 @@
+"""Parts, loops and systems as files: what `ballscrew.export` and the command both call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .params_option import apart, kernel_with_values
+
+if TYPE_CHECKING:
+    from .fmus.native.export import NativeFmu
+    from .orchestration.parameter_file import ParameterFile
+    from .solver.kernel import Kernel
+
+SYSTEM = ".ssp"
+
+
+@dataclass(frozen=True)
+class Export:
+    """How files are made; attributes as the parameters of `ballscrew.export`."""
+
+    plant: str = ""
+    tangents: int = 0
+    params: ParameterFile | None = None
+    native: bool = False
+    fmi: int = 2
+    platforms: Sequence[str] | None = None
+
+    def write(self, part: str, path: Path, folder: Path) -> tuple[NativeFmu, Kernel]:
+        """Write a part, its loop, or with the suffix `SYSTEM` a system, around one plant a folder.
+
+        What is told of a system is what is told of its controller's FMU.
+        """
+        if path.suffix != SYSTEM:
+            return self._write_fmu(part, path)
+        from .fmus.catalogue import name_of
+        from .fmus.system_export import export_system
+
+        def element(name: str, side: str) -> Path:
+            # under the part's own name, which complaints tell
+            return folder / side / f"{name_of(name)}.fmu"
+
+        base, instruments = apart(self.params, part)
+        plant = element(self.plant, "plant")
+        alone = replace(self, plant="")
+        if not plant.exists():
+            alone._write_fmu(self.plant, plant, in_system=True)
+        made, kernel = alone._write_fmu(base, element(base, "controller"), in_system=True)
+        between = {n: element(n, "between") for n in instruments}
+        for name, place in between.items():
+            alone._write_fmu(name, place, in_system=True)
+        export_system(plant, made.path, path, name=name_of(part), instruments=between)
+        return replace(made, path=path), kernel
+
+    def _write_fmu(
+        self, part: str, path: Path, in_system: bool = False
+    ) -> tuple[NativeFmu, Kernel]:
+        from .fmus import catalogue
+        from .fmus.native import sources
+        from .fmus.native.export import NativeFmu, write_native
+        from .fmus.start_values import with_set_point
+        from .solver.files import write_atomically
+
+        asked = part, self.plant, self.tangents
+        model = sources.catalogued_model(*asked) if self.native else None
+        kernel = model.kernel if model else catalogue.fmu_kernel(*asked)
+        kernel = with_set_point(kernel) if in_system else kernel
+        kernel = kernel_with_values(self.params, part, kernel, self.plant)
+        if model:
+            model = sources.with_kernel(model, kernel)
+            return write_native(model, path, self.fmi, self.platforms), kernel
+        write_atomically(path, catalogue.stored_fmu(kernel).read_bytes())
+        return NativeFmu(path, (), ()), kernel
