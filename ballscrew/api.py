@@ -496,11 +496,10 @@ def stability_map(  # noqa: PLR0913
     """
     asked = locals()
     from .results.map_result import StabilityMap
-    from .stability.map_plan import MapPlan
-    from .stability.stability_map import make_map
+    from .stability.stability_map import make_map, plan_map
 
     processes = _processes(workers)
-    plan = MapPlan.of(_followed_loop(loop, asked), x, y, exponents, tolerance)
+    plan = plan_map(_followed_loop(loop, asked), x, y, exponents, tolerance)
     summary = make_map(plan, Path(folder), processes, resume, refine)
     return StabilityMap(summary, Path(folder))
 

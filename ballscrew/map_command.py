@@ -66,14 +66,14 @@ def _map(options: argparse.Namespace) -> int:
     count = read_worker_count(options)
     from .orchestration.memory import NotEnoughMemory
     from .orchestration.workers import WorkersLost
-    from .stability.map_plan import BadMap, MapPlan
-    from .stability.stability_map import make_map
+    from .stability.map_plan import BadMap
+    from .stability.stability_map import make_map, plan_map
 
     if options.dask and loop.step is not None:
         raise BadRequest("--dask and --via fmu: the FMUs are on this machine; use --workers")
     try:
         axes = options.x, options.y
-        plan = guard(lambda: MapPlan.of(loop, *axes, options.exponents, tolerance))
+        plan = guard(lambda: plan_map(loop, *axes, options.exponents, tolerance))
         if options.setpoint is not None and "setpoint" in (plan.x.side, plan.y.side):
             raise BadRequest("--setpoint, and an axis of set-points: expected one of them")
         prepare_folder(options.out, [options.params])

@@ -21,7 +21,8 @@ from time import process_time
 from ballscrew.orchestration.loop import Loop
 from ballscrew.solver.kernel import IntegrationError
 from ballscrew.stability.cell import model_at, run_cell
-from ballscrew.stability.map_plan import MapPlan, kernel_of
+from ballscrew.stability.map_plan import kernel_of
+from ballscrew.stability.stability_map import plan_map
 
 X, Y = "sigma0_hat=66965.89:66969.24:34", "sigma1_hat=339.56:367.56:24"
 STOP = 20.0  # s
@@ -29,7 +30,7 @@ STOP = 20.0  # s
 
 def costs(exponents: bool) -> dict[str, list[tuple[float, float]]]:
     """Seconds of each cell and of its plain run, by verdict."""
-    plan = MapPlan.of(Loop("iol", stop=STOP), X, Y, exponents)
+    plan = plan_map(Loop("iol", stop=STOP), X, Y, exponents)
     kernel_of(plan).compile()
     system, tolerance = kernel_of(plan).system(), plan.tolerance
     found = defaultdict(list)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .attractor import Kind
-from .cell import cells_of
+from .chunk import cells_of
 from .map_plan import MapPlan
 
 if TYPE_CHECKING:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +14,6 @@ from ..solver.spectrum import follow_returns, follow_tangents
 from .attractor import EXPONENTS, LONGER_RUN, OTHER_SOLVER, Attractor, Kind
 from .budget import becomes
 from .map_plan import MapPlan, kernel_of
-from .store import Columns
 
 LAST = 0.1  # share of the run over which the oscillation is measured
 REASONS = {  # of undecided cells, by what would decide
@@ -118,52 +115,6 @@ def reason_of(motion: Attractor) -> str:
         return ""
     would = motion.would_decide
     return f"{REASONS.get(would, f'what would decide is {would}')}: {motion.evidence}"
-
-
-@contextlib.contextmanager
-def cells_of(plan: MapPlan, share: float) -> Iterator[Callable[[float, float], Cell]]:
-    """A function that runs the cell at a point, with what all cells have in common made once.
-
-    Parameters
-    ----------
-    plan : MapPlan
-    share : float
-        Of its tolerance, or of its step over FMUs.
-    """
-    if plan.fmus is None:
-        system = kernel_of(plan).system()
-        yield lambda x, y: run_cell(plan, x, y, share * plan.tolerance, system)
-        return
-    from .fmu_cell import run_fmu_cell
-    from .fmu_parts import opened_parts
-
-    fmus = plan.fmus
-    with opened_parts(plan.loop, fmus.tangents) as parts:
-        yield lambda x, y: run_fmu_cell(plan, fmus, parts, x, y, share)
-
-
-def run_chunk(plan: MapPlan, cells: Sequence[int], share: float) -> Columns:
-    """Run some cells, as `cells_of`; their columns, as they go into the table."""
-    columns: Columns = {
-        "cell": list(cells),
-        plan.x.name: [],
-        plan.y.name: [],
-        "verdict": [],
-        "final_error": [],
-        "lambda1_bits_per_s": [],
-        "oscillation_amplitude": [],
-        "reason": [],
-    }
-    with cells_of(plan, share) as cell_at:
-        for cell in cells:
-            x, y = plan.point(cell)
-            found = cell_at(x, y)
-            numbers = found.final_error, found.lambda1, found.oscillation
-            row = (x, y, found.verdict.value, *numbers, found.reason)
-            for name, value in zip(list(columns)[1:], row, strict=True):
-                unknown = isinstance(value, float) and math.isnan(value)
-                columns[name].append(None if unknown else value)
-    return columns
 
 
 def stuck_growth(plan: MapPlan, x: float, y: float) -> float:

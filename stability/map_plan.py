@@ -19,8 +19,7 @@ from ..orchestration.reference_signal import Reference
 from ..orchestration.whole_loop import held_loop_kernel
 from ..solver.kernel import PLANT, Kernel, ParameterInfo
 from ..solver.nearest import nearest
-from ..solver.tape import UnsupportedComponent
-from .fmu_parts import OverFmus, over_fmus
+from .fmu_parts import OverFmus
 
 Vector = npt.NDArray[np.float64]
 TOLERANCE = 1e-8
@@ -97,33 +96,6 @@ class MapPlan:
     seed: int = 0
     fmus: OverFmus | None = None
 
-    @classmethod
-    def of(
-        cls,
-        loop: Loop,
-        x: str,
-        y: str,
-        exponents: bool = False,
-        tolerance: float | None = None,
-        seed: int = 0,
-    ) -> MapPlan:
-        """A map of a loop over two axes, see `read_axis`, checked.
-
-        Raises
-        ------
-        BadMap
-            If an axis makes no sense, or there are no exponents of these parts.
-        BadParameter, FmuError, NotEnoughMemory
-        """
-        tolerance = tolerance or (TOLERANCE if exponents else TOLERANCE_OF_MOTIONS)
-        try:
-            fmus = None if loop.step is None else over_fmus(loop, exponents)
-        except UnsupportedComponent as error:
-            raise BadMap(f"exponents: {error}") from error
-        plan = cls(loop, read_axis(x, loop), read_axis(y, loop), exponents, tolerance, seed, fmus)
-        plan.check()
-        return plan
-
     @property
     def finer(self) -> float:
         """Share of the tolerance, or of the step over FMUs, at which cells are looked at again."""
@@ -134,7 +106,7 @@ class MapPlan:
         return self.x.count * self.y.count
 
     def check(self) -> None:
-        """Make sure that the two sides differ, values are in range, and FMUs can be coupled.
+        """Make sure that the two sides differ, and values are in range.
 
         Raises
         ------
@@ -169,10 +141,6 @@ class MapPlan:
                     f"{axis.name} runs from {axis.low:g} to {axis.high:g}, expected values within "
                     f"[{low:g}, {high:g}]"
                 )
-        if self.fmus is not None:
-            from .fmu_cell import check_parts
-
-            check_parts(self, self.fmus)
 
     def described(self) -> dict[str, Any]:
         """As ``map.json`` says it."""

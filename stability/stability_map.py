@@ -18,14 +18,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..orchestration.kept_parts import KeptParts
+from ..orchestration.loop import Loop
 from ..orchestration.run_folder import write_run
 from ..solver.files import write_json
 from ..solver.tables import table_path
+from ..solver.tape import UnsupportedComponent
 from .attractor import Kind
 from .borders import border_cells, refined_borders
-from .cell import run_chunk
+from .chunk import run_chunk
+from .fmu_cell import check_parts
+from .fmu_parts import over_fmus
 from .map_pictures import save_map_picture
-from .map_plan import MapPlan, kernel_of
+from .map_plan import (
+    TOLERANCE,
+    TOLERANCE_OF_MOTIONS,
+    BadMap,
+    MapPlan,
+    kernel_of,
+    read_axis,
+)
 from .store import (
     BORDERS,
     PARTS,
@@ -46,6 +57,30 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 CHECKED = 0.05  # share of the cells away from borders that is computed again
+
+
+def plan_map(
+    loop: Loop, x: str, y: str, exponents: bool = False, tolerance: float | None = None
+) -> MapPlan:
+    """A map of a loop over two axes, see `read_axis`, checked.
+
+    Raises
+    ------
+    BadMap
+        If an axis makes no sense, the FMUs cannot be coupled, or these parts have no exponents.
+    BadParameter, FmuError, NotEnoughMemory
+    """
+    tolerance = tolerance or (TOLERANCE if exponents else TOLERANCE_OF_MOTIONS)
+    try:
+        fmus = None if loop.step is None else over_fmus(loop, exponents)
+    except UnsupportedComponent as error:
+        raise BadMap(f"exponents: {error}") from error
+    axes = read_axis(x, loop), read_axis(y, loop)
+    plan = MapPlan(loop, *axes, exponents, tolerance, fmus=fmus)
+    plan.check()
+    if fmus is not None:
+        check_parts(plan, fmus)
+    return plan
 
 
 def make_map(

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -19,7 +18,6 @@ from ballscrew.orchestration.workers import Processes
 from ballscrew.stability import budget, stability_map, store
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.cell import model_at, run_cell, stuck_growth
-from ballscrew.stability.map_pictures import save_map_picture
 from ballscrew.stability.map_plan import BadMap, MapPlan, read_axis
 from ballscrew.stability.stability_map import make_map
 
@@ -36,9 +34,7 @@ def gamma(columns=5, rows=4, stop=20.0, **options):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("map")
-    study = gamma()
-    beside = partial(save_map_picture, study)
-    return folder, make_map(study, folder, Processes(1), refine=True, beside=beside)
+    return folder, make_map(gamma(), folder, Processes(1), refine=True)
 
 
 @pytest.mark.parametrize("tolerance", [1e-8, 1e-6])
