@@ -79,7 +79,7 @@ def run_trial(
     """
     trial = one_trial(trial)
     setup = set_up(trial, law, parameters, seed, noise or Noise(), told)
-    return finish(setup, *_run(setup, tolerance, progress), tolerance)
+    return _finish(setup, *_run(setup, tolerance, progress), tolerance)
 
 
 def one_trial(trial: Trial | str) -> Trial:
@@ -163,7 +163,7 @@ def _run(
     return columns, truth
 
 
-def finish(
+def _finish(
     setup: Setup, taps: dict[str, Vector], truth: dict[str, Vector], tolerance: float
 ) -> TrialRecord:
     """Put columns in order and say what is not trusted."""

@@ -1,4 +1,4 @@
-"""The same rig out of separate FMUs, wired like the real one; the check on the compiled bench."""
+"""The same rig as separate FMUs, with all that a master needs to repeat a trial."""
 
 from __future__ import annotations
 
@@ -7,24 +7,19 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from ..fmus.export import export
 from ..fmus.interface import TOLERANCE as SOLVER_TOLERANCE
 from ..instruments.sampling_period import SAMPLE_TIME
-from ..orchestration.fmu_instance import FmuInstance
 from ..orchestration.parameter_file import ParameterFile
 from ..plant import law as laws
 from ..solver.files import write_atomically, write_json
-from .bench import TOLERANCE, finish, one_trial
+from .bench import TOLERANCE, one_trial
 from .noise import Noise
 from .plant import rig_plant
-from .record import TrialRecord
 from .rig_trials import Trial
 from .rig_wiring import COMMAND, PLANT, WIRINGS
 from .setup import Setup, set_up
-
-Vector = npt.NDArray[np.float64]
 
 
 def export_rig(folder: Path | str, law: str = "modified_lugre") -> dict[str, Path]:
@@ -125,78 +120,3 @@ def _values(setup: Setup, name: str, tolerance: float) -> dict[str, float]:
     """All that a part is given before it starts."""
     values = setup.values_of(name)
     return values | {SOLVER_TOLERANCE: tolerance} if name == PLANT else values
-
-
-def run_trial_with_fmus(
-    trial: Trial | str,
-    fmus: Mapping[str, Path],
-    law: str = "modified_lugre",
-    parameters: Mapping[str, float] | None = None,
-    seed: int = 0,
-    noise: Noise | None = None,
-    tolerance: float = TOLERANCE,
-) -> TrialRecord:
-    """Run one trial with the FMUs of `export_rig`; for the rest see `bench.run_trial`.
-
-    At each sample instant the parts are stepped in the order of the signals, each with the newest
-    values of those before it, and the moving part last. Slower than the compiled bench by far.
-
-    Raises
-    ------
-    UnknownTrial, UnknownLaw, BadRig
-        For names and values that make no sense.
-    StepFailed
-        If an FMU refuses or cannot go on.
-    """
-    trial = one_trial(trial)
-    setup = set_up(trial, law, parameters, seed, noise or Noise())
-    names = [*(part.name for part in WIRINGS[trial.control].parts), PLANT]
-    instances = {name: FmuInstance(fmus[name], name) for name in names}
-    try:
-        for name, instance in instances.items():
-            instance.initialize(_values(setup, name, tolerance), trial.duration)
-        taps, truth = _run(setup, instances)
-    finally:
-        for instance in instances.values():
-            instance.close()
-    return finish(setup, taps, truth, tolerance)
-
-
-def _run(
-    setup: Setup, instances: Mapping[str, FmuInstance]
-) -> tuple[dict[str, Vector], dict[str, Vector]]:
-    trial, wiring = setup.trial, WIRINGS[setup.trial.control]
-    plant = instances[PLANT]
-    outputs = [name for name in plant.outputs if "." not in name]
-    read_plant, write_plant = plant.reader(outputs), plant.writer([COMMAND])
-    ports = {}
-    for part in wiring.parts:
-        instance = instances[part.name]
-        ports[part.name] = (
-            instance.writer(list(part.feeds)),
-            list(part.feeds.values()),
-            instance.reader(instance.outputs),
-            [f"{part.name}.{name}" for name in instance.outputs],
-        )
-    taps: dict[str, list[float]] = {name: [] for name in (*wiring.taps, COMMAND)}
-    truth: dict[str, list[float]] = {name: [] for name in outputs}
-    time = trial.time
-    for k in range(len(time)):
-        t, h = k * SAMPLE_TIME, SAMPLE_TIME
-        now = {name: float(values[k]) for name, values in setup.external.items()}
-        now |= dict(zip((f"{PLANT}.{n}" for n in outputs), read_plant().tolist(), strict=True))
-        for name, (write, sources, read, given) in ports.items():
-            write(np.array([now[source] for source in sources]))
-            instances[name].step(t, h)
-            now |= dict(zip(given, read().tolist(), strict=True))
-        write_plant(np.array([now[wiring.command]]))
-        for name, value in zip(outputs, read_plant().tolist(), strict=True):
-            truth[name].append(value)
-        for name, source in (wiring.taps | {COMMAND: wiring.command}).items():
-            taps[name].append(now[source])
-        if k + 1 < len(time):
-            plant.step(t, h)
-    return (
-        {name: np.array(values) for name, values in taps.items()},
-        {name: np.array(values) for name, values in truth.items()},
-    )

@@ -1,6 +1,7 @@
 """The rig out of separate FMUs gives the record of the compiled one."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -8,36 +9,85 @@ import pytest
 from ballscrew.fmus.reading import unpack
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.rig.bench import run_trial
-from ballscrew.rig.fmu_bench import export_rig, export_trial, run_trial_with_fmus
+from ballscrew.rig.fmu_bench import export_trial
+from ballscrew.rig.rig_wiring import WIRINGS
+
+TRIAL = "2.4/1", "modified_lugre", {}, 2
 
 
 @pytest.fixture(scope="module")
 def rig(once, tmp_path_factory):
-    return once("FMUs of the rig", lambda: export_rig(tmp_path_factory.mktemp("rig")))
+    """The files of one trial."""
+    paths = once("rig", lambda: export_trial(tmp_path_factory.mktemp("rig"), *TRIAL))
+    return paths[0].parent
 
 
-@pytest.mark.parametrize("trial", ["2.4/1", "2.8/4", "loading-rate/20"])
-def test_separate_fmus_give_the_same_record_and_truth(rig, trial):
+def repeated(folder):
+    """Signals of what `export_trial` wrote, row by row, by a master that knows the files only."""
+    about, wiring = (json.loads((folder / f"{n}.json").read_text()) for n in ("values", "wiring"))
+    trial, step = wiring["trials"][about["control"]], wiring["step"]
+    outside = np.genfromtxt(folder / "outside.csv", delimiter=",", names=True)
+    parts = {n: FmuInstance(folder / f"{n}.fmu", n) for n in trial["order"]}
+    now, rows, ports = {}, [], {}
+    try:
+        for name, part in parts.items():
+            part.initialize(about["values"][name], about["duration"])
+            targets = [t for t in trial["feeds"] if t.startswith(f"{name}.")]
+            ports[name] = (
+                part.writer([t.partition(".")[2] for t in targets]),
+                [trial["feeds"][t] for t in targets],
+                part.reader(part.outputs),
+                [f"{name}.{output}" for output in part.outputs],
+            )
+        plant, (_, _, read_plant, of_plant) = parts["plant"], ports["plant"]
+        for row in outside:
+            now |= dict(zip(outside.dtype.names, row, strict=True))
+            now |= dict(zip(of_plant, read_plant().tolist(), strict=True))
+            for name, (write, sources, read, given) in ports.items():
+                write(np.array([now[source] for source in sources]))
+                if name != "plant":
+                    parts[name].step(row["time"], step)
+                now |= dict(zip(given, read().tolist(), strict=True))
+            rows.append(dict(now))
+            if row["time"] < about["duration"] - step / 2:
+                plant.step(row["time"], step)
+    finally:
+        for part in parts.values():
+            part.close()
+    return {name: np.array([row[name] for row in rows]) for name in now}
+
+
+@pytest.mark.parametrize(
+    "trial",
+    [
+        TRIAL,
+        ("2.8/4", "modified_lugre", {}, 2),
+        ("loading-rate/20", "lugre", {"plant.Fs": 2.0, "encoder.counts": 2048.0}, 5),
+    ],
+    ids=lambda trial: trial[0],
+)
+def test_separate_fmus_give_the_same_record_and_truth(trial, rig, tmp_path):
     """One of each kind of control. Readings agree exactly, the rest to round-off."""
-    apart, compiled = run_trial_with_fmus(trial, rig, seed=2), run_trial(trial, seed=2)
-    assert list(apart.record) == list(compiled.record)
-    assert list(apart.truth) == list(compiled.truth)
+    if trial != TRIAL:
+        export_trial(tmp_path, *trial)
+    apart, compiled = repeated(rig if trial == TRIAL else tmp_path), run_trial(*trial)
+    wiring = WIRINGS[compiled.trial.control]
+    taps = wiring.taps | {"u": wiring.command}
     for name, values in compiled.record.items():
-        scale = np.abs(values).max()
-        np.testing.assert_allclose(apart.record[name], values, atol=1e-12 * scale, rtol=0)
+        got, scale = apart[taps.get(name, name)], np.abs(values).max()
+        np.testing.assert_allclose(got, values, atol=1e-12 * scale, rtol=0)
     for name, values in compiled.truth.items():
+        source = {"time": "time", "u": "plant.voltage"}.get(name, f"plant.{name}")
         scale = np.abs(values).max()
-        np.testing.assert_allclose(apart.truth[name], values, atol=1e-10 * scale, rtol=0)
-    assert apart.parameters == compiled.parameters
-    assert apart.notes == compiled.notes
+        np.testing.assert_allclose(apart[source], values, atol=1e-10 * scale, rtol=0)
 
 
 def test_the_wiring_that_is_written_names_what_the_fmus_have(rig):
-    written = json.loads((rig["plant"].parent / "wiring.json").read_text())
+    written = json.loads((rig / "wiring.json").read_text())
     assert written["step"] == 0.005
     ports = {}
-    for name, path in rig.items():
-        fmu = unpack(path)
+    for path in rig.glob("*.fmu"):
+        name, fmu = path.stem, unpack(path)
         ports |= {f"{name}.{port}": "in" for port in fmu.description.names("input")}
         ports |= {f"{name}.{port}": "out" for port in fmu.description.names("output")}
         fmu.remove()
@@ -51,51 +101,10 @@ def test_the_wiring_that_is_written_names_what_the_fmus_have(rig):
                     assert trial["order"].index(first) < trial["order"].index(second)
 
 
-def test_what_is_exported_with_a_trial_repeats_it(tmp_path):
-    """A master of a few lines, which knows the files only."""
-    changed = {"plant.Fs": 2.0, "encoder.counts": 2048.0}
-    export_trial(tmp_path, "loading-rate/20", "lugre", changed, seed=5)
-    about = json.loads((tmp_path / "values.json").read_text())
-    wiring = json.loads((tmp_path / "wiring.json").read_text())
-    trial, step = wiring["trials"][about["control"]], wiring["step"]
-    names = (tmp_path / "outside.csv").read_text().partition("\n")[0].split(",")
-    outside = np.loadtxt(tmp_path / "outside.csv", delimiter=",", skiprows=1)
-    parts = {n: FmuInstance(tmp_path / f"{n}.fmu", n) for n in trial["order"]}
-    now, force = {}, []
-    try:
-        for name, part in parts.items():
-            part.initialize(about["values"][name], about["duration"])
-        plant = parts["plant"]
-        read = plant.reader(["x", "force"])
-        for row in outside:
-            now |= dict(zip(names, row, strict=True))
-            now |= dict(zip(("plant.x", "plant.force"), read(), strict=True))
-            for name, part in parts.items():
-                feeds = {t: s for t, s in trial["feeds"].items() if t.startswith(f"{name}.")}
-                ports = [target.partition(".")[2] for target in feeds]
-                part.writer(ports)(np.array([now[s] for s in feeds.values()]))
-                if name != "plant" or row[0] < about["duration"] - step / 2:
-                    part.step(row[0], step)
-                if name != "plant":
-                    outputs = (f"{name}.{o}" for o in part.outputs)
-                    now |= dict(zip(outputs, part.reader(part.outputs)(), strict=True))
-            force.append(now["acquisition.force"])
-    finally:
-        for part in parts.values():
-            part.close()
-    expected = run_trial("loading-rate/20", "lugre", changed, seed=5)
-    np.testing.assert_allclose(force, expected.record["force"], atol=1e-12)
-
-
-def test_a_part_that_refuses_its_parameter_says_so(rig, monkeypatch):
-    from ballscrew.rig import fmu_bench
-
-    def spoilt(*arguments):
-        setup = set_up(*arguments)
-        setup.parameters["load_cell.resolution"] = -1.0
-        return setup
-
-    set_up = fmu_bench.set_up
-    monkeypatch.setattr(fmu_bench, "set_up", spoilt)
+def test_a_part_that_refuses_its_parameter_says_so(rig, tmp_path):
+    folder = shutil.copytree(rig, tmp_path / "rig")
+    about = json.loads((folder / "values.json").read_text())
+    about["values"]["load_cell"]["resolution"] = -1.0
+    (folder / "values.json").write_text(json.dumps(about))
     with pytest.raises(StepFailed, match="resolution = -1 N is out of its range"):
-        run_trial_with_fmus("2.8/1", rig)
+        repeated(folder)
