@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -232,35 +233,65 @@ def _simulate(
     step = step_that_meets(period, step)
     points = int(np.ceil(stop / step - ROUND_OFF))
     grid = np.minimum(np.arange(points + 1) * step, stop)
-    times, inputs, on_grid = inputs_between(kernel, reference, grid)
-    table = np.empty((points + 1, len(kernel.outputs)))
-    nominal = np.array([o.nominal for o in kernel.outputs])
-    row, stopped = -1, ""
-    for k, t in enumerate(times):
-        model.u[: inputs.shape[1]] = inputs[k]
-        if on_grid[k]:
-            row += 1
-            if period > 0 and abs(t / period - round(t / period)) < ROUND_OFF:
-                model.sample(t)
-            table[row] = list(model.outputs(t, model.x).values())
-            left = np.abs(table[row]) > FARTHEST * nominal
-            if not np.isfinite(table[row]).all() or left.any():
-                name = kernel.outputs[int(np.argmax(np.abs(table[row]) / nominal))].name
-                stopped = f"the loop diverges: {name} leaves every bound at t = {t:.6g} s"
-                break
-            if row == points:
-                break
-            if progress and row % max(1, points // 100) == 0:
-                progress(float(t))
+    outputs, stopped = follow(model, reference, grid, FARTHEST, progress)
+    rows = len(next(iter(outputs.values())))
+    return _Course(grid[:rows], outputs, stopped, period)
+
+
+def follow(
+    model: Model,
+    reference: Reference,
+    grid: Vector,
+    farthest: float = math.inf,
+    progress: Progress | None = None,
+) -> tuple[dict[str, Vector], str]:
+    """Run a loop of `loop_kernel` from the model's present state over a grid of times.
+
+    Parameters
+    ----------
+    grid : ndarray, shape (m,)
+        Rising times [s], its samples among them.
+    farthest : float
+        Times an output's nominal value, beyond which a loop diverges and the run ends.
+
+    Returns
+    -------
+    outputs : dict of str to ndarray, shape (n,)
+        On the grid, as far as the run went.
+    stopped : str
+        Why it ended before its time; empty if it did not.
+    """
+    period, declared = model.sample_time, model.kernel.outputs
+    times, at, on_grid = inputs_between(model.kernel, reference, grid)
+    turns = times / period if period > 0 else np.full(len(times), 0.5)
+    sampled = on_grid & (np.abs(turns - np.round(turns)) < ROUND_OFF)
+    size = max(1, len(times) // 100) if math.isfinite(farthest) else len(times)
+    pieces, stopped = [], ""
+    for first in range(0, len(times), size):
+        if progress:
+            progress(float(times[first]))
+        # each piece ends where the next begins, which samples there
+        rows = np.arange(first, min(first + size + 1, len(times)))
+        own = rows < first + size
+        given = at[np.maximum(rows - 1, 0)], at[rows]
         try:
-            model.advance(t, times[k + 1])
+            run = model.simulate(times[rows], given, sampled[rows] & own)
         except IntegrationError as error:
-            stopped = str(error)
+            run, stopped = error.so_far, str(error)
+        shown = (on_grid[rows] & own)[: len(run.time)]
+        table = np.column_stack([values[shown] for values in run.outputs.values()])
+        share = np.abs(table) / [o.nominal for o in declared]
+        left = ~(share <= farthest)
+        if left.any() and math.isfinite(farthest):
+            row = int(np.argmax(left.any(axis=1)))
+            name, table = declared[int(np.argmax(share[row]))].name, table[: row + 1]
+            when = f"t = {run.time[shown][row]:.6g} s"
+            stopped = f"the loop diverges: {name} leaves every bound at {when}"
+        pieces.append(table)
+        if stopped:
             break
-    table = table[: row + 1]
-    names = [o.name for o in kernel.outputs]
-    outputs = {n: table[:, k] for k, n in enumerate(names)}
-    return _Course(grid[: row + 1], outputs, stopped, period)
+    courses = np.vstack(pieces).T
+    return {o.name: course for o, course in zip(declared, courses, strict=True)}, stopped
 
 
 def _verdict(tight: _Course, loose: _Course, names: list[str]) -> Verdict:

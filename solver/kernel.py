@@ -29,7 +29,15 @@ MAX_STEPS = 200_000
 
 
 class IntegrationError(RuntimeError):
-    """The stepper could not go on; the message says when and why."""
+    """The stepper could not go on; the message says when and why.
+
+    Attributes
+    ----------
+    so_far : Trajectory
+        Of `Model.simulate`: the rows before.
+    """
+
+    so_far: Trajectory
 
 
 @dataclass(frozen=True)
@@ -164,7 +172,7 @@ class Trajectory:
         [s]
     states : dict of str to ndarray, shape (m,)
     outputs : dict of str to ndarray, shape (m,)
-    steps, rejected, events : int
+    steps, events : int
         Internal steps of the stiff solver, and events, of the model so far.
     """
 
@@ -172,7 +180,6 @@ class Trajectory:
     states: dict[str, Vector]
     outputs: dict[str, Vector]
     steps: int
-    rejected: int
     events: int
 
 
@@ -340,9 +347,11 @@ class Model:
         done = self.system.trajectory(grid, states, outputs, given, samples, *solver)
         if done < len(grid):
             status = int(self.info[core.STATUS])
-            raise IntegrationError(
+            error = IntegrationError(
                 describe_failure(self.kernel.name, status, self.info, grid[done])
             )
+            error.so_far = self._trajectory(grid[:done], states[:done], outputs[:done])
+            raise error
         self.x[:] = states[-1]
         return self._trajectory(grid, states, outputs)
 
@@ -356,7 +365,11 @@ class Model:
             if given and row > 0:
                 self.u[: given[0].shape[1]] = given[0][row]
             if row > 0 and t > grid[row - 1]:
-                self.advance(grid[row - 1], t)
+                try:
+                    self.advance(grid[row - 1], t)
+                except IntegrationError as error:
+                    error.so_far = self._trajectory(grid[:row], states[:row], outputs[:row])
+                    raise
             if given:
                 self.u[: given[1].shape[1]] = given[1][row]
             if sampled is not None and sampled[row]:
@@ -371,7 +384,6 @@ class Model:
             {s.name: states[:, k] for k, s in enumerate(self.kernel.states)},
             {o.name: outputs[:, k] for k, o in enumerate(self.kernel.outputs)},
             int(self.info[core.ACCEPTED]),
-            int(self.info[core.REJECTED]),
             int(self.info[core.EVENTS]),
         )
 

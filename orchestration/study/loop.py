@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver import core
-from ...solver.kernel import IntegrationError, Kernel, Model
+from ...solver.kernel import Kernel, Model
 from ..reference_signal import Reference
-from ..whole_loop import inputs_between
+from ..whole_loop import follow
 
 Vector = npt.NDArray[np.float64]
 
@@ -84,19 +84,13 @@ class StudyLoop:
             For a parameter that does not exist.
         """
         model = Model(self.kernel, values, tolerance, _system(self.kernel))
-        period = model.sample_time
-        step = period or step
+        step = model.sample_time or step
         time = np.arange(math.ceil(stop / step - 1e-9) + 1, dtype=np.float64) * step
         x_d, v_d = reference.on(time, 0), reference.on(time, 1)
-        times, at, on_grid = inputs_between(self.kernel, reference, time)
-        before = np.vstack([at[:1], at[:-1]])
-        try:
-            run = model.simulate(times, (before, at), sampled=on_grid if period else None)
-        except IntegrationError as error:
-            empty = np.zeros(0)
-            return Course(time, *(empty,) * 4, x_d, v_d, str(error))
-        y = {name: values[on_grid] for name, values in run.outputs.items()}
-        return Course(time, y["x"], y["v"], y["i"], y["u"], x_d, v_d)
+        y, stopped = follow(model, reference, time)
+        if stopped:
+            y = dict.fromkeys("xviu", np.zeros(0))
+        return Course(time, y["x"], y["v"], y["i"], y["u"], x_d, v_d, stopped)
 
 
 _SYSTEMS: dict[str, core.System] = {}  # a process runs a loop many times, one run after another
