@@ -1,4 +1,4 @@
-"""The amplifier between controller and motor: voltage and current limits, and its dead time.
+"""The amplifier between controller and motor: voltage and current limits.
 
 The current limit is that of a servo amplifier with a fast inner loop: near the limit it lowers the
 voltage so that the current approaches its bound with the time constant ``current_limit_time`` and
@@ -10,7 +10,6 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import Component, Parameter, symbol
-from .late_command import with_late_command
 from .supply import NOMINAL_VOLTAGE, UNLIMITED
 
 PARAMETERS = (
@@ -43,15 +42,6 @@ PARAMETERS = (
     ),
 )
 
-DEAD_TIME = Parameter(
-    "dead_time",
-    1e-4,
-    "s",
-    "from a command to the voltage",
-    "assumed: one and a half periods of 16 kHz pulse width modulation",
-    minimum=1e-7,
-)
-
 
 def clip(value: sp.Expr, low: sp.Expr, high: sp.Expr) -> sp.Expr:
     """A value held between two others."""
@@ -74,8 +64,3 @@ def with_amplifier(plant: Component) -> Component:
     """The plant with its voltage input taken through an amplifier; without limits, the same."""
     u = symbol("u")
     return plant.substituted({u: applied_voltage(u)}, parameters=(*plant.parameters, *PARAMETERS))
-
-
-def with_dead_time(plant: Component) -> Component:
-    """The plant with its voltage input `DEAD_TIME` late; limits act on the motor as it is then."""
-    return with_late_command(plant, DEAD_TIME)

@@ -150,13 +150,6 @@ def new_figure(
     return figure, axes
 
 
-@drawing()
-def save_run_pictures(result: ClosedLoopResult, folder: Path) -> None:
-    """Write position, voltage, states and phase into `folder`."""
-    for stem, figure in run_figures(result).items():
-        write_figure(figure, folder, stem)
-
-
 def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     """Figures of the position, the voltage, the states and the phase plane, by name."""
     import matplotlib as mpl
@@ -281,12 +274,6 @@ def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     axes.set_ylabel(_label("v", run.units.get("v", "")))
     axes.legend(loc="best")
     figure.colorbar(lines, ax=axes, label="time [s]", extend="max")
-
-
-@drawing()
-def save_comparison_picture(results: Sequence[ClosedLoopResult], folder: Path) -> None:
-    """Write one picture of several controllers on the same plant."""
-    write_figure(comparison_figure(results), folder, "comparison")
 
 
 def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:

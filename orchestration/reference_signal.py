@@ -112,10 +112,6 @@ class Reference:
         padded[-1, 1:] = 0.0
         return cls(np.asarray(times, dtype=float), padded[:, 0].copy(), curve=padded)
 
-    @property
-    def is_constant(self) -> bool:
-        return not (np.ptp(self.values) or self.pieces(0)[:, 1:].any())
-
     def at(self, t: float) -> float:
         return float(self.all_at(t, (0,))[0])
 

@@ -77,7 +77,7 @@ def outcome(seed: int, good: dict[str, bytes]) -> Outcome:
         said, complaint, code = io.StringIO(), "", -1
         start = time.monotonic()
         # Pictures take seconds each and see numbers only.
-        pictures = mock.patch("ballscrew.orchestration.pictures.save_run_pictures")
+        pictures = mock.patch("ballscrew.orchestration.pictures.run_figures", return_value={})
         with (
             pictures,
             mock.patch.dict(os.environ, {"TMPDIR": str(scratch)}),

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from ..orchestration.pictures import COLOURS, STYLE, drawing, empty_figure, write_figure
+from ..orchestration.pictures import COLOURS, STYLE, empty_figure
 from .record import TrialRecord
 
 BLUE, ORANGE, BLACK = COLOURS[0], COLOURS[1], COLOURS[6]
-
-
-@drawing()
-def save_record_picture(recorded: TrialRecord, folder: Path) -> None:
-    """Write ``record.png`` into `folder`."""
-    write_figure(record_figure(recorded), folder, "record")
 
 
 def record_figure(recorded: TrialRecord) -> Any:

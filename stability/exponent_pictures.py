@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..orchestration.pictures import COLOURS, DASHES, STYLE, drawing, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure
 
 if TYPE_CHECKING:
     from .lyapunov import LyapunovRun
 
 _BITS = 1.0 / math.log(2.0)
-
-
-@drawing()
-def save_convergence_picture(run: LyapunovRun, folder: Path) -> None:
-    """Write the running estimates against time, with their limits."""
-    write_figure(convergence_figure(run), folder, "lyapunov")
 
 
 def convergence_figure(run: LyapunovRun) -> Any:

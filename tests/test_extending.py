@@ -126,7 +126,8 @@ def extended(tmp_path_factory):
         listed = (package / where).read_text()
         assert listed.count(f"{before}\n") == 1
         (package / where).write_text(listed.replace(f"{before}\n", f"{before}\n{line}\n"))
-    environment = os.environ | {"PYTHONPATH": str(folder)}
+    support = Path(__file__).with_name("support")
+    environment = os.environ | {"PYTHONPATH": f"{folder}{os.pathsep}{support}"}
 
     def run(*words, cwd=folder, codes=(0,)):
         done = subprocess.run(
@@ -179,7 +180,7 @@ def test_they_are_exported(extended):
 
 RECORDS = """
 import numpy as np
-from ballscrew.plant.prescribed_motion import prescribed_friction
+from prescribed_motion import prescribed_friction
 
 t = np.arange(0, 8, 0.005)
 random = np.random.default_rng(1)

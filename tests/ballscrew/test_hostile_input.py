@@ -31,7 +31,6 @@ def refused(capsys, arguments, message):
 def folder(tmp_path, monkeypatch):
     """An empty folder, as the present one, with files that are meant badly."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ballscrew.orchestration.pictures.save_run_pictures", lambda *_: None)
     (tmp_path / "long.csv").write_text(f"time,x_d\n0,0\n1,{'1' * 131_073}\n")
     (tmp_path / "long_record.csv").write_text(f"time,u,x\n0,0,0\n1,{'1' * 131_073},0\n")
     (tmp_path / "twice.csv").write_text("time,x_d,x_d\n0,0,1\n1,1,2\n")

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
+from prescribed_motion import prescribed_friction
 from scipy.integrate import solve_ivp
 from synthetic.records import (
     constant_velocity,
@@ -31,7 +32,6 @@ from ballscrew.plant.lugre import lugre
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.plant.maxwell_slip import maxwell_slip
 from ballscrew.plant.modified_lugre import modified_lugre
-from ballscrew.plant.prescribed_motion import prescribed_friction
 from ballscrew.solver.component import symbol
 
 LUGRE = {

@@ -1,10 +1,8 @@
 """The amplifier's limits: kept where set, absent where not."""
 
 import numpy as np
-import pytest
 
 from ballscrew.fmus.catalogue import component
-from ballscrew.instruments.amplifier import with_dead_time
 from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model
@@ -38,15 +36,3 @@ def test_the_current_meets_its_limit_and_never_crosses_it():
     limited = course(axis, {"current_limit": 0.2})
     assert limited.outputs["i"].max() <= 0.2 * (1 + 1e-6)
     assert limited.outputs["i"].max() > 0.199
-
-
-def test_with_a_dead_time_the_motor_moves_so_much_later():
-    late = generate(with_dead_time(ball_screw()))
-    delay = 2e-3
-    times = np.linspace(0, 0.05, 51)
-    model = Model(late, {"dead_time": delay})
-    model.set_input("u", 10.0)
-    moved = model.simulate(np.append(times, times[-1] + delay)).outputs["v"]
-    plain = course(generate(ball_screw()), {}, 10.0).outputs["v"]
-    assert moved[:-1][times <= delay].max() == 0.0
-    assert moved[-1] == pytest.approx(plain[-1], rel=1e-6)

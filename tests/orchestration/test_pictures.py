@@ -12,7 +12,6 @@ from ballscrew.orchestration.closed_loop_result import ClosedLoopResult
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.loop_run import LoopRun
-from ballscrew.orchestration.pictures import save_comparison_picture, save_run_pictures
 from ballscrew.orchestration.thinning import rows_over_plane, rows_over_time
 from ballscrew.orchestration.verdict import Verdict
 from ballscrew.results.run_result import RunResult
@@ -108,28 +107,16 @@ def test_a_picture_that_cannot_be_drawn_costs_no_result(scale, tmp_path, capsys)
 def test_pictures_of_long_runs_are_small_and_soon_done(tmp_path, noise, monkeypatch):
     monkeypatch.setenv("BALLSCREW_SVG", "1")
     begin = time.process_time()
-    save_run_pictures(result(steps=LONG, noise=noise), tmp_path)
+    RunResult.of(result(steps=LONG, noise=noise)).save(tmp_path)
     assert time.process_time() - begin < 60  # one path for each step took minutes
     for stem in ("position", "voltage", "states", "phase"):
         assert (tmp_path / f"{stem}.svg").stat().st_size < 2e6, stem
     assert (tmp_path / "phase.svg").stat().st_size < 5e5
 
 
-def drawn(monkeypatch, results, tmp_path):
-    """The comparison's figure, before it goes into files."""
-    kept = []
-    monkeypatch.setattr(pictures, "write_figure", lambda figure, *_: kept.append(figure))
-    save_comparison_picture(results, tmp_path)
-    (figure,) = kept
+def test_a_comparison_shows_every_peak_on_one_time_axis_with_legends_beside_the_curves():
+    figure = pictures.comparison_figure([result("nctf", LONG, spike=25.6), result("pid")])
     figure.canvas.draw()
-    return figure
-
-
-def test_a_comparison_shows_every_peak_on_one_time_axis_with_legends_beside_the_curves(
-    monkeypatch, tmp_path
-):
-    runs = [result("nctf", LONG, spike=25.6), result("pid")]
-    figure = drawn(monkeypatch, runs, tmp_path)
     position, fine, voltage = figure.axes
     assert position.get_xlim() == fine.get_xlim() == voltage.get_xlim()
     low, high = voltage.get_xlim()

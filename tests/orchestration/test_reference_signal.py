@@ -11,8 +11,6 @@ def test_linear_between_points_and_held_outside(tmp_path):
     path.write_text("x_d, time\n0.0,1\n0.1,2\n")
     reference = Reference.read(path)
     assert [reference.at(t) for t in (0.0, 1.0, 1.5, 9.0)] == pytest.approx([0, 0, 0.05, 0.1])
-    assert not reference.is_constant
-    assert Reference.constant(0.08).is_constant
 
 
 def test_two_rows_at_one_time_are_a_jump(tmp_path):

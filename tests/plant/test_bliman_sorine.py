@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from motions import ways
-
-from ballscrew.plant.prescribed_motion import prescribed_friction
+from prescribed_motion import prescribed_friction
 
 F1, F2, EPS, ETA = 19.875, 17.8227, 0.000121, 0.9063
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from motions import ways
-
-from ballscrew.plant.prescribed_motion import prescribed_friction
+from prescribed_motion import prescribed_friction
 
 SIGMA, FC = 87750.0, 2.0
 

@@ -15,12 +15,12 @@ from fmu_host import opened
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from motions import pieces, ways
+from prescribed_motion import motion_kernel, prescribed_friction
 
 from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.fmus.export import export_kernel
 from ballscrew.plant import LAWS, PLANTS
 from ballscrew.plant.law import UnknownLaw, claims, law
-from ballscrew.plant.prescribed_motion import motion_kernel, prescribed_friction
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
 

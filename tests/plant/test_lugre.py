@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from motions import pieces, ways
+from prescribed_motion import prescribed_friction
 from scipy.integrate import solve_ivp
 
 from ballscrew.plant.directional_lugre import PARAMETERS as DIRECTIONAL
-from ballscrew.plant.prescribed_motion import prescribed_friction
 
 S0, S1, S2, FC, FS, VS = 66967.231, 344.56, 173.0, 1.284, 2.35, 1.13975e-3
 

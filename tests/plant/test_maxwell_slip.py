@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from motions import ways
+from prescribed_motion import prescribed_friction
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ballscrew.plant.maxwell_slip import PARAMETERS
-from ballscrew.plant.prescribed_motion import prescribed_friction
 
 P = {p.name: p.default for p in PARAMETERS}
 

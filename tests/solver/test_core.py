@@ -174,8 +174,8 @@ for name in ("iol", "nctf", "pid"):
     for count in (1, 2, len(kernel.states)):
         follow_tangents(Model(kernel), np.linspace(0.0, 0.05, 6), count)
     follow_returns(Model(kernel), 0.0, 0.2, 0, 1e-3, 3)
-from ballscrew.plant.prescribed_motion import prescribed_friction as moved
-moved("maxwell_slip", [0.0, 0.01, 0.02, 0.03], [0.0, 1e-3, -1e-3, 0.0])
+model = Model(loop_kernel("plant_maxwell_slip", "pid"))
+model.simulate(np.linspace(0.0, 0.03, 4))
 print("done")
 """
 

@@ -10,11 +10,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from prescribed_motion import prescribed_motion
 
 from ballscrew.fmus import catalogue, export, made_here, reference_files, source_fmu
 from ballscrew.fmus.native import ready
 from ballscrew.plant.lugre import lugre
-from ballscrew.plant.prescribed_motion import prescribed_motion
 from ballscrew.solver import codegen, compiled_equations, compilers, kernel_cache, stored
 
 NOBODY = 65534

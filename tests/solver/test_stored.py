@@ -3,9 +3,9 @@
 import json
 
 import pytest
+from prescribed_motion import prescribed_motion
 
 from ballscrew.plant.lugre import lugre
-from ballscrew.plant.prescribed_motion import prescribed_motion
 from ballscrew.solver import kernel_cache, stored
 
 

@@ -14,14 +14,10 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ..solver.component import TIME, Component, ForceTerm, Input, Output, State, symbol
-from ..solver.kernel import DEFAULT_TOLERANCE, Kernel, Model, Trajectory
-from ..solver.stored import stored_kernel
-from .law import Law, law
-
-
-class BadMotion(ValueError):
-    """A prescribed motion that makes no sense; the message says where."""
+from ballscrew.plant.law import Law, law
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import TIME, Component, ForceTerm, Input, Output, State, symbol
+from ballscrew.solver.kernel import DEFAULT_TOLERANCE, Kernel, Model, Trajectory
 
 
 def prescribed_motion(friction: Law, name: str = "prescribed_motion") -> Component:
@@ -87,15 +83,8 @@ def _switched(term: ForceTerm) -> ForceTerm:
 
 @cache
 def motion_kernel(name: str) -> Kernel:
-    """The compiled component of a law of `LAWS` under prescribed motion, from disk if there.
-
-    Raises
-    ------
-    UnknownLaw
-    """
-    friction = law(name)
-    part = f"motion_{name}"
-    return stored_kernel(part, lambda: prescribed_motion(friction, part), __name__, law.__module__)
+    """The compiled component of a law of `LAWS` under prescribed motion."""
+    return generate(prescribed_motion(law(name), f"motion_{name}"))
 
 
 def prescribed_friction(
@@ -122,19 +111,10 @@ def prescribed_friction(
     -------
     Trajectory
         On `times`; its outputs are those of `prescribed_motion`.
-
-    Raises
-    ------
-    UnknownLaw
-    KeyError
-        For a value that the law does not have.
-    BadMotion
-        If the motion is too short, not finite or goes back in time.
-    IntegrationError
-        If the tolerance cannot be met somewhere.
     """
     model = Model(motion_kernel(name), values, tolerance)
-    grid, speeds = _checked(times, velocity)
+    grid = np.ascontiguousarray(times, dtype=float)
+    speeds = np.ascontiguousarray(velocity, dtype=float)
     # velocity at each step's start, its slope, and when that was; then at the time itself
     spans = np.diff(grid)
     slopes = np.divide(np.diff(speeds), spans, out=np.zeros(len(spans)), where=spans > 0.0)
@@ -142,24 +122,3 @@ def prescribed_friction(
     within = np.column_stack([speeds, still, grid])
     within[1:] = np.column_stack([speeds[:-1], slopes, grid[:-1]])
     return model.simulate(grid, (within, np.column_stack([speeds, still, grid])))
-
-
-def _checked(
-    times: npt.ArrayLike, velocity: npt.ArrayLike
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    grid = np.ascontiguousarray(times, dtype=float)
-    speeds = np.ascontiguousarray(velocity, dtype=float)
-    if grid.ndim != 1 or grid.shape != speeds.shape or len(grid) < 2:
-        raise BadMotion(
-            f"times and velocity have the shapes {grid.shape} and {speeds.shape}, expected two of "
-            "one length of at least 2"
-        )
-    for what, values in (("time", grid), ("velocity", speeds)):
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise BadMotion(f"{what} {bad[0]} is {values[bad[0]]}, expected a finite number")
-    back = np.flatnonzero(np.diff(grid) < 0)
-    if back.size:
-        k = int(back[0])
-        raise BadMotion(f"time goes back from {grid[k]:g} s to {grid[k + 1]:g} s at row {k + 1}")
-    return grid, speeds
