@@ -134,7 +134,7 @@ def test_over_fmus_no_error_is_larger_than_the_one_a_trusted_run_states(
 ):
     motion, _, ends, step = SET_POINTS[name]
     fmus = str(native(controller)), str(native("plant"))
-    run = run_closed_loop(Loop(*fmus, motion, STOP, step, coupling=coupling)).run
+    run = run_closed_loop(Loop(*fmus, motion, STOP, step=step, coupling=coupling)).run
     check(run, truth, controller, name, 1e-10)
     if name.startswith("step") and coupling is Coupling.INTERFACE_JACOBIAN:
         assert run.verdict.trusted  # the jump itself costs nothing, wherever it is
@@ -159,7 +159,7 @@ def test_steps_that_adapt_themselves_end_at_a_jump_and_see_a_curve(native):
     for text, trusted in (("step:size=0.01,at=0.10037", True), ("move:distance=0.01", True)):
         motion = read_motion(text)
         fmus = str(native("pid")), str(native("plant"))
-        run = run_closed_loop(Loop(*fmus, motion, STOP, 5e-3, adaptive=True)).run
+        run = run_closed_loop(Loop(*fmus, motion, STOP, step=5e-3, adaptive=True)).run
         exact = run_monolithic(Loop("pid", reference=motion, stop=STOP), 1e-3)
         apart = np.interp(run.time, exact.time, exact.outputs["x"]) - run.outputs["x"]
         assert not run.outputs["x"][run.time < 0.1].any()
