@@ -276,7 +276,7 @@ def run(  # noqa: PLR0913
     32.1
     """
     asked = locals()
-    from .orchestration.closed_loop import run_closed_loop
+    from .orchestration.run import run_closed_loop
     from .results.run_result import RunResult
 
     return RunResult.of(run_closed_loop(_loop(loop, asked), progress))

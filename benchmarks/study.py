@@ -23,10 +23,10 @@ from scipy.integrate import solve_ivp
 
 import ballscrew
 from ballscrew.fmus.catalogue import component, fmu
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning, Variation
 from ballscrew.orchestration.study.study import loops_of, tuned_and_judged

@@ -18,7 +18,7 @@ from .closed_loop_result import ClosedLoopResult
 from .couplings import Coupling
 from .fmu_instance import FmuInstance
 from .isolated import IsolatedInstance, open_fmu
-from .loop import HowCoupled, Loop, SystemLoop
+from .loop import HowCoupled, Loop
 from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
 from .parts import check_names
@@ -34,20 +34,16 @@ _Fmu = FmuInstance | IsolatedInstance
 _RunAt = Callable[[float, bool], LoopRun]
 
 
-def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -> ClosedLoopResult:
-    """Run a closed loop, with a verdict on its coupling.
+def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
+    """Run a closed loop of two parts, with a verdict on its coupling.
 
     Raises
     ------
-    FmuError, BadSystem, WiringError, CouplingError, BadParameter
+    FmuError, WiringError, CouplingError, BadParameter
         If the loop cannot be run as asked; the message says why.
     StepFailed
         If a part refuses its initial values.
     """
-    if isinstance(loop, SystemLoop):
-        from .system import run_system
-
-        return run_system(loop, progress)
     if loop.coupling is Coupling.MONOLITHIC:
         run = _run_monolithic(loop, progress)
         found = amplifier_notes(run, [LIMIT], loop.plant_values, "--limit-voltage ")
@@ -121,7 +117,7 @@ def run_parts(
     look_again: bool = True,
     tries: bool = False,
 ) -> tuple[LoopRun, tuple[str, ...]]:
-    """As `run_closed_loop`, with this step [s], of parts that are open and not initialized.
+    """As `run_pair`, with this step [s], of parts that are open and not initialized.
 
     Returns
     -------

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..fmus.reading import FmuError
 from ..solver.files import write_atomically, write_json
-from .closed_loop import run_closed_loop
+from .closed_loop import run_pair
 from .closed_loop_result import ClosedLoopResult
 from .fmu_instance import StepFailed
 from .loop import Loop
@@ -101,13 +101,13 @@ def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = 
     Raises
     ------
     FmuError, WiringError, CouplingError, StepFailed
-        As `run_closed_loop`, where no controller can be run; one that can keeps its result.
+        As `run_pair`, where no controller can be run; one that can keeps its result.
     """
     results, failures, errors = [], [], []
     for loop in loops:
         told = None if progress is None else (lambda t, name=loop.label: progress(name, t))
         try:
-            results.append(run_closed_loop(loop, told))
+            results.append(run_pair(loop, told))
         except (FmuError, WiringError, CouplingError, StepFailed) as error:
             failures.append((loop.label, str(error)))
             errors.append(error)

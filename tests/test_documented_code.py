@@ -19,8 +19,8 @@ from wired_loop import missing_for_ecos
 import ballscrew
 from ballscrew import cli
 from ballscrew.fmus.export import export
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.run import run_closed_loop
 
 ROOT = Path(__file__).resolve().parents[1]
 HOW_TO = sorted((ROOT / "docs" / "howto").glob("*.md"))

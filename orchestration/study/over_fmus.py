@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT
-from ..closed_loop import run_closed_loop
+from ..closed_loop import run_pair
 from ..loop import Loop
 from .loop import StudyLoop
 
@@ -105,7 +105,7 @@ def check_over_fmus(
         controller_values=_of(CONTROLLER, values),
         isolate=False,
     )
-    found = run_closed_loop(over).run
+    found = run_pair(over).run
     position = np.interp(own.time, found.time, found.outputs["x"])
     apart = float(np.abs(position - own.position).max())
     if apart > ALLOWED * uncertain:  # or were they all lucky?

@@ -7,10 +7,10 @@ import zipfile
 import pytest
 from cases import ballscrew, cart_position, case, last_row, maker
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 from tests.cases.test_units_command_kN_to_N import SYSTEM
 
 FIXED = "if(fabs(h-0.01)>1e-12)return 3;"

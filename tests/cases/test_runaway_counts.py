@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from cases import ballscrew, cart_position, case, last_row, maker
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.signal_motion import signal_motion
 

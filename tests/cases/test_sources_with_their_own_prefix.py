@@ -3,9 +3,9 @@
 import pytest
 from cases import cart_position, case
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 
 
 def test_sources_that_define_the_prefix_themselves(tmp_path):

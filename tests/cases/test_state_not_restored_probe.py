@@ -7,9 +7,9 @@ import pytest
 from cases import case, maker
 from pythonfmu.builder import FmuBuilder
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 
 
 def test_an_integral_that_is_not_registered(tmp_path):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from cases import case, maker
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 
 STRICT = "if(t+h>m->stop)return 3;"
 

@@ -11,10 +11,10 @@ import pytest
 from cases import ballscrew, cart_position, case, last_row, maker
 
 from ballscrew.cli import main
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.stability.fmu_cell import run_fmu_cell
 from ballscrew.stability.fmu_parts import OverFmus, opened_parts
 from ballscrew.stability.map_plan import Axis, MapPlan

@@ -15,10 +15,10 @@ from ballscrew.fmus.made_here import is_ours
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.fmus.reading import FmuError
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.fmu_instance import StepFailed
 from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.run import run_closed_loop
 
 SEGFAULT = "import ctypes; ctypes.string_at(0)"
 

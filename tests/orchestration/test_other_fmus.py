@@ -10,12 +10,12 @@ import pytest
 from pythonfmu.builder import FmuBuilder
 
 from ballscrew.cli import main
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.loop_run import CouplingError
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 
 STOP, STEP = 0.3, 1e-3
 

@@ -9,11 +9,11 @@ import pytest
 from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.export import export
 from ballscrew.orchestration import master
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.played import Played, reopened_to_judge
+from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.solver.component import Component, Input, Output, State, symbol
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from pythonfmu.builder import FmuBuilder
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.run import run_closed_loop
 
 COUNTING = """
 from pythonfmu import Fmi2Causality, Fmi2Slave, Integer, Real

@@ -11,10 +11,10 @@ from reference_fmus import reference_fmu, reference_result
 from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.run import run_closed_loop
 
 MODELS = ("BouncingBall", "Dahlquist", "VanDerPol", "Stair", "Resource", "Feedthrough")
 

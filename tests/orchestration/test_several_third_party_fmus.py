@@ -11,10 +11,10 @@ from diagnosed import run as command
 from pythonfmu.builder import FmuBuilder
 from third_party_fmus import proportional
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.parameter_reading import read_parameters
+from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.wiring import WiringError
 
 HAND = """

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.loop_run import UNBOUNDED, LoopRun
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.step_choice import choose_step
 from ballscrew.orchestration.verdict import Verdict
 from ballscrew.orchestration.whole_loop import run_monolithic

@@ -11,11 +11,11 @@ from ballscrew.cli import main
 from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.system_export import CannotConnect, export_system
 from ballscrew.fmus.system_reading import BadSystem
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.limits import BadParameter
 from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.whole_loop import run_monolithic
 
 STEP = 1e-3  # where runs are compared with each other, none needs to choose its step

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pythonfmu.builder import FmuBuilder
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.wiring import WiringError
 
 SCRIPT = """

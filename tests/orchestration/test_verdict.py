@@ -8,10 +8,10 @@ import nonlinear_loops
 import pytest
 from trusted_loops import RIGHT, WRONG, lower_bound, plain, summaries, summary, upper_bound
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
 
 ROOT = Path(__file__).resolve().parents[2]
 LOOPS, PARTS = 40, 2

@@ -9,8 +9,8 @@ from pyssp_standard.ssp import SSP
 from wired_loop import missing_for_ecos, run_in, wired
 
 from ballscrew.fmus.system_export import export_system
-from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import SystemLoop
+from ballscrew.orchestration.run import run_closed_loop
 
 HOSTS = ["libcosim", "ecos", "container"]
 STEP = 1e-4
