@@ -90,7 +90,7 @@ def test_every_design_balances_without_friction_and_if_its_slowest_motion_swings
     last = values[np.argmax(values.real)]
     slowest = -last.real
     assume(abs(last.imag) > 0.2 * slowest)
-    given = {"stop": 20.0 / slowest, "setpoint": 0.0, "controller_values": gains}
+    given = {"stop": 20.0 / slowest, "reference": 0.0, "controller_values": gains}
     free = ballscrew.lyapunov(BALANCE, CART, **given).motion
     assert free.kind.value == "isolated fixed point"
     assert free.limit[0] == pytest.approx(-slowest, rel=1e-3)
@@ -111,7 +111,7 @@ def test_a_design_whose_slowest_motion_does_not_swing_creeps_to_rest_where_frict
     found = ballscrew.lyapunov(
         BALANCE,
         DRY,
-        **{"stop": 60.0, "setpoint": 0.0, "controller_values": gains},
+        **{"stop": 60.0, "reference": 0.0, "controller_values": gains},
         plant_values={"Fc": 1e-3, "Fs": 1e-3},
     ).motion
     assert found.kind.value == "isolated fixed point"

@@ -156,7 +156,7 @@ def test_two_files_of_one_name_are_refused(hand, folder, tmp_path):
         (("--map", "pos=x", "--map", "v=x_d"), "would hide a column of the results"),
         (("--map", "pos=x", "--map", "plant.v=time"), "would hide a column of the results"),
         (("--map", "pos=x", "--map", "Hand.spin=v"), "controller has no port 'spin'"),
-        (("--map", "pos=x", "--map", "posi=v"), "neither side has a port 'posi' ; nearest: pos"),
+        (("--map", "pos=x", "--map", "posi=v"), "neither side has a port 'posi'; nearest: pos"),
         (
             ("--map", "pos=x", "--set", "Hnd.Kp=1"),
             "controller.NAME=VALUE or Hand.NAME=VALUE",

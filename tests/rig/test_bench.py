@@ -223,7 +223,7 @@ def test_stiffness_from_force_over_displacement_is_as_biased_as_the_law_says():
 # -- reproducible, and right -------------------------------------------------------------------
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_record(tmp_path):
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_record(tmp_path, drawn):
     for folder, seed in (("a", 3), ("b", 3), ("c", 4)):
         RigRecord.of(run_trial("2.8/1", seed=seed)).save(tmp_path / folder)
     for name in ("record.csv", "truth.csv", "trial.json", "record.png"):
