@@ -210,6 +210,8 @@ def export(
     from .params_option import plant_of
 
     path = Path(path)
+    if fmi not in (2, 3):
+        raise ValueError(f"fmi is {fmi!r}, expected 2 or 3")
     if not native and (fmi != 2 or platforms is not None):
         raise ValueError(f"fmi = {fmi}, platforms = {platforms}: these are for native=True")
     if tangents and (plant is not None or path.suffix == SYSTEM):
