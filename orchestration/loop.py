@@ -293,4 +293,6 @@ def as_reference(given: ReferenceLike) -> Reference:
 
 
 def _numbers(what: str, values: Values | None) -> dict[str, float]:
+    if not isinstance(values or {}, Mapping):
+        raise BadParameter(f"{what} is {values!r}, expected a mapping of names to numbers")
     return {n: as_number(f"{what}[{n!r}]", v) for n, v in (values or {}).items()}

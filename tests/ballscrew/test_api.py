@@ -214,6 +214,7 @@ def test_a_coupling_and_a_set_point_are_given_as_the_command_takes_them(tmp_path
         ({"step": 30.0}, "step is 30.0 s, expected more than 0 and at most stop"),
         ({"reference": float("inf")}, "reference is inf, expected a finite number"),
         ({"reference": "mvoe:distance=1"}, r"no motion 'mvoe'; .* did you mean move"),
+        ({"plant_values": 1e-3}, "plant_values is 0.001, expected a mapping of names to numbers"),
         ({"loop": 3}, "controller is 3, expected a name, a path or a Component"),
         ({"coupling": 3}, "coupling is 3, expected one of jacobi"),
         (
