@@ -30,7 +30,7 @@ def begin(temporary, out):
     )
     deadline = time.monotonic() + 60
     while True:  # until something is unpacked
-        new = [f for f in set(temporary.iterdir()) - before if list(f.iterdir())]
+        new = [f for f in set(temporary.iterdir()) - before if f.is_dir() and list(f.iterdir())]
         if new:
             return process, new[0]
         assert process.poll() is None
