@@ -8,7 +8,7 @@ ago.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -790,23 +790,12 @@ def diagnose(
     return DiagnosisResult.of(diagnosed(_paths(data), params, law, mapping, units=units, lead=lead))
 
 
-_OF_LOOP = (
-    "plant",
-    "reference",
-    "stop",
-    "step",
-    "plant_values",
-    "controller_values",
-    "coupling",
-    "mapping",
-)
-
-
 def _loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Any:
     """A loop of what a function was asked, or one that is there with what is to be different."""
     from .orchestration.loop import Loop, SystemLoop
 
-    given = {name: asked[name] for name in _OF_LOOP if asked.get(name) is not None}
+    names = (field.name for field in fields(Loop))
+    given = {name: asked[name] for name in names if asked.get(name) is not None}
     if isinstance(loop, Loop | SystemLoop):
         return replace(loop, **given)
     return Loop(loop, **{**defaults, **given})

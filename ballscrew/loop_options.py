@@ -166,7 +166,9 @@ def read_closed_loops(
     options: argparse.Namespace, controllers: Sequence[str], option: str = "--controller"
 ) -> list[Loop]:
     """The loops that `run` or `swap` is asked for, one for each controller of an option."""
-    stop = 20.0 if options.stop is None else read_length("--stop", options.stop)
+    from .orchestration.loop import STOP
+
+    stop = STOP if options.stop is None else read_length("--stop", options.stop)
     how = read_coupling_options(options, stop)
     return read_loops(options, controllers, option, stop=stop, **how)
 

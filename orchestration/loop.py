@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ..fmus.set_point import START_VALUE
 from ..instruments import bare
 from ..plant import DEFAULT_LAW, LAWS, PLANTS
+from ..solver.kernel import CONTROLLER, PLANT
 from .couplings import Coupling, coupling_named
 from .isolated import TIME_LIMIT
 from .limits import BadParameter, as_number, check_length, check_step
@@ -42,10 +43,11 @@ class HowCoupled:
         for name, value in given.items():
             object.__setattr__(self, name, value)
 
-    def __post_init__(self) -> None:
+    def _resolve_coupling(self, stop: float | None) -> None:
+        """Check how it is coupled over a motion of this length [s]; None: not known yet."""
         self._resolve(coupling=coupling_named("coupling", self.coupling))
         if self.step is not None:
-            self._resolve(step=as_number("step", self.step))
+            self._resolve(step=check_step("step", self.step, stop))
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,6 @@ class Loop(HowCoupled):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         self._resolve(
             controller=resolve_controller(self.controller),
             plant=resolve_plant(self.plant),
@@ -146,8 +147,7 @@ class Loop(HowCoupled):
             controller_values=_numbers("controller_values", self.controller_values),
             mapping=dict(self.mapping or {}),
         )
-        if self.step is not None:
-            check_step("step", self.step, self.stop)
+        self._resolve_coupling(self.stop)
 
     @property
     def label(self) -> str:
@@ -156,9 +156,15 @@ class Loop(HowCoupled):
 
     @property
     def title(self) -> str:
-        """Both parts by their own names."""
-        plant, controller = self.plant.own_name, self.controller.own_name
-        return plant if self.controller.is_none else f"{controller} on {plant}"
+        """Both parts by what they are called."""
+        alone = self.controller.is_none
+        return self.label if alone else f"{self.label} on {self.plant.label}"
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of both parts, by the names that the whole loop in one solver has."""
+        values = {PLANT + name: value for name, value in self.plant_values.items()}
+        return values | {CONTROLLER + n: value for n, value in self.controller_values.items()}
 
     @property
     def set_point(self) -> float:
@@ -256,14 +262,12 @@ class SystemLoop(HowCoupled):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         self._resolve(values=_numbers("values", self.values))
         if self.reference is not None:
             self._resolve(reference=as_reference(self.reference))
         if self.stop is not None:
             self._resolve(stop=check_length("stop", self.stop))
-            if self.step is not None:
-                check_step("step", self.step, self.stop)
+        self._resolve_coupling(self.stop)
 
     @property
     def label(self) -> str:

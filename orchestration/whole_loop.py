@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.set_point import DERIVATIVES
-from ..solver.kernel import CONTROLLER, PLANT, IntegrationError, Kernel, Model
+from ..solver.kernel import IntegrationError, Kernel, Model
 from ..solver.stored import stored_kernel
 from .compiled import FARTHEST
 from .couplings import Coupling
@@ -23,6 +23,7 @@ from .verdict import ACCURACY, Verdict
 
 if TYPE_CHECKING:
     from ..solver.component import Component
+    from ..solver.core import System
     from .loop import Loop
 
 Vector = npt.NDArray[np.float64]
@@ -114,12 +115,19 @@ def _with_curves(loop: Component) -> Component:
     return loop.substituted(curves, inputs=(*loop.inputs, *terms, started))
 
 
-def both_values(
-    plant: Mapping[str, float] | None, controller: Mapping[str, float] | None
-) -> dict[str, float]:
-    """Values of a loop's parts by the names that the whole loop has for them."""
-    values = {PLANT + name: value for name, value in (plant or {}).items()}
-    return values | {CONTROLLER + name: value for name, value in (controller or {}).items()}
+def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None = None) -> Model:
+    """A loop's equations around its constant set-point, with those made before where given.
+
+    Raises
+    ------
+    KeyError
+        For a parameter that does not exist.
+    """
+    model = Model(kernel, loop.values, tolerance, system)
+    for i in kernel.inputs:
+        if i.role == "reference":
+            model.set_input(i.name, loop.set_point)
+    return model
 
 
 def term_name(name: str, power: int) -> str:
@@ -183,7 +191,7 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
         f"{stop / step:.3g} communication steps need",
         "use a longer --step or a shorter --stop",
     )
-    values = both_values(loop.plant_values, loop.controller_values)
+    values = loop.values
     tight = _simulate(kernel, values, TIGHT, reference, stop, step, progress)
     loose = _simulate(kernel, values, LOOSE, reference, stop, step, None)
     commands = [n for n in tight.outputs if n in ("u",)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..orchestration.whole_loop import both_values
+from ..orchestration.whole_loop import model_of
 from ..solver.core import System
 from ..solver.kernel import CONTROLLER, PLANT, Model
 from ..solver.spectrum import follow_returns, follow_tangents
@@ -28,13 +28,7 @@ _BITS = 1.0 / math.log(2.0)
 def model_at(
     plan: MapPlan, x: float, y: float, tolerance: float, system: System | None = None
 ) -> Model:
-    loop = plan.loop_at(x, y)
-    values, setpoint = both_values(loop.plant_values, loop.controller_values), loop.set_point
-    model = Model(kernel_of(plan), values, tolerance, system)
-    for signal in kernel_of(plan).inputs:
-        if signal.role == "reference":
-            model.set_input(signal.name, setpoint)
-    return model
+    return model_of(kernel_of(plan), plan.loop_at(x, y), tolerance, system)
 
 
 @dataclass(frozen=True)

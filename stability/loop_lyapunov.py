@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..orchestration.loop import Loop
-from ..orchestration.whole_loop import both_values, held_loop_kernel, loop_kernel
+from ..orchestration.whole_loop import held_loop_kernel, loop_kernel, model_of
 from ..solver.delay_states import NODES
-from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
+from ..solver.kernel import CONTROLLER, PLANT, Kernel
 from ..solver.tape import UnsupportedComponent
 from .lyapunov import (
     FIRST,
@@ -32,15 +32,7 @@ def loop_maker(loop: Loop, averaged: bool = False) -> Maker:
         For a parameter that does not exist.
     """
     kernel = held_loop_kernel(loop.plant.name, loop.controller.name, averaged)
-    values, setpoint = both_values(loop.plant_values, loop.controller_values), loop.set_point
-
-    def make(tolerance: float) -> Model:
-        model = Model(kernel, values, tolerance)
-        for name in [i.name for i in kernel.inputs if i.role == "reference"]:
-            model.set_input(name, setpoint)
-        return model
-
-    return make
+    return lambda tolerance: model_of(kernel, loop, tolerance)
 
 
 def loop_order(kernel: Kernel) -> list[int]:

@@ -72,7 +72,7 @@ def loop_lyapunov_over_fmus(
                 _spectrum(parts.follow(loop, 0.5 * step, FINER * ACCURACY)),
                 signal_motion(run, parts.nominal(loop.mapping), run.growth[:, 0]),
                 math.nan,
-                f"{loop.controller.label} on {loop.plant.label}",
+                loop.title,
                 f"{method}; finite-time only: without equations nothing is known beyond {stop:g} s",
             )
     except (TangentsImpossible, UnsupportedComponent) as error:
