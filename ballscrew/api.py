@@ -803,7 +803,11 @@ def _loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Any:
 
 def _followed_loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Loop:
     """A loop around a constant set-point, whose values and ports are checked now."""
-    found: Loop = _loop(loop, asked, **defaults)
+    from .orchestration.loop import Loop
+
+    found = _loop(loop, asked, **defaults)
+    if not isinstance(found, Loop):
+        raise ValueError(f"{found.label}: an .ssp is run only; give a Loop of its two parts")
     if found.step is None:
         if found.mapping:
             raise ValueError("mapping is for FMUs; give their communication step, too")
