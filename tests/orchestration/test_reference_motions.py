@@ -50,6 +50,7 @@ def decades(least: float, most: float) -> st.SearchStrategy[float]:
 @settings(max_examples=150, deadline=None)
 @given(decades(-6, 0), decades(-3, 1), decades(-3, 3), decades(0, 14), st.sampled_from([1, -1]))
 @example(0.08, 0.1, 1.0, 1e12, 1)
+@example(10**-1.5, 10**-2.75, 1e3, 1e9, 1)
 def test_every_move_arrives_and_comes_back(size, speed, acceleration, jerk, sign):
     """However short its phases are beside its length."""
     ramp, flat, cruise = move_times(size, speed, acceleration, jerk)
@@ -66,7 +67,9 @@ def test_every_move_arrives_and_comes_back(size, speed, acceleration, jerk, sign
     for order, limit in ((1, speed), (2, acceleration)):
         assert np.abs(motion.derivative(order)).max() <= limit * (1 + 1e-9)
         gone = integral(motion, order) - motion.derivative(order - 1)
-        assert np.abs(gone).max() <= 1e-9 * np.abs(motion.derivative(order - 1)).max()
+        # Times are stored as doubles: each is off by up to half of its last digit.
+        rounding = len(motion.times) * np.spacing(motion.times[-1]) * limit
+        assert np.abs(gone).max() <= 1e-9 * np.abs(motion.derivative(order - 1)).max() + rounding
 
 
 @settings(max_examples=40, deadline=None)
