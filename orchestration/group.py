@@ -27,7 +27,7 @@ SWEEPS = 3  # that settle what only looks like an algebraic loop
 
 @dataclass(frozen=True)
 class Feed:
-    """A member's input = factor * source + offset.
+    """What a member's input takes.
 
     Attributes
     ----------
@@ -38,8 +38,6 @@ class Feed:
     source: str
     member: str
     port: str
-    factor: float = 1.0
-    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -49,8 +47,6 @@ class _Member:
     write: Writer
     read: Reader
     sources: npt.NDArray[np.intp]
-    factors: Vector
-    offsets: Vector
     outputs: slice
 
 
@@ -133,7 +129,7 @@ class Group:
     def nominal(self, name: str) -> float:
         if name in self.inputs:
             fed = next(f for f in self._feeds if f.source == name)
-            return self._members[fed.member].nominal(fed.port) / (abs(fed.factor) or 1.0)
+            return self._members[fed.member].nominal(fed.port)
         member, port = self._split(name)
         return self._members[member].nominal(port)
 
@@ -188,8 +184,6 @@ class Group:
                     instance.writer([f.port for f in feeds]),
                     instance.reader(instance.outputs),
                     np.array([self._place[f.source] for f in feeds], dtype=np.intp),
-                    np.array([f.factor for f in feeds]),
-                    np.array([f.offset for f in feeds]),
                     slice(begin, end),
                 )
             )
@@ -314,7 +308,7 @@ class Group:
             self._values[part.outputs] = part.read()
 
     def _feed(self, part: _Member) -> None:
-        values = part.factors * self._values[part.sources] + part.offsets
+        values = self._values[part.sources]
         if self._initializing and not np.isfinite(values).all():  # what is not known yet
             known = np.isfinite(values)
             ports = [f.port for f, k in zip(part.feeds, known, strict=True) if k]

@@ -9,23 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from ..fmus.law_ports import gain_port, rate_port
 from ..fmus.reading import Description
 from ..fmus.system_xml import BadSystem, Unit, conversion
 from ..fmus.tangent_ports import tangent_port, tangent_states
-from .fmu_instance import FmuInstance, Reader, Writer
+from .converted import AS_IS, Scale, converted
+from .fmu_instance import FmuInstance
 from .isolated import IsolatedInstance
 from .wiring import PLANT, Wiring, WiringError, names_on
 
-Vector = npt.NDArray[np.float64]
-Scale = tuple[float, float]
-"""Factor and offset: what arrives = factor * what is given + offset."""
-AS_IS: Scale = (1.0, 0.0)
 POSITION = "x"  # the output that a set-point is compared with
 
 
@@ -37,7 +30,7 @@ class PortUnits:
     ----------
     scales : dict of str to Scale
         By port of the controller: of inputs from the plant's unit, or SI for a set-point, to its
-        own; of outputs from its own to the plant's. Those that change nothing are left out.
+        own; of outputs from its own to the plant's.
     set_point : Scale
         From the set-point's SI unit to the unit of the plant's position, for results.
     one_sided : tuple of str
@@ -96,7 +89,7 @@ def port_units(
     }
     units = {v.name: v.unit for v in p.variables}, {v.name: v.unit for v in c.variables}
     return PortUnits(
-        {name: scale for name, scale in scales.items() if scale != AS_IS},
+        scales,
         set_point,
         tuple(one_sided),
         {ours: units[0][ours] or units[1][theirs] for theirs, ours in wiring.commands},
@@ -186,53 +179,6 @@ def scale_of_results(position: Unit | None, told: Sequence[Unit | None]) -> Scal
     return from_si(position) if fits else AS_IS
 
 
-class Converted:
-    """A controller whose ports take and give values in other units than its own.
-
-    Parameters
-    ----------
-    instance : FmuInstance or IsolatedInstance
-    scales : mapping of str to Scale
-        As `PortUnits.scales`.
-    """
-
-    def __init__(
-        self, instance: FmuInstance | IsolatedInstance, scales: Mapping[str, Scale]
-    ) -> None:
-        self._instance, self._scales = instance, scales
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._instance, name)
-
-    @property
-    def sample_time(self) -> float:
-        return self._instance.sample_time
-
-    @sample_time.setter
-    def sample_time(self, seconds: float) -> None:
-        self._instance.sample_time = seconds
-
-    def nominal(self, name: str) -> float:
-        factor = abs(self._scales.get(name, AS_IS)[0])
-        own = self._instance.nominal(name)
-        return own / factor if name in self._instance.inputs else own * factor
-
-    def _arrays(self, names: Sequence[str]) -> tuple[Vector, Vector]:
-        scales = np.array([self._scales.get(name, AS_IS) for name in names]).reshape(-1, 2)
-        return scales[:, 0], scales[:, 1]
-
-    def writer(self, names: Sequence[str]) -> Writer:
-        write, (factors, offsets) = self._instance.writer(names), self._arrays(names)
-        return lambda values: write(factors * values + offsets)
-
-    def reader(self, names: Sequence[str]) -> Reader:
-        read, (factors, offsets) = self._instance.reader(names), self._arrays(names)
-        return lambda: factors * read() + offsets
-
-    def reopened(self) -> Converted:
-        return Converted(self._instance.reopened(), self._scales)
-
-
 def convert(
     plant: FmuInstance | IsolatedInstance,
     controller: FmuInstance | IsolatedInstance,
@@ -247,6 +193,4 @@ def convert(
         If the units of two ports that are joined cannot be converted.
     """
     units = port_units(plant, controller, wiring, mapping)
-    if not units.scales:
-        return controller, units
-    return Converted(controller, units.scales), units  # type: ignore[return-value]
+    return converted(controller, units.scales), units

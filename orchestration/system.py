@@ -21,6 +21,7 @@ from ..fmus.system_reading import (
 from ..solver.nearest import nearest
 from .closed_loop import LIMIT, amplifier_notes, fixed_step_notes, own_step, run_by_steps
 from .closed_loop_result import ClosedLoopResult
+from .converted import AS_IS, Scale, converted
 from .couplings import Coupling
 from .fmu_instance import Instance
 from .group import Feed, Group
@@ -30,7 +31,7 @@ from .loop import STOP, SystemLoop
 from .loop_run import LoopRun
 from .master import Progress, run_loop
 from .parts import check_names
-from .port_units import AS_IS, POSITION, scale_of_results
+from .port_units import POSITION, scale_of_results
 from .reference_signal import Reference
 from .state_trial import check_state
 from .step_choice import FIRST
@@ -314,10 +315,10 @@ def _grouped(
     outside: Sequence[SystemConnection],
     goal: Sequence[SystemConnection],
 ) -> Group:
-    feeds = [
-        Feed(str(c.source), c.target.element, c.target.connector, c.factor, c.offset)
-        for c in (*inside, *outside, *goal)
-    ]
-    return Group(
-        name, members, feeds, list(dict.fromkeys(str(c.source) for c in (*outside, *goal)))
-    )
+    connections = (*inside, *outside, *goal)
+    feeds = [Feed(str(c.source), c.target.element, c.target.connector) for c in connections]
+    scales: dict[str, dict[str, Scale]] = {member: {} for member in members}
+    for c in connections:
+        scales[c.target.element][c.target.connector] = c.factor, c.offset
+    scaled = {member: converted(fmu, scales[member]) for member, fmu in members.items()}
+    return Group(name, scaled, feeds, list(dict.fromkeys(str(c.source) for c in (*outside, *goal))))
