@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import os
 import pickle
+import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +24,29 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault(
     "BALLSCREW_CACHE", str(Path(tempfile.gettempdir()) / f"ballscrew-tests-{os.getuid()}")
 )
+
+
+LONG = Path(__file__).with_name("long.txt")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark what `long.txt` lists, see there."""
+    rules = []
+    for line in LONG.read_text("utf-8").splitlines():
+        if line and not line.startswith("#"):
+            test, _, stays = line.partition(" stays: ")
+            rules.append((test, re.compile(stays) if stays else None))
+    used = set()
+    for item in items:
+        where, _, case = item.nodeid.removeprefix("tests/").partition("[")
+        for test, stays in rules:
+            if where == test or (where.startswith(f"{test}::") and case):
+                used.add(test)
+                if not (stays and stays.search(case.partition("@")[0])):
+                    item.add_marker("long")
+    whole = config.args == config.getini("testpaths") and not config.option.keyword
+    if whole and (idle := [test for test, _ in rules if test not in used]):
+        raise pytest.UsageError(f"{LONG.name} lists what is no test: {', '.join(idle)}")
 
 
 @pytest.fixture(scope="session", autouse=True)

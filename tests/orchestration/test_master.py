@@ -103,7 +103,12 @@ def test_nctf_comes_out_right_in_each_coupling_and_the_estimate_covers_the_error
 SHORTER = {"sliding_mode": 2e-4, "pid_dob": 2e-4}
 NOT_AT_A_MILLISECOND = {
     *SHORTER,
-    *("lqi", "super_twisting", "pid_lugre", "iol_observed", "fuzzy_pd_i", "relay"),
+    "lqi",
+    "super_twisting",
+    "pid_lugre",
+    "iol_observed",
+    "fuzzy_pd_i",
+    "relay",
 }
 
 
