@@ -13,31 +13,17 @@ if not os.path.isdir(os.path.join(__path__[0], "solver")):
 _PUBLIC = {
     **dict.fromkeys(
         (
-            *(
-                "catalogue",
-                "component",
-                "with_friction",
-                "export",
-                "run",
-                "swap",
-                "lyapunov",
-            ),
-            *(
-                "stability_map",
-                "swap_study",
-                "run_trial",
-                "read_force_records",
-                "read_drive_records",
-            ),
-            *("read_parameters", "identify", "diagnose"),
-        ),
+            "catalogue component with_friction export run swap lyapunov stability_map "
+            "swap_study run_trial read_force_records read_drive_records read_parameters "
+            "identify diagnose"
+        ).split(),
         "ballscrew.api",
     ),
     **dict.fromkeys(
         (
-            *("Component", "Parameter", "Input", "Output", "State", "DiscreteState", "ForceTerm"),
-            *("ForceBalance", "Event", "Mode", "Delay", "symbol", "TIME"),
-        ),
+            "Component Parameter Input Output State DiscreteState ForceTerm ForceBalance "
+            "Event Mode Delay symbol TIME"
+        ).split(),
         "ballscrew.solver.component",
     ),
     "connect": "ballscrew.solver.connect",

@@ -19,9 +19,8 @@ COMMANDS = {
     "run --controller iol --stop 5": ("run", "--controller", "iol", "--stop", "5"),
     "lyapunov --controller nctf --stop 20": ("lyapunov", "--controller", "nctf", "--stop", "20"),
     "map, 25 cells": (
-        *("map", "--controller", "iol", "--x", "sigma0_hat=66966:66967:5"),
-        *("--y", "sigma1_hat=340:367:5", "--stop", "5"),
-    ),
+        "map --controller iol --x sigma0_hat=66966:66967:5 --y sigma1_hat=340:367:5 --stop 5"
+    ).split(),
 }
 
 

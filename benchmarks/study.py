@@ -40,16 +40,15 @@ AIM = 600.0  # s, for all runs
 ROUNDS = 3
 MOVE = "move:distance={},speed=0.08,acceleration=0.8,jerk=20"
 ENTRANTS = (
-    *("iol", "iol_observed", "nctf", "pid", "p_pi", "pid_dob", "pid_lugre", "lqi"),
-    *("adaptive_friction", "fuzzy_pd_i"),
-)
+    "iol iol_observed nctf pid p_pi pid_dob pid_lugre lqi adaptive_friction fuzzy_pd_i"
+).split()
 SIZES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 8e-2)  # m
 WAVES = (
-    *("sine:amplitude=1e-3,frequency=2", "sine:amplitude=1e-4,frequency=5"),
-    *("sine:amplitude=1e-2,frequency=1", "sine:amplitude=1e-5,frequency=1"),
-    *("triangle:amplitude=1e-4,period=1", "triangle:amplitude=1e-3,period=1"),
-    *("triangle:amplitude=1e-2,period=2", "triangle:amplitude=1e-5,period=1"),
-)
+    "sine:amplitude=1e-3,frequency=2 sine:amplitude=1e-4,frequency=5 "
+    "sine:amplitude=1e-2,frequency=1 sine:amplitude=1e-5,frequency=1 "
+    "triangle:amplitude=1e-4,period=1 triangle:amplitude=1e-3,period=1 "
+    "triangle:amplitude=1e-2,period=2 triangle:amplitude=1e-5,period=1"
+).split()
 
 
 def plan() -> Plan:

@@ -91,8 +91,13 @@ def tunings(study: Mapping[str, Any]) -> str:
             ]
         )
     head = (
-        *("controller", "parameters tuned", "cost, published", "cost, tuned (3 seeds)"),
-        *("gain of twice the budget", f"variation at {first} [V]", f"peak error at {first} [um]"),
+        "controller",
+        "parameters tuned",
+        "cost, published",
+        "cost, tuned (3 seeds)",
+        "gain of twice the budget",
+        f"variation at {first} [V]",
+        f"peak error at {first} [um]",
     )
     return table(head, rows)
 

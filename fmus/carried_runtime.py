@@ -9,8 +9,12 @@ from pathlib import Path
 from ..solver.core import LIBRARY
 
 RUNTIME = (
-    *("solver/core.py", "solver/stepper.py", "solver/plain_delays.py", f"solver/c/{LIBRARY}"),
-    *("fmus/runtime.py", "fmus/process_end.py"),
+    "solver/core.py",
+    "solver/stepper.py",
+    "solver/plain_delays.py",
+    f"solver/c/{LIBRARY}",
+    "fmus/runtime.py",
+    "fmus/process_end.py",
 )
 """What of the package an FMU carries, in a package of its own whose name ends in its hash."""
 

@@ -18,7 +18,9 @@ from .units import BadUnit, base_exponents
 
 REAL = ("Real", "Float64", "Float32")
 WHOLE = (
-    *("Integer", "Boolean", "Enumeration"),
+    "Integer",
+    "Boolean",
+    "Enumeration",
     *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
 )
 

@@ -21,7 +21,9 @@ _STANDARDS = {
 }
 # the last two: functions have FMI's names, not those for linking many models into one program
 _FLAGS = (
-    *("-O2", "-shared", "-ffp-contract=off"),
+    "-O2",
+    "-shared",
+    "-ffp-contract=off",
     *(f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX" for version in (2, 3)),
 )
 

@@ -176,9 +176,9 @@ JOINT = np.dtype(
         *(
             (name, VECTOR)
             for name in (
-                *("reference", "start", "end", "middle", "law", "corrected", "ramped", "applied"),
-                *("plain", "plain_logs", "frame", "logs"),
-            )
+                "reference start end middle law corrected ramped applied plain plain_logs frame "
+                "logs"
+            ).split()
         ),
     ]
 )

@@ -194,8 +194,10 @@ class RunLog:
     ) -> None:
         self._whole = struct(COURSE)
         self._rows = (
-            *(np.empty(CHUNK), np.empty(CHUNK)),
-            *(np.empty((CHUNK, m * keeps_commands)), np.empty((CHUNK, others))),
+            np.empty(CHUNK),
+            np.empty(CHUNK),
+            np.empty((CHUNK, m * keeps_commands)),
+            np.empty((CHUNK, others)),
         )
         self.bounds = bounds(nominal, outputs)
         self.residual, self.effect_rate = np.zeros(m), np.zeros(len(outputs))

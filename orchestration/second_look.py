@@ -213,16 +213,14 @@ def _seen_within(
     """Outputs at the given rows of each step, or nothing where the loop fails."""
     clock = Clock(setting.stop, setting.step / PARTS, False, setting.breaks)
     log, nobody = setting.log(loop), struct(PAIR)
+    addresses = [record.address for record in (loop, nobody, nobody, clock, log)]
     all_rows = [min(k * PARTS, last) for k in range(points)]
     all_rows = sorted({*all_rows, *(row for within in rows.values() for row in within)})
     for ticks, alike in groupby(np.diff(all_rows).tolist()):
         left = len(list(alike))
         while left:
             clock.next_ticks(ticks)
-            why = library().master_march(
-                *(loop.address, nobody.address, nobody.address, clock.address, log.address),
-                min(left, CHUNK),
-            )
+            why = library().master_march(*addresses, min(left, CHUNK))
             loop.collect()
             if why != GOES_ON:
                 return {}

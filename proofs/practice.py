@@ -37,14 +37,14 @@ RATIO = 1.05  # of what is borne and what is not, where a search ends
 SHORTEST = 2e-6  # s
 MAPS = {
     "hunting_of_the_sampled_pid": (
-        *("map", "--controller", "pid_encoder", "--plant", "plant_classical"),
-        *("--x", "Ki=0:4000:21", "--y", "encoder_counts=1:41:21", "--stop", "60"),
-        *("--set", "plant.Fc=5", "--set", "plant.Fs=25", "--set", "controller.sample_time=0.005"),
-    ),
+        "map --controller pid_encoder --plant plant_classical --x Ki=0:4000:21 --y "
+        "encoder_counts=1:41:21 --stop 60 --set plant.Fc=5 --set plant.Fs=25 --set "
+        "controller.sample_time=0.005"
+    ).split(),
     "hunting_over_friction": (
-        *("map", "--controller", "pid", "--plant", "plant_classical", "--stop", "60"),
-        *("--x", "plant.Fc=0.5:10:20", "--y", "plant.Fs=10:60:21", "--set", "controller.Ki=3000"),
-    ),
+        "map --controller pid --plant plant_classical --stop 60 --x plant.Fc=0.5:10:20 "
+        "--y plant.Fs=10:60:21 --set controller.Ki=3000"
+    ).split(),
 }
 
 

@@ -21,9 +21,9 @@ LOOP = ("solver", "plant", "controllers", "fmus", "orchestration")
 ESTIMATED = ("records", "identification")
 DEPENDS_ON = {
     "trusted_loops": (
-        *("orchestration", "solver", "plant/classical.py", "plant/lugre.py"),
-        *("fmus/feedback_law.py", "proofs/linear_loops.py", "proofs/nonlinear_loops.py"),
-    ),
+        "orchestration solver plant/classical.py plant/lugre.py fmus/feedback_law.py "
+        "proofs/linear_loops.py proofs/nonlinear_loops.py"
+    ).split(),
     "fuzz": ("ballscrew", *LOOP, "proofs/mutations.py", "proofs/fuzz.py"),
     "identification": (
         "solver",
@@ -43,19 +43,21 @@ DEPENDS_ON = {
     "tro2021": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/tro2021.py"),
     "own_records": ("ballscrew", *LOOP, "rig", *ESTIMATED, "diagnosis", "proofs/own_records.py"),
     "practice": (*LOOP, "instruments", "stability", "proofs/practice.py"),
-    "swap_study": (
-        *("solver", "plant", "controllers", "orchestration/study", "proofs/swap_study.py"),
-    ),
+    "swap_study": ("solver", "plant", "controllers", "orchestration/study", "proofs/swap_study.py"),
     "exchange": (
-        *("solver", "plant", "fmus", "proofs/exchange.py"),
-        *("tests/support/exchange_host.py", "tests/support/exchange_courses.py"),
+        "solver",
+        "plant",
+        "fmus",
+        "proofs/exchange.py",
+        "tests/support/exchange_host.py",
+        "tests/support/exchange_courses.py",
     ),
     "tools": (*LOOP, "proofs/tools.py", "proofs/hosts"),
     "interrupts": (
-        *("ballscrew", "orchestration/run_folder.py", "orchestration/end_with_parent.py"),
-        *("orchestration/isolated.py", "orchestration/workers.py"),
-        *("tests/support/long_commands.py", "proofs/interrupts.py"),
-    ),
+        "ballscrew orchestration/run_folder.py orchestration/end_with_parent.py "
+        "orchestration/isolated.py orchestration/workers.py "
+        "tests/support/long_commands.py proofs/interrupts.py"
+    ).split(),
 }
 SHOWS = {
     "trusted_loops": "random loops, linear and not: no wrong result is called trusted",

@@ -19,10 +19,7 @@ NO_ROOM, NO_DELAY = 8, 9
 # what it leaves, see ``Info`` in ``c/stepper.h``
 NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = range(7)
 INFO_SIZE = 7
-FUNCTIONS = (
-    *("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react", "slopes"),
-    "delayed",  # of components with delays
-)
+FUNCTIONS = "rhs jac out sample indicate spread kind react slopes delayed".split()
 # a history of delayed signals, see ``c/delays.h``
 ROOM, COUNT, END, DISTURBED, DURATIONS = range(5)
 PIECES = 5
@@ -69,10 +66,9 @@ class _Work(ct.Structure):
         *(
             (name, _At)
             for name in (
-                *("jacobian", "w", "k", "stage", "slope", "by_time", "alone", "end", "first"),
-                *("middle", "g", "before", "left", "inverse", "lower", "upper", "lower_end"),
-                *("rows", "counts", "below", "pivots", "fired"),
-            )
+                "jacobian w k stage slope by_time alone end first middle g before left inverse "
+                "lower upper lower_end rows counts below pivots fired"
+            ).split()
         ),
         ("found", ct.c_int32),
         ("known", ct.c_int32),
@@ -131,9 +127,13 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "step": (_At, _NUMBER, _NUMBER, _NUMBER, _WHOLE),
     "output": (_At, _NUMBER),
     "trajectory": (
-        *(_At, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _WHOLE, _At, _WHOLE, _WHOLE),
-        *(_At, _At, _At),
-        *(_NUMBER, _At, _At, _WHOLE),
+        *[_At, _At, _WHOLE] * 3,
+        _At,
+        *[_WHOLE] * 2,
+        *[_At] * 3,
+        _NUMBER,
+        *[_At] * 2,
+        _WHOLE,
     ),
     "spectrum": (_At, _At, _WHOLE, _At),
     "returns": (_At, _At, _WHOLE, _At),

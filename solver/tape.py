@@ -17,17 +17,15 @@ from .core import FUNCTIONS
 
 # by number, as in ``c/tape.h`` and ``c/tape.c``
 _OPERATIONS = (
-    *("ADD", "SUBTRACT", "MULTIPLY", "DIVIDE", "NEGATE", "POWER", "MODULO"),
-    *("LESS", "LESS_EQUAL", "EQUAL", "NOT_EQUAL", "AND", "OR", "NOT"),
-    *("LARGER", "SMALLER", "SELECT", "CALL_1", "CALL_2"),
-    *("LOAD", "STORE", "JUMP", "JUMP_UNLESS", "RETURN"),
-)
+    "ADD SUBTRACT MULTIPLY DIVIDE NEGATE POWER MODULO LESS LESS_EQUAL EQUAL NOT_EQUAL "
+    "AND OR NOT LARGER SMALLER SELECT CALL_1 CALL_2 LOAD STORE JUMP JUMP_UNLESS "
+    "RETURN"
+).split()
 _NUMBER = {name: k for k, name in enumerate(_OPERATIONS)}
 OF_ONE = (
-    *("acos", "acosh", "asin", "asinh", "atan", "atanh", "ceil", "cos", "cosh", "erf", "erfc"),
-    *("exp", "expm1", "fabs", "floor", "lgamma", "log", "log10", "log1p", "log2", "sin", "sinh"),
-    *("sqrt", "tan", "tanh", "gamma", "sign"),
-)
+    "acos acosh asin asinh atan atanh ceil cos cosh erf erfc exp expm1 fabs floor "
+    "lgamma log log10 log1p log2 sin sinh sqrt tan tanh gamma sign"
+).split()
 OF_TWO = ["atan2", "copysign", "fmod", "hypot", "pow"]
 _BINARY: dict[type[ast.AST], str] = {
     ast.Add: "ADD",

@@ -110,7 +110,11 @@ def check_parts(plan: MapPlan, fmus: OverFmus) -> None:
         with opened_parts(loop, fmus.tangents) as parts:
             run_fmu_cell(brief, fmus, parts, *plan.point(0), 1.0)
     except (
-        *(FmuError, WiringError, CouplingError, BadParameter),
-        *(TangentsImpossible, UnsupportedComponent),
+        FmuError,
+        WiringError,
+        CouplingError,
+        BadParameter,
+        TangentsImpossible,
+        UnsupportedComponent,
     ) as error:
         raise BadMap(str(error)) from error

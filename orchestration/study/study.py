@@ -109,7 +109,11 @@ def tuned_and_judged(
     }
     runs = {
         f"run-{k}-{seed}-{d}-{first}.json": (
-            *(plan, e, loops[e.name], tunings[e.name][seed].values, duty),
+            plan,
+            e,
+            loops[e.name],
+            tunings[e.name][seed].values,
+            duty,
             range(first, min(first + CHUNK, plan.plants)),
         )
         for k, e in enumerate(plan.entrants)

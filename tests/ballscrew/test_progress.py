@@ -12,10 +12,9 @@ COMMANDS = {
     "run": ["run", "--controller", "pid", "--stop", "4"],
     "swap": ["swap", "--controllers", "pid", "nctf", "--stop", "2"],
     "rig": ["rig", "2.4/7"],
-    "map": [
-        *("map", "--controller", "pid", "--x", "plant.Fc=0.5:2:8", "--y", "plant.Fs=2.1:3:16"),
-        *("--stop", "2", "--workers", "1"),
-    ],
+    "map": (
+        "map --controller pid --x plant.Fc=0.5:2:8 --y plant.Fs=2.1:3:16 --stop 2 --workers 1"
+    ).split(),
 }
 SHOWN = {
     "run": (" of 4 s, ", " left"),

@@ -9,10 +9,9 @@ import pytest
 from ballscrew.solver import tables
 
 BLOCKED = "import sys; sys.modules['pyarrow'] = None; "
-MAP = [
-    *("map", "--controller", "pid", "--x", "plant.Fc=1:2:3", "--y", "plant.Fs=2.2:3:2"),
-    *("--stop", "0.5", "--workers", "1", "--out"),
-]
+MAP = (
+    "map --controller pid --x plant.Fc=1:2:3 --y plant.Fs=2.2:3:2 --stop 0.5 --workers 1 --out"
+).split()
 
 
 def without_pyarrow(*words):
@@ -34,7 +33,10 @@ def maps(tmp_path_factory):
 
 def test_a_map_is_a_csv_file_with_the_same_numbers(maps):
     assert {p.name for p in (maps / "without").glob("[!.]*")} == {
-        *("map.csv", "map.json", "map.png", "parameters.toml")
+        "map.csv",
+        "map.json",
+        "map.png",
+        "parameters.toml",
     }
     assert not (maps / "with" / "map.csv").exists()
     text = tables.read_table(maps / "without" / "map.csv")

@@ -21,7 +21,11 @@ FAST = [n for n, (_, settling, *_) in ROWS.items() if settling < 2.0]
 def test_the_table_has_every_continuous_controller():
     left_out = {n for n in CONTROLLERS if n not in ROWS}
     assert left_out == {
-        *("iol_true_acceleration", "pid_sampled", "iol_sampled", "nctf_sampled", "pid_encoder"),
+        "iol_true_acceleration",
+        "pid_sampled",
+        "iol_sampled",
+        "nctf_sampled",
+        "pid_encoder",
     }
 
 

@@ -8,10 +8,10 @@ import pytest
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus.catalogue import NAMES
 
-SAMPLE = {
-    *("plant", "plant_classical", "plant_maxwell_slip", "iol", "nctf", "pid", "pid_sampled"),
-    *("iol_observed", "relay", "position_encoder"),
-}
+SAMPLE = (
+    "plant plant_classical plant_maxwell_slip iol nctf pid pid_sampled iol_observed relay "
+    "position_encoder"
+).split()
 
 
 def sampled(names):
