@@ -20,6 +20,7 @@ from .options import (
     read_step,
 )
 from .orchestration.couplings import Coupling
+from .orchestration.limits import FIRST_STEP, TIME_LIMIT, check_corrections, check_time_limit
 from .params_option import add_params, params_values, read_params
 from .plant import PLANTS
 from .sides import check_labels, labels_of, mappings, meant, split_side
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from .orchestration.loop import Loop, SystemLoop
 
 COUPLINGS = tuple(coupling.value for coupling in Coupling)
-STEP = "1e-3"  # [s], the first that is tried, and that of exponents and maps over FMUs
 
 
 def _add_loop(add: Any) -> None:
@@ -78,7 +78,7 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
     add(
         "--step",
         metavar="SECONDS",
-        help=f"communication step [s] (default: {STEP}, halved until the run is trusted)",
+        help=f"communication step [s] (default: {FIRST_STEP:g}, halved until the run is trusted)",
     )
     add("--coupling", metavar="NAME", help=f"{', '.join(COUPLINGS)} (default: by rule, and said)")
     add("--corrections", metavar="0|1", help="corrections of each step by rollback")
@@ -111,7 +111,7 @@ def add_followed_loop_options(parser: argparse.ArgumentParser, stop: str, tolera
         choices=("model", "fmu"),
         help="the equations in one solver, or FMUs and their master (default model)",
     )
-    add("--step", metavar="S", help=f"with --via fmu: communication step (default {STEP})")
+    add("--step", metavar="S", help=f"with --via fmu: communication step (default {FIRST_STEP:g})")
     add("--setpoint", metavar="M", help="constant set-point (default 0.08)")
     add("--stop", default=stop, metavar="S", help=f"length of the motion (default {stop})")
     add(
@@ -174,13 +174,13 @@ def read_closed_loops(
 
 
 def read_followed_loop(
-    options: argparse.Namespace, tolerance: str, finest: float, coarsest: float
+    options: argparse.Namespace, tolerance: float, finest: float, coarsest: float
 ) -> tuple[Loop, float]:
     """The loop that `lyapunov` or `map` is asked for, and the tolerance of its solver.
 
     Parameters
     ----------
-    tolerance : str
+    tolerance : float
         Where none is given.
     finest, coarsest : float
         Between what it may be.
@@ -203,7 +203,7 @@ def read_followed_loop(
                 f"--{option} {getattr(options, option)}: an FMU gives no equations; add --via fmu"
             )
     stop = read_length("--stop", options.stop)
-    step = read_step("--step", options.step or STEP, stop) if over_fmus else None
+    step = read_step("--step", options.step or FIRST_STEP, stop) if over_fmus else None
     number = read_number("--tolerance", options.tolerance or tolerance)
     if not finest <= number <= coarsest:
         raise BadRequest(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
@@ -239,8 +239,8 @@ def read_system_loop(options: argparse.Namespace) -> SystemLoop:
 def read_coupling_options(options: argparse.Namespace, stop: float | None) -> dict[str, Any]:
     """The set-point, and what runs by name and by file have in common, checked."""
     step = None if options.step is None else read_step("--step", options.step, stop)
-    if step is None and stop is not None and stop > float(STEP):
-        read_step("--step", STEP, stop)  # the first that is tried
+    if step is None and stop is not None and stop > FIRST_STEP:
+        read_step("--step", FIRST_STEP, stop)  # the first that is tried
     from .orchestration.couplings import coupling_named
     from .orchestration.loop import as_reference
 
@@ -250,18 +250,14 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
     elif options.setpoint is not None:
         how["reference"] = read_number("--setpoint", options.setpoint)
     coupling = guard(lambda: coupling_named("--coupling", options.coupling))
-    if options.corrections not in (None, "0", "1"):
-        raise BadRequest(f"--corrections is {options.corrections!r}, expected 0 or 1")
+    corrections = guard(lambda: check_corrections("--corrections", options.corrections))
     limit = options.time_limit
     for option, given in (("isolate", options.isolate), ("time-limit", limit is not None)):
         if given and coupling and coupling.value == "monolithic":
             raise BadRequest(f"--{option} is for FMUs, and --coupling monolithic runs none")
     if limit is not None and options.isolate is False:
         raise BadRequest("--time-limit is for FMUs in a process of their own; see --no-isolate")
-    time_limit = read_number("--time-limit", limit or "60")
-    if time_limit <= 0:
-        raise BadRequest(f"--time-limit is {limit} s, expected more than 0")
-    corrections = None if options.corrections is None else int(options.corrections)
+    time_limit = guard(lambda: check_time_limit("--time-limit", limit or TIME_LIMIT))
     return how | {"coupling": coupling, "corrections": corrections, "time_limit": time_limit}
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from .console import Stages, print_notes
 from .loop_options import add_followed_loop_options, read_followed_loop
 from .options import NOT_TRUSTED, TRUSTED, BadRequest, guard, read_number
+from .orchestration.limits import TOLERANCE
 from .results_folder import prepare_folder, save_results
 
 _EXAMPLES = """examples:
@@ -21,7 +22,7 @@ _EXAMPLES = """examples:
   ballscrew lyapunov --controller hand.fmu --map position=x --map voltage=u --via fmu \
       --stop 20 --out out/hand
 """
-TOLERANCE, BUDGET = "1e-11", "60"
+BUDGET = "60"
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -35,7 +36,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_followed_loop_options(parser, stop="300", tolerance=TOLERANCE)
+    add_followed_loop_options(parser, stop="300", tolerance=f"{TOLERANCE:g}")
     parser.add_argument(
         "--budget",
         default=BUDGET,

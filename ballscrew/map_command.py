@@ -10,6 +10,7 @@ from typing import Any
 from .console import Bar, print_notes
 from .loop_options import add_followed_loop_options, read_followed_loop
 from .options import TRUSTED, BadRequest, guard
+from .orchestration.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
 from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
 from .worker_options import add_worker_options, open_workers, read_worker_count
@@ -22,8 +23,6 @@ _EXAMPLES = """examples:
   ballscrew map --controller pid --x plant.Fc=0.5:2:16 --y plant.Fs=2.1:3:16 --refine --out out/fcfs
   ballscrew map --controller mine.fmu --via fmu --x Kp=100:500:9 --y plant.Fs=2.1:3:9 --out out/mine
 """
-TOLERANCE = "1e-6"  # verdicts by motion; a tenth of it is tried where they might differ
-TOLERANCE_OF_EXPONENTS = "1e-8"
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -42,7 +41,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add_followed_loop_options(
         parser,
         stop="20",
-        tolerance=f"{TOLERANCE}, with --exponents {TOLERANCE_OF_EXPONENTS}",
+        tolerance=f"{TOLERANCE_OF_MOTIONS:g}, with --exponents {TOLERANCE_OF_MAPS:g}",
     )
     add = parser.add_argument
     for side in ("--x", "--y"):
@@ -61,7 +60,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _map(options: argparse.Namespace) -> int:
-    usual = TOLERANCE_OF_EXPONENTS if options.exponents else TOLERANCE
+    usual = TOLERANCE_OF_MAPS if options.exponents else TOLERANCE_OF_MOTIONS
     loop, tolerance = read_followed_loop(options, usual, finest=1e-12, coarsest=1e-4)
     count = read_worker_count(options)
     from .orchestration.memory import NotEnoughMemory

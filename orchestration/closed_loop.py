@@ -18,6 +18,7 @@ from .closed_loop_result import ClosedLoopResult
 from .couplings import Coupling
 from .fmu_instance import FmuInstance
 from .isolated import IsolatedInstance, open_fmu
+from .limits import FIRST_STEP
 from .loop import HowCoupled, Loop
 from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
@@ -25,7 +26,7 @@ from .parts import check_names
 from .port_units import convert
 from .sampling import UnknownPeriod, sampling_period
 from .state_trial import check_state
-from .step_choice import FIRST, StepChoice, choose_step, only_step
+from .step_choice import StepChoice, choose_step, only_step
 from .whole_loop import run_monolithic
 from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
 
@@ -85,7 +86,7 @@ def run_by_steps(
     run_at, try_at : function
         See `choose_step`.
     """
-    first = min(FIRST, stop)
+    first = min(FIRST_STEP, stop)
     if loop.step is not None or loop.adaptive:
         return run_at(loop.step or own or first, True), None
     if own:
@@ -264,4 +265,4 @@ def _run_monolithic(loop: Loop, progress: Progress | None) -> LoopRun:
     if loop.adaptive or loop.corrections or loop.mapping:
         raise CouplingError("the monolithic coupling has no steps to adapt, correct or map")
     loop.check_values()
-    return run_monolithic(loop, loop.step or min(FIRST, loop.stop), progress)
+    return run_monolithic(loop, loop.step or min(FIRST_STEP, loop.stop), progress)

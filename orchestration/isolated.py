@@ -40,10 +40,10 @@ from .fmu_instance import (
     open_source,
 )
 from .isolated_host import DISCARDED, OK, REFUSED, Request, receive, send
+from .limits import TIME_LIMIT
 
 Vector = npt.NDArray[np.float64]
 
-TIME_LIMIT = 60.0  # s, for any one call
 _KEPT = 4096  # bytes of what it prints
 _FAREWELL = 5.0  # s, to end in good order
 

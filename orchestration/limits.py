@@ -7,6 +7,10 @@ from typing import Any
 
 SHORTEST = 1e-9  # motion [s]: what is nearly nothing has no steps
 MOST_STEPS = 1e9  # no run of more would end
+FIRST_STEP = 1e-3  # that is tried, and that of exponents and maps over FMUs [s]
+TIME_LIMIT = 60.0  # for any one call of an FMU in a process of its own [s]
+TOLERANCE = 1e-11  # of exponents; in maps of many loops a coarser one does
+TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS = 1e-8, 1e-6  # with exponents, and by the motion alone
 
 
 class BadParameter(ValueError):
@@ -32,6 +36,26 @@ def check_length(what: str, given: Any) -> float:
     if stop < SHORTEST:
         raise BadParameter(f"{what} is {given} s, expected at least {SHORTEST:g} s")
     return stop
+
+
+def check_corrections(what: str, given: Any) -> int | None:
+    """How often a step is corrected; None is as often as the parts allow.
+
+    Raises
+    ------
+    BadParameter
+    """
+    if given not in (None, 0, 1, "0", "1"):
+        raise BadParameter(f"{what} is {given!r}, expected 0 or 1")
+    return None if given is None else int(given)
+
+
+def check_time_limit(what: str, given: Any) -> float:
+    """How long a call of an FMU may take [s]; raises `BadParameter`."""
+    limit = as_number(what, given)
+    if limit <= 0:
+        raise BadParameter(f"{what} is {given} s, expected more than 0")
+    return limit
 
 
 def check_step(what: str, given: Any, stop: float | None) -> float:

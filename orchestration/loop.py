@@ -15,8 +15,15 @@ from ..instruments import bare
 from ..plant import DEFAULT_LAW, LAWS, PLANTS
 from ..solver.kernel import CONTROLLER, PLANT
 from .couplings import Coupling, coupling_named
-from .isolated import TIME_LIMIT
-from .limits import BadParameter, as_number, check_length, check_step
+from .limits import (
+    TIME_LIMIT,
+    BadParameter,
+    as_number,
+    check_corrections,
+    check_length,
+    check_step,
+    check_time_limit,
+)
 from .parameter_file import BALL_SCREW, FMU, ParameterFile, list_used
 from .parts import Part, PartLike, readable, resolve_controller, resolve_plant
 from .reference_motions import read_set_point
@@ -45,7 +52,11 @@ class HowCoupled:
 
     def _resolve_coupling(self, stop: float | None) -> None:
         """Check how it is coupled over a motion of this length [s]; None: not known yet."""
-        self._resolve(coupling=coupling_named("coupling", self.coupling))
+        self._resolve(
+            coupling=coupling_named("coupling", self.coupling),
+            corrections=check_corrections("corrections", self.corrections),
+            time_limit=check_time_limit("time_limit", self.time_limit),
+        )
         if self.step is not None:
             self._resolve(step=check_step("step", self.step, stop))
 

@@ -19,11 +19,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .fmu_instance import SHORTER
+from .limits import FIRST_STEP
 from .loop_run import UNBOUNDED, LoopRun
 from .second_look import jumps
 from .verdict import ACCURACY, Verdict, scales
 
-FIRST = 1e-3  # s
 LONGEST = 60.0  # s of computing that a run may take in all, as far as can be foreseen
 CONVERGES = 0.7  # share of the difference before that a difference may be
 LEVELS = 12
@@ -49,7 +49,7 @@ class StepChoice:
 
 def choose_step(
     run_at: Callable[[float, bool], LoopRun],
-    first: float = FIRST,
+    first: float = FIRST_STEP,
     try_at: Callable[[float, bool], LoopRun] | None = None,
 ) -> tuple[LoopRun, StepChoice]:
     """Run with shorter and shorter steps until a run can be trusted.

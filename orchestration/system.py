@@ -26,7 +26,7 @@ from .couplings import Coupling
 from .fmu_instance import Instance
 from .group import Feed, Group
 from .isolated import open_fmu
-from .limits import BadParameter, check_step
+from .limits import FIRST_STEP, BadParameter, check_step
 from .loop import STOP, SystemLoop
 from .loop_run import LoopRun
 from .master import Progress, run_loop
@@ -34,7 +34,6 @@ from .parts import check_names
 from .port_units import POSITION, scale_of_results
 from .reference_signal import Reference
 from .state_trial import check_state
-from .step_choice import FIRST
 from .system_goal import Fmus, Goal, goal_of
 from .system_law import accepts_law, commands_of, reports_law
 from .wiring import CONTROLLER, Wiring, plain_outputs
@@ -71,7 +70,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
             opened.callback(fmus[element.name].close)
         values = _values(system, asked, fmus)
         own = own_step({f.path.name: f.description for f in fmus.values()})
-        first = asked.step or own or min(FIRST, stop)
+        first = asked.step or own or min(FIRST_STEP, stop)
         states = [check_state(f, values[name], stop, first) for name, f in fmus.items()]
         loop = _loop(system, fmus, asked)
         reference = asked.reference or Reference.constant(loop.set_point(system, values, fmus))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..orchestration.limits import TOLERANCE
 from ..orchestration.loop import Loop
 from ..orchestration.whole_loop import held_loop_kernel, loop_kernel, model_of
 from ..solver.delay_states import NODES
@@ -12,7 +13,6 @@ from ..solver.tape import UnsupportedComponent
 from .lyapunov import (
     FIRST,
     LAST,
-    TOLERANCE,
     LyapunovRun,
     Maker,
     NoExponents,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..orchestration.limits import TOLERANCE
 from ..solver.core import REACHED
 from ..solver.files import write_atomically, write_json
 from ..solver.kernel import Model
@@ -30,7 +31,6 @@ Maker = Callable[[float], Model]
 """Makes one and the same model, at its start, with a relative tolerance."""
 
 
-TOLERANCE = 1e-11
 TIGHTER = 0.1
 JUDGED = 100.0  # times the tolerance suffice to tell what a motion becomes
 COARSEST = 1e-6

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.catalogue import kept_as
+from ..orchestration.limits import TOLERANCE_OF_MAPS
 from ..orchestration.loop import Loop
 from ..orchestration.memory import check_memory
 from ..orchestration.reference_signal import Reference
@@ -22,8 +23,6 @@ from ..solver.nearest import nearest
 from .fmu_parts import OverFmus
 
 Vector = npt.NDArray[np.float64]
-TOLERANCE = 1e-8
-TOLERANCE_OF_MOTIONS = 1e-6  # where no exponent is asked for
 TIGHTER = 0.1
 SHORTER = 0.5  # a coupling of second order is four times as good
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
@@ -92,7 +91,7 @@ class MapPlan:
     x: Axis
     y: Axis
     exponents: bool = False
-    tolerance: float = TOLERANCE
+    tolerance: float = TOLERANCE_OF_MAPS
     seed: int = 0
     fmus: OverFmus | None = None
 

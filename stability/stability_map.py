@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..orchestration.kept_parts import KeptParts
+from ..orchestration.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
 from ..orchestration.loop import Loop
 from ..orchestration.run_folder import write_run
 from ..solver.files import write_json
@@ -30,8 +31,6 @@ from .fmu_cell import check_parts
 from .fmu_parts import over_fmus
 from .map_pictures import save_map_picture
 from .map_plan import (
-    TOLERANCE,
-    TOLERANCE_OF_MOTIONS,
     BadMap,
     MapPlan,
     kernel_of,
@@ -70,7 +69,7 @@ def plan_map(
         If an axis makes no sense, the FMUs cannot be coupled, or these parts have no exponents.
     BadParameter, FmuError, NotEnoughMemory
     """
-    tolerance = tolerance or (TOLERANCE if exponents else TOLERANCE_OF_MOTIONS)
+    tolerance = tolerance or (TOLERANCE_OF_MAPS if exponents else TOLERANCE_OF_MOTIONS)
     try:
         fmus = None if loop.step is None else over_fmus(loop, exponents)
     except UnsupportedComponent as error:

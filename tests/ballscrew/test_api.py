@@ -229,6 +229,19 @@ def test_a_run_refuses_what_the_command_refuses(given, said):
         ballscrew.run(**{"loop": "pid", **given})
 
 
+@pytest.mark.parametrize("loop", [ballscrew.Loop, ballscrew.SystemLoop])
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"corrections": 2}, "corrections is 2, expected 0 or 1"),
+        ({"time_limit": 0.0}, "time_limit is 0.0 s, expected more than 0"),
+    ],
+)
+def test_a_loop_refuses_what_the_command_refuses(loop, given, said):
+    with pytest.raises(ValueError, match=said):
+        loop("pid", **given)
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
