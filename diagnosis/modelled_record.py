@@ -67,6 +67,8 @@ class ModelledRecord:
     offset_name : str
         Under which `calibration` has the force [N] by which this record's offset is another than
         the first record's; empty where all have one.
+    per_command : float
+        Force that a lasting command holds at rest, as prior: balances are told in its terms [N/V].
     by_current : bool
         Whether the motor's force is taken from the current, else from the voltage and the mean
         speed: where the speed follows the voltage within a sampling interval, no sample shows the
@@ -87,6 +89,7 @@ class ModelledRecord:
     calibration: Mapping[str, float] = field(default_factory=dict)
     by_current: bool = False
     offset_name: str = ""
+    per_command: float = 1.0
 
     @property
     def step(self) -> float:
@@ -238,6 +241,7 @@ def lay_along(record: DriveRecord, model: DriveModel) -> ModelledRecord:
     course = replace(
         course,
         inertia=sluggishness(course, model),
+        per_command=model.per_command,
         current_share=_current_share(course, model, noise),
         calibration=dict.fromkeys(calibration_priors(course), 0.0),
     )
