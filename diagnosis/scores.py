@@ -47,6 +47,7 @@ _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
 _SURE = (0.5, 1.5)  # amplitude of a shape that has its size in its values
 _REFINED = 3  # halvings of a grid's spacing
+_STRAINED = 5.0  # tolerances, beyond which values no longer are what the user has measured
 
 
 @dataclass(frozen=True)
@@ -262,6 +263,10 @@ class Suspect:
     by_block : ndarray, shape (blocks,)
     share : float
         Of the squares of the force left on blocks held out, that it takes away.
+    cost : float
+        Of values that are not the prior ones.
+    doubt : float
+        Half the spacing of the grid that its size is from, as a logarithm.
     """
 
     name: str
@@ -272,6 +277,7 @@ class Suspect:
     by_block: Vector
     share: float
     cost: float
+    doubt: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -402,6 +408,17 @@ class Catalogue:
                     )
         return [f for f in out if f is not None]
 
+    def force_of(self, suspect: Suspect) -> float:
+        """What a suspect does to the balance of forces, root mean square [N]."""
+        shape = suspect.form.shape
+        if shape.freed:
+            parts = [b[:, :1, suspect.form.columns] for b in self.base]
+        else:
+            parts = [r[:, :1] for r in responses(self.study.courses, self.study.model, shape)]
+        force = np.concatenate([(p[:, 0] @ suspect.amplitude) for p in parts])
+        moves = np.concatenate([c.resting == 0.0 for c in self.study.courses])
+        return float(np.sqrt(np.mean(force[moves] ** 2)))
+
     def _stated(self, forms: Sequence[Form]) -> tuple[Vector, Vector]:
         """Prior means and precisions of values and forms."""
         mean, spread = self.study.prior()
@@ -426,7 +443,14 @@ def free_spread(study: Study, name: str) -> float:
     return _FREED
 
 
-def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
+def _can_be(study: Study, form: Form, fit: Fit, amplitude: Vector) -> bool:
+    """Whether sizes and values are such as a machine can have."""
+    mean, spread = study.prior()
+    strain = np.abs(fit.amplitude[0][: len(mean)] - mean) / spread
+    if form.freed:
+        strain[form.columns - 1] = 0.0
+    if np.max(strain[: len(study.model.adjustable)]) > _STRAINED * math.sqrt(3.0):
+        return False
     if form.shape.sure is not None:
         return bool(_SURE[0] < amplitude[0] < _SURE[1])
     if form.freed:
@@ -438,9 +462,8 @@ def _own(form: Form, fit: Fit, values: int) -> slice | Array:
     return form.columns - 1 if form.freed else slice(values, values + len(form.columns))
 
 
-def scored(study: Study) -> Scored:
+def scored(study: Study, catalogue: Catalogue) -> Scored:
     """Every suspect in its best form, the best first."""
-    catalogue = Catalogue(study)
     base = base_fit(study, catalogue.base)
     values = len(study.values)
     fits = catalogue.fit(catalogue.forms)
@@ -465,7 +488,7 @@ def scored(study: Study) -> Scored:
 def _suspect(study: Study, form: Form, fit: Fit, base: Fit, values: int) -> Suspect | None:
     own = _own(form, fit, values)
     amplitude = fit.amplitude[0][own]
-    if not np.isfinite(fit.held).all() or not _can_be(study, form, amplitude):
+    if not np.isfinite(fit.held).all() or not _can_be(study, form, fit, amplitude):
         return None
     by_block = fit.held[0] - base.held[0]
     forces = _of_forces(study)
@@ -486,3 +509,33 @@ def _of_forces(study: Study) -> npt.NDArray[np.bool_]:
     """Which of the used bands are of the balance of forces."""
     of_force = np.arange(len(study.bands.used)) < len(EDGES) - 1
     return np.asarray(of_force[study.bands.used])
+
+
+def refined(study: Study, catalogue: Catalogue, suspect: Suspect) -> Suspect:
+    """The suspect with its value found between the points of the grid, by halving."""
+    cause = CAUSES.get(suspect.name)
+    name = cause.refined_of(suspect.form.shape.values) if cause else None
+    if cause is None or name is None:
+        return suspect
+    grid = np.unique([f.shape.values[name] for f in catalogue.forms
+                      if f.name == suspect.name and name in f.shape.values])  # fmt: skip
+    at = float(suspect.form.shape.values[name])
+    near = np.abs(np.log(grid[(grid > 0.0) & (grid != at)] / at)) if at > 0.0 else np.zeros(0)
+    if not len(near):
+        return suspect
+    step, best = float(near.min()), suspect
+    base = base_fit(study, catalogue.base)
+    for _ in range(_REFINED):
+        step *= 0.5
+        known = len(catalogue.forms)
+        values = best.form.shape.values
+        for side in (-step, step):
+            moved = {**values, name: values[name] * math.exp(side)}
+            catalogue.add(suspect.name, cause.at(study.courses, study.model, moved))
+        new = catalogue.forms[known:]
+        catalogue.extend(known)
+        for form, fit in zip(new, catalogue.fit(new), strict=True):
+            tried = _suspect(study, form, fit, base, len(study.values))
+            if tried and tried.score > best.score:
+                best = tried
+    return replace(best, doubt=step)

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 _SHIFTS = (*range(-20, 0), *range(1, 21))
 """Of the command's stamps, in sampling intervals: fewer are a shift within an interval."""
 
+_CERTAIN = 0.01
+"""A sign is another one or it is not."""
+
 CURRENT_GAIN = "current_gain"
 """The calibration that a wrong scale of the current sets free."""
 
@@ -70,13 +73,13 @@ def _scale_of_x(courses: Courses, model: DriveModel, values: Values) -> Shape:
 
 def _sign_of_u(courses: Courses, model: DriveModel, values: Values) -> Shape:
     command = [-2.0 * c.u[:, None] for c in courses]
-    return Shape(("sign_of_u",), command=command, values=values, sure=0.2)
+    return Shape(("sign_of_u",), command=command, values=values, sure=_CERTAIN)
 
 
 def _sign_of_x(courses: Courses, model: DriveModel, values: Values) -> Shape:
     parts = [_motion(model, c, _inertial(c, model) + c.bristle) for c in courses]
     force, command = ([-2.0 * p[k] for p in parts] for k in (0, 1))
-    return Shape(("sign_of_x",), force=force, command=command, values=values, sure=0.2)
+    return Shape(("sign_of_x",), force=force, command=command, values=values, sure=_CERTAIN)
 
 
 def _shifts(courses: Courses, model: DriveModel) -> list[Values]:

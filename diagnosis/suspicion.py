@@ -1,0 +1,162 @@
+"""The suspects of a study with their sizes, for an answer that is a set and not one name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from ..records.drive_record import DriveRecord
+from .causes import CAUSES
+from .drive_model import DriveModel
+from .found_cause import UNITS
+from .modelled_record import opposing
+from .residuals import rms
+from .scores import OUTSIDE, Catalogue, Study, Suspect, refined, scored, study_of
+from .sets import NOTHING, Likely, likely, none_is_ruled_out
+from .signals import CURRENT_GAIN, SIGNALS
+
+Vector = npt.NDArray[np.float64]
+
+_OUTSIDE_SAYS = "something that no cause of the catalogue is: friction or force that only a free curve follows"
+_SHOWN = 0.1  # of the best score, at which a cause is seen beside it
+
+
+@dataclass(frozen=True)
+class SuspectFound:
+    """One member of the set.
+
+    Attributes
+    ----------
+    name, says : str
+    probability : float
+        Among all that was looked at.
+    parameters : mapping of str to float
+        Its size, SI; empty for what is outside the catalogue.
+    intervals : mapping of str to (float, float)
+        95 %, from leaving out one block of the records at a time.
+    units : mapping of str to str
+    force : float
+        What it does to the balance of forces, root mean square [N].
+    of_friction : float
+        The same as a share of the friction.
+    confirm : str
+        What would confirm it.
+    """
+
+    name: str
+    says: str
+    probability: float
+    parameters: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]]
+    units: Mapping[str, str]
+    force: float
+    of_friction: float
+    confirm: str
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """What the scores say of a study.
+
+    Attributes
+    ----------
+    suspects : tuple of SuspectFound
+        The smallest set that holds the truth with 95 %, the likeliest first, without `none`.
+    none_likely : bool
+        Whether that there is nothing is in the set.
+    none_ruled_out : bool
+        Whether of a hundred faultless records at most two look like this.
+    seen : frozenset of str
+        Causes that gain on blocks held out, alone or beside the first.
+    """
+
+    suspects: tuple[SuspectFound, ...]
+    none_likely: bool
+    none_ruled_out: bool
+    seen: frozenset[str]
+
+
+def suspicion(records: Sequence[DriveRecord], prior_model: DriveModel) -> Suspicion:
+    """The suspects of records whose command the model takes, see `commanded`.
+
+    Raises
+    ------
+    BadRecord
+        If records show next to no motion.
+    """
+    study = study_of(records, prior_model)
+    catalogue = Catalogue(study)
+    found = scored(study, catalogue)
+    members = likely(found)
+    best = max((s.score for s in found.suspects), default=0.0)
+    seen = {s.name for s in found.suspects if s.score > max(_SHOWN * best, 0.0)}
+    seen |= {n for n, score in found.beside.items() if score > 0.0}
+    told = [m for m in members if m.name != NOTHING and m.suspect is not None]
+    return Suspicion(
+        tuple(_found(study, catalogue, m) for m in told),
+        any(m.name == NOTHING for m in members),
+        none_is_ruled_out(found),
+        frozenset(seen),
+    )
+
+
+def _found(study: Study, catalogue: Catalogue, member: Likely) -> SuspectFound:
+    assert member.suspect is not None
+    if member.name == OUTSIDE:
+        suspect, says, confirm = member.suspect, _OUTSIDE_SAYS, "the same motion again: does it repeat?"
+        values: tuple[dict[str, float], dict[str, tuple[float, float]]] = ({}, {})
+    else:
+        suspect = refined(study, catalogue, member.suspect)
+        entry = CAUSES.get(member.name) or SIGNALS[member.name]
+        says, confirm = entry.says, entry.confirm
+        values = _values(study, suspect)
+    force = catalogue.force_of(suspect)
+    friction = rms(np.concatenate([opposing(c, study.model)[~c.rests] for c in study.courses]))
+    return SuspectFound(
+        member.name, says, member.probability, *values, _units(member.name, values[0]),
+        force, force / max(friction, 1e-300), confirm,
+    )  # fmt: skip
+
+
+def _values(
+    study: Study, suspect: Suspect
+) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """Sizes and their intervals."""
+    wide = float(student.ppf(0.975, len(suspect.by_block) - 1))
+    shape = suspect.form.shape
+    values, intervals = {}, {}
+    if shape.sure is not None:
+        off = abs(math.log(max(float(suspect.amplitude[0]), 0.1)))
+        off = min(off + wide * float(suspect.error[0]) + suspect.doubt, 3.0)
+        for name, value in shape.values.items():
+            values[name] = value
+            ends = value * math.exp(-off), value * math.exp(off)
+            intervals[name] = (min(ends), max(ends))
+        return values, intervals
+    names = shape.freed or shape.amplitudes
+    for name, size, error in zip(names, suspect.amplitude, suspect.error, strict=True):
+        reach = wide * float(error)
+        scale, shift = _told(study, suspect.name, name)
+        ends = scale * (size - reach) + shift, scale * (size + reach) + shift
+        values[name] = scale * float(size) + shift
+        intervals[name] = (min(ends), max(ends))
+    return {**values, **{n: float(v) for n, v in shape.values.items() if n not in values}}, intervals
+
+
+def _told(study: Study, suspect: str, name: str) -> tuple[float, float]:
+    """How the size of an amplitude is told: factor and shift."""
+    if name == CURRENT_GAIN or suspect.startswith("scale_of"):
+        return 1.0, 1.0  # by which the true signal is larger than the recorded one
+    if name in study.model.values and name in study.values:
+        return study.model.values[name], study.model.values[name]
+    return 1.0, 0.0
+
+
+def _units(name: str, values: Mapping[str, float]) -> dict[str, str]:
+    known = {p.name: p.unit for p in CAUSES[name].parameters} if name in CAUSES else {}
+    return {n: known.get(n.partition(".")[0], UNITS.get(n, "1")) for n in values}
