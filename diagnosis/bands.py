@@ -8,6 +8,7 @@ effect slower than the noise's memory counts as what it is.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -117,7 +118,7 @@ def _rows(count: int, step: float, top: float) -> list[slice]:
     """Lines of a block's spectrum that are in each band."""
     edges = np.minimum([*EDGES[1:-1], np.inf], top)
     ends = [0, *np.searchsorted(np.fft.rfftfreq(count, step), edges).tolist()]
-    return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
+    return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
 
 def _seen(weights: Matrix) -> Vector:
@@ -136,7 +137,7 @@ def cut(courses: Sequence[ModelledRecord], model: DriveModel) -> Bands:
         ends = [n * k // per for k in range(per + 1)]
         moves = (c.resting == 0.0).astype(float)
         doubt = _doubt(c, model, exact)
-        for first, last in zip(ends, ends[1:], strict=False):
+        for first, last in itertools.pairwise(ends):
             taper = tukey(last - first, TAPER) * moves[first:last]
             block = np.column_stack([taper * doubt[first:last], *[taper] * (len(c.channels) - 1)])
             parts.append((r, first, last))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -35,6 +35,7 @@ from .remaining import above_floor, below_floor, next_experiment, out_of_reach, 
 from .residuals import Residual, after_the_start, residual, rms
 from .search import Found, Situation, added_by, adjusted, only_first, search
 from .selection import strongest_alone
+from .suspicion import Suspicion, suspicion
 
 
 def diagnose(
@@ -84,10 +85,12 @@ def diagnose_records(
     began = time.perf_counter()
     records, prior_model, notes = commanded(records, prior_model)
     notes += check_identifiable(records)
+    progress("looking for suspects")
+    suspects = suspicion(records, prior_model)
     progress("looking for causes")
     found = search(records, prior_model)
     progress("judging on data held out")
-    return _concluded(records, prior_model, found, notes, began)
+    return _concluded(records, prior_model, found, suspects, notes, began)
 
 
 class _Judgement(NamedTuple):
@@ -99,8 +102,11 @@ class _Judgement(NamedTuple):
     laps: list[float]
 
 
-def _judgement(prior_model: DriveModel, found: Found) -> _Judgement:
-    """Take names back until what is left gains for certain, each of them and all together."""
+def _judgement(prior_model: DriveModel, found: Found, seen: Collection[str]) -> _Judgement:
+    """Take names back until what is left gains for certain, each of them and all together.
+
+    What `seen` lacks gains nothing in newtons: it would only make the model heavier.
+    """
     situation, problem = found.situation, found.problem
     courses = situation.courses
     laps = laps_of(courses)
@@ -108,6 +114,10 @@ def _judgement(prior_model: DriveModel, found: Found) -> _Judgement:
     holds_up = accepted(problem, found.choice.best, folds, courses)
     held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
     baseline = residual(courses, prior_model, Added.nothing(courses))
+    while unseen := [n for n in held.order if n not in seen]:
+        reason = "in newtons it explains nothing of the blocks held out, alone or beside others"
+        holds_up = taken_back(problem, holds_up, unseen[-1], reason, folds)
+        held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
     while held.order:
         worse = [
             n
@@ -141,10 +151,11 @@ def _concluded(
     records: Sequence[DriveRecord],
     prior_model: DriveModel,
     found: Found,
+    suspects: Suspicion,
     notes: list[str],
     began: float,
 ) -> Diagnosis:
-    found, judgement = _standing(prior_model, found)
+    found, judgement = _standing(prior_model, found, suspects.seen)
     situation, problem = found.situation, found.problem
     courses, noise = situation.courses, situation.noise
     holds_up, held, baseline = judgement.holds_up, judgement.held, judgement.baseline
@@ -169,6 +180,8 @@ def _concluded(
     at_floor = lowest.has(held.all)
     better = holds(whole.interval, fitted, final)
     verdict = _verdict(bool(causes), at_floor, better and not free)
+    if verdict == NONE and suspects.none_ruled_out:
+        verdict = UNEXPLAINED
     notes += above_floor(held.all, lowest, bool(judgement.laps))
     friction = _friction(courses, model, held)
     if verdict == NONE:
@@ -191,6 +204,7 @@ def _concluded(
         gain_interval=whole.interval,
         held_out=held.parts,
         causes=causes,
+        suspects=() if verdict == NONE and suspects.none_likely else suspects.suspects,
         not_named=holds_up.refused,
         unnamed=unnamed,
         out_of_reach=out_of_reach(courses, situation.model, problem, holds_up.explanation),
@@ -233,14 +247,16 @@ def _least_force(
     return after, after_the_start(held.none, after.courses)
 
 
-def _standing(prior_model: DriveModel, found: Found) -> tuple[Found, _Judgement]:
+def _standing(
+    prior_model: DriveModel, found: Found, seen: Collection[str]
+) -> tuple[Found, _Judgement]:
     """What was found as judged, or its first cause alone where nothing else is left."""
-    judgement = _judgement(prior_model, found)
+    judgement = _judgement(prior_model, found, seen)
     single = None if judgement.held.order else only_first(found, prior_model)
     if not single:
         return found, judgement
     # too many causes together may leave none; the first of them is judged alone then
-    first = _judgement(prior_model, single)
+    first = _judgement(prior_model, single, seen)
     refused = judgement.holds_up.refused
     # of a swing alone an error of the others' laws may be the source
     unsure = {r.name for r in refused if r.like} | set(SWINGS)

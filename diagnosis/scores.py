@@ -333,8 +333,8 @@ class Catalogue:
         if shape.freed:
             if not set(shape.freed) <= set(study.values):
                 return None  # a value that is certain is no cause
-            at = [1 + study.values.index(n) for n in shape.freed]
-            self.forms.append(Form(name, shape, np.array(at)))
+            freed = [1 + study.values.index(n) for n in shape.freed]
+            self.forms.append(Form(name, shape, np.array(freed)))
             return self.forms[-1]
         part = responses(study.courses, study.model, shape)
         if relative:
@@ -458,7 +458,7 @@ def _can_be(study: Study, form: Form, fit: Fit, amplitude: Vector) -> bool:
     return True
 
 
-def _own(form: Form, fit: Fit, values: int) -> slice | Array:
+def _own(form: Form, values: int) -> slice | npt.NDArray[np.int64]:
     return form.columns - 1 if form.freed else slice(values, values + len(form.columns))
 
 
@@ -486,7 +486,7 @@ def scored(study: Study, catalogue: Catalogue) -> Scored:
 
 
 def _suspect(study: Study, form: Form, fit: Fit, base: Fit, values: int) -> Suspect | None:
-    own = _own(form, fit, values)
+    own = _own(form, values)
     amplitude = fit.amplitude[0][own]
     if not np.isfinite(fit.held).all() or not _can_be(study, form, fit, amplitude):
         return None

@@ -65,6 +65,10 @@ def _scale_of_u(courses: Courses, model: DriveModel, values: Values) -> Shape:
     return Shape(("scale_of_u",), command=[c.u[:, None] for c in courses], values=values)
 
 
+def _scale_of_i(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    return Shape(("scale_of_i",), values=values, freed=(CURRENT_GAIN,))
+
+
 def _scale_of_x(courses: Courses, model: DriveModel, values: Values) -> Shape:
     parts = [_motion(model, c, _inertial(c, model)) for c in courses]
     force, command = ([p[k] for p in parts] for k in (0, 1))
@@ -117,7 +121,9 @@ SIGNALS: dict[str, Signal] = {
             "scale_of_i",
             "the recorded current has another scale",
             _with_current,
-            lambda courses, model, values: Shape(("scale_of_i",), values=values, freed=(CURRENT_GAIN,)),
+            lambda courses, model, values: Shape(
+                ("scale_of_i",), values=values, freed=(CURRENT_GAIN,)
+            ),
             "measure the current with a clamp",
         ),
         Signal(

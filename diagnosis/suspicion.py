@@ -12,6 +12,7 @@ from scipy.stats import t as student
 
 from ..records.drive_record import DriveRecord
 from .causes import CAUSES
+from .diagnosis import SuspectFound
 from .drive_model import DriveModel
 from .found_cause import UNITS
 from .modelled_record import opposing
@@ -22,41 +23,10 @@ from .signals import CURRENT_GAIN, SIGNALS
 
 Vector = npt.NDArray[np.float64]
 
-_OUTSIDE_SAYS = "something that no cause of the catalogue is: friction or force that only a free curve follows"
+_OUTSIDE_SAYS = (
+    "something that no cause of the catalogue is: friction or force that only a free curve follows"
+)
 _SHOWN = 0.1  # of the best score, at which a cause is seen beside it
-
-
-@dataclass(frozen=True)
-class SuspectFound:
-    """One member of the set.
-
-    Attributes
-    ----------
-    name, says : str
-    probability : float
-        Among all that was looked at.
-    parameters : mapping of str to float
-        Its size, SI; empty for what is outside the catalogue.
-    intervals : mapping of str to (float, float)
-        95 %, from leaving out one block of the records at a time.
-    units : mapping of str to str
-    force : float
-        What it does to the balance of forces, root mean square [N].
-    of_friction : float
-        The same as a share of the friction.
-    confirm : str
-        What would confirm it.
-    """
-
-    name: str
-    says: str
-    probability: float
-    parameters: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float]]
-    units: Mapping[str, str]
-    force: float
-    of_friction: float
-    confirm: str
 
 
 @dataclass(frozen=True)
@@ -108,7 +78,11 @@ def suspicion(records: Sequence[DriveRecord], prior_model: DriveModel) -> Suspic
 def _found(study: Study, catalogue: Catalogue, member: Likely) -> SuspectFound:
     assert member.suspect is not None
     if member.name == OUTSIDE:
-        suspect, says, confirm = member.suspect, _OUTSIDE_SAYS, "the same motion again: does it repeat?"
+        suspect, says, confirm = (
+            member.suspect,
+            _OUTSIDE_SAYS,
+            "the same motion again: does it repeat?",
+        )
         values: tuple[dict[str, float], dict[str, tuple[float, float]]] = ({}, {})
     else:
         suspect = refined(study, catalogue, member.suspect)
@@ -145,7 +119,10 @@ def _values(
         ends = scale * (size - reach) + shift, scale * (size + reach) + shift
         values[name] = scale * float(size) + shift
         intervals[name] = (min(ends), max(ends))
-    return {**values, **{n: float(v) for n, v in shape.values.items() if n not in values}}, intervals
+    return {
+        **values,
+        **{n: float(v) for n, v in shape.values.items() if n not in values},
+    }, intervals
 
 
 def _told(study: Study, suspect: str, name: str) -> tuple[float, float]:
