@@ -253,4 +253,7 @@ def conditions_of(case: Case) -> dict[str, str | float]:
         "noise_size": c.noise_size,
         "sampling": c.sampling,
         "duration": c.duration,
+        "jitter": c.jitter,
+        "resampled": c.resampled,
+        "records": len(case.records),
     }
