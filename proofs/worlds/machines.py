@@ -23,6 +23,7 @@ from worlds.conditions import Conditions, log_uniform, pick
 from worlds.effects import Effect
 
 ROUNDED = 0.1  # s, in which a reference comes to its speed
+STIFF = 1.5  # m/s^2 of dry friction: with more, unseen bristles are too stiff for the substep
 
 
 def _slide(
@@ -40,6 +41,8 @@ def _slide(
     }
     most = 4 * mass * fastest / ROUNDED + 3 * (coulomb + values["sigma2"] * fastest)
     formulation = int(rng.choice([at.SET_VALUED, at.SET_VALUED, at.LUGRE, at.MAXWELL]))
+    if coulomb > STIFF * mass:
+        formulation = at.SET_VALUED
     return Axis(DRIVE, "classical", values, formulation, travel, most / values["gain"], fastest)
 
 
@@ -65,6 +68,8 @@ def _screw(
         "Vs": 0.02 * fastest * log_uniform(rng, 0.5, 3.0),
     }
     law, formulation = "classical", int(rng.choice([at.SET_VALUED, at.MAXWELL]))
+    if coulomb > STIFF * mass:
+        formulation = at.SET_VALUED
     if rng.uniform() < 0.5:
         law, formulation = "lugre", at.LUGRE
         values["sigma0"] = values["Fs"] / log_uniform(rng, 2e-6, 30e-6)
@@ -84,8 +89,8 @@ def heavy_friction(rng: np.random.Generator) -> Conditions:
         axis=_slide(rng, mass, coulomb, fastest, 0.3),
         sampling=float(rng.choice([1e-3, 2e-3, 5e-3])),
         faster=1,
-        substep=2.5e-5,
-        duration=float(rng.uniform(12, 30)),
+        substep=4e-5,
+        duration=float(rng.uniform(12, 22)),
         loop=pick(rng, cascade=2, pid=1),
         excitation=pick(rng, laps=2, points=2, sines=1),
         bandwidth=log_uniform(rng, 4, 10),
@@ -113,8 +118,8 @@ def slow_noise(rng: np.random.Generator) -> Conditions:
         else _screw(rng, lead, mass, coulomb, fastest),
         sampling=float(rng.choice([1e-3, 1e-3, 2e-3])),
         faster=1,
-        substep=2.5e-5,
-        duration=float(rng.uniform(12, 25)),
+        substep=4e-5,
+        duration=float(rng.uniform(12, 20)),
         loop=pick(rng, cascade=2, pid=1),
         excitation=pick(rng, laps=2, points=2, sines=1, sweep=1),
         bandwidth=log_uniform(rng, 5, 15),
@@ -143,8 +148,8 @@ def jittered(rng: np.random.Generator) -> Conditions:
         else _screw(rng, 10e-3, mass, coulomb, fastest),
         sampling=float(rng.choice([2e-3, 4e-3, 5e-3])),
         faster=int(rng.choice([2, 4])),
-        substep=2.5e-5,
-        duration=float(rng.uniform(12, 25)),
+        substep=4e-5,
+        duration=float(rng.uniform(12, 20)),
         loop=pick(rng, cascade=2, pid=1),
         excitation=pick(rng, laps=2, points=2, sines=1, sweep=1),
         bandwidth=log_uniform(rng, 4, 10),
@@ -210,8 +215,8 @@ def geared_joint(rng: np.random.Generator) -> Conditions:
         axis=axis,
         sampling=float(rng.choice([1e-3, 2e-3, 4e-3])),
         faster=1,
-        substep=2.5e-5,
-        duration=float(rng.uniform(12, 25)),
+        substep=4e-5,
+        duration=float(rng.uniform(12, 20)),
         loop=pick(rng, cascade=3, pid=1),
         excitation=pick(rng, laps=1, points=2, sines=2),
         bandwidth=log_uniform(rng, 4, 10),
@@ -263,7 +268,7 @@ def warming(rng: np.random.Generator) -> Conditions:
     """A cold machine started for the record: oil thins, slowly against friction's own wandering."""
     fastest = log_uniform(rng, 0.08, 0.3)
     mass = log_uniform(rng, 10.0, 150.0)
-    duration = float(rng.uniform(15, 30))
+    duration = float(rng.uniform(14, 22))
     falling = -float(rng.uniform(0.03, 0.10))
     drift = {
         at.DRIFT: falling,
@@ -275,7 +280,7 @@ def warming(rng: np.random.Generator) -> Conditions:
         axis=_screw(rng, lead, mass, mass * log_uniform(rng, 0.4, 2.0), fastest),
         sampling=float(rng.choice([1e-3, 2e-3])),
         faster=1,
-        substep=2.5e-5,
+        substep=4e-5,
         duration=duration,
         loop=pick(rng, cascade=3, pid=1),
         excitation=pick(rng, laps=2, points=2, sines=1),
@@ -306,8 +311,8 @@ def held_back_lead_screw(rng: np.random.Generator) -> Conditions:
         axis=axis,
         sampling=float(rng.choice([5e-4, 1e-3, 2e-3])),
         faster=1,
-        substep=2.5e-5,
-        duration=float(rng.uniform(12, 25)),
+        substep=4e-5,
+        duration=float(rng.uniform(12, 20)),
         loop=pick(rng, cascade=2, pid=1),
         excitation=pick(rng, laps=1, points=2, sines=1),
         bandwidth=log_uniform(rng, 5, 15),
