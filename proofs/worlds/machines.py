@@ -84,7 +84,7 @@ def _screw(
 def heavy_friction(rng: np.random.Generator) -> Conditions:
     """Seals and preload: accelerating is next to nothing."""
     mass, fastest = log_uniform(rng, 5.0, 50.0), log_uniform(rng, 0.03, 0.2)
-    coulomb = log_uniform(rng, 10.0, 60.0) * mass * fastest / ROUNDED
+    coulomb = log_uniform(rng, 6.0, 40.0) * mass * fastest / ROUNDED  # most speeds are lower
     return Conditions(
         axis=_slide(rng, mass, coulomb, fastest, 0.3),
         sampling=float(rng.choice([1e-3, 2e-3, 5e-3])),
@@ -171,7 +171,7 @@ def one_way(rng: np.random.Generator) -> Conditions:
 
     The offset is believed nearly as it is; what more there may be of it is `load_bias`.
     """
-    fastest, travel = log_uniform(rng, 0.05, 0.2), 0.3
+    fastest, travel = log_uniform(rng, 0.1, 0.3), 0.25
     mass = log_uniform(rng, 5.0, 150.0)
     axis = _slide(rng, mass, mass * log_uniform(rng, 0.3, 3.0), fastest, travel)
     coulomb = axis.values["Fc"]
@@ -183,7 +183,7 @@ def one_way(rng: np.random.Generator) -> Conditions:
         sampling=float(rng.choice([1e-3, 2e-3, 5e-3])),
         faster=1,
         substep=4e-5,
-        duration=float(rng.uniform(10, 16)),
+        duration=float(rng.uniform(8, 12)),
         loop=pick(rng, cascade=2, pid=1),
         excitation="one_way",
         bandwidth=log_uniform(rng, 4, 10),
