@@ -50,7 +50,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/tables_of_trials.py
 	$(BIN)/python proofs/variational.py
 	$(BIN)/python proofs/exchange.py
-	$(BIN)/python proofs/diagnosis_worlds.py --resume
+	$(BIN)/python proofs/diagnosis_worlds.py --resume --at-least 60 120
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/emps.py
 	$(BIN)/python proofs/tro2021.py
