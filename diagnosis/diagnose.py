@@ -12,11 +12,13 @@ import numpy as np
 
 from ..orchestration.parameter_file import ParameterFile
 from ..orchestration.parameter_reading import read_parameters
+from ..records.bad_record import BadRecord
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.identifiable import check_identifiable
 from .acceptance import SWINGS, Accepted, accepted, taken_back
 from .causes import CAUSES
 from .commanded import commanded
+from .contests import freest_beside
 from .diagnosis import EXPLAINED, NONE, PARTLY, UNEXPLAINED, Curves, Diagnosis, holds
 from .drive_model import DriveModel
 from .explanation import amplitudes, nothing_in
@@ -33,7 +35,7 @@ from .problem import Candidate, Problem, driven_by, values_alone
 from .regression import Added
 from .remaining import above_floor, below_floor, next_experiment, out_of_reach, where_residual_is
 from .residuals import Residual, after_the_start, residual, rms
-from .search import Found, Situation, added_by, adjusted, only_first, search
+from .search import Found, Situation, added_by, adjusted, only_first, search, taking
 from .selection import strongest_alone
 from .suspicion import Suspicion, suspicion
 
@@ -46,6 +48,7 @@ def diagnose(
     progress: Callable[[str], None] = lambda doing: None,
     units: Mapping[str, str] | None = None,
     lead: float | None = None,
+    take: str | None = None,
 ) -> Diagnosis:
     """What a simulation of recorded runs gets wrong, why, and how much better it can be.
 
@@ -65,6 +68,9 @@ def diagnose(
         Unit of a column (our name); default what the file says, else SI.
     lead : float, optional
         Way of the screw per turn [m], where the parameter file has no `p`.
+    take : str, optional
+        A cause of the catalogue to be built in, whatever the data say for it; what it gains on
+        data held out is measured as of any other.
 
     Raises
     ------
@@ -73,13 +79,14 @@ def diagnose(
     """
     told = with_lead(ParameterFile() if params is None else read_parameters(params), lead)
     records = read_drive_records(data, mapping, units, lead_of(told, lead))
-    return diagnose_records(records, prior_model_from(told, law), progress)
+    return diagnose_records(records, prior_model_from(told, law), progress, take)
 
 
 def diagnose_records(
     records: Sequence[DriveRecord],
     prior_model: DriveModel,
     progress: Callable[[str], None] = lambda doing: None,
+    take: str | None = None,
 ) -> Diagnosis:
     """As `diagnose`, of records in memory; `prior` of the result takes the command they have."""
     began = time.perf_counter()
@@ -90,7 +97,14 @@ def diagnose_records(
     progress("looking for causes")
     found = search(records, prior_model)
     progress("judging on data held out")
-    return _concluded(records, prior_model, found, suspects, notes, began)
+    found, judgement = _standing(prior_model, found, suspects.seen)
+    if take is not None:
+        found, judgement = _taken(prior_model, found, judgement, take)
+    elif not judgement.held.order and (only := suspects.only):
+        after, other = _taken(prior_model, found, judgement, only)
+        if other.gains:
+            found, judgement = after, other
+    return _concluded(records, prior_model, found, judgement, suspects, notes, began)
 
 
 class _Judgement(NamedTuple):
@@ -100,6 +114,37 @@ class _Judgement(NamedTuple):
     held: HeldOut
     baseline: Residual
     laps: list[float]
+
+    @property
+    def gains(self) -> bool:
+        """Whether each cause gains for certain, and all together leave less force."""
+        certain = all(self.held.gain(n).certain for n in self.held.order)
+        return certain and self.held.all.force_rms < self.baseline.force_rms
+
+
+def _taken(
+    prior_model: DriveModel, found: Found, before: _Judgement, name: str
+) -> tuple[Found, _Judgement]:
+    """The end of a search with this cause in it, and what it gains.
+
+    Raises
+    ------
+    BadRecord
+        If these records cannot show the cause.
+    """
+    after = taking(found, prior_model, (name,))
+    if after is None:
+        why = CAUSES[name].beyond(found.situation.courses, prior_model) or "no form of it fits"
+        raise BadRecord(f"these records cannot show {name}: {why}")
+    situation, problem, best = after.situation, after.problem, after.choice.best
+    laps = laps_of(situation.courses)
+    folds = parts_of(situation.courses, laps)
+    freest, _ = freest_beside(problem, best, folds)
+    refused = tuple(r for r in before.holds_up.refused if r.name != name)
+    holds_up = Accepted(best, refused, freest)
+    held = judged(situation, problem, best, folds, bool(laps))
+    baseline = residual(situation.courses, prior_model, Added.nothing(situation.courses))
+    return after, _Judgement(holds_up, held, baseline, laps)
 
 
 def _judgement(prior_model: DriveModel, found: Found, seen: Collection[str]) -> _Judgement:
@@ -151,11 +196,11 @@ def _concluded(
     records: Sequence[DriveRecord],
     prior_model: DriveModel,
     found: Found,
+    judgement: _Judgement,
     suspects: Suspicion,
     notes: list[str],
     began: float,
 ) -> Diagnosis:
-    found, judgement = _standing(prior_model, found, suspects.seen)
     situation, problem = found.situation, found.problem
     courses, noise = situation.courses, situation.noise
     holds_up, held, baseline = judgement.holds_up, judgement.held, judgement.baseline

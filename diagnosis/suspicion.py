@@ -50,6 +50,13 @@ class Suspicion:
     none_ruled_out: bool
     seen: frozenset[str]
 
+    @property
+    def only(self) -> str | None:
+        """The cause of the catalogue that is alone in the set."""
+        alone = len(self.suspects) == 1 and not self.none_likely
+        name = self.suspects[0].name if alone else ""
+        return name if name in CAUSES else None
+
 
 def suspicion(records: Sequence[DriveRecord], prior_model: DriveModel) -> Suspicion:
     """The suspects of records whose command the model takes, see `commanded`.
