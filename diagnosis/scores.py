@@ -231,13 +231,30 @@ def base_columns(study: Study) -> list[Matrix]:
     return [np.concatenate([y[:, :, None], s], axis=2) for y, s in zip(left, columns, strict=True)]
 
 
+def _within(tolerance: float, change: float) -> float:
+    """A change that is no larger than the tolerance: shapes are taken around values that can be."""
+    return min(max(change, -tolerance), tolerance)
+
+
 def _moved(study: Study) -> tuple[Study, Fit]:
     """The study around values that fit better, and the fit."""
     columns = base_columns(study)
     fit = base_fit(study, columns)
     change = dict(zip(study.values, fit.amplitude[0].tolist(), strict=True))
-    names = study.model.adjustable
-    model = study.model.changed({n: study.model.values[n] * (1.0 + change[n]) for n in names})
+    names, prior = study.model.adjustable, study.prior_model
+    model = study.model.changed(
+        {
+            n: prior.values[n]
+            * (
+                1.0
+                + _within(
+                    prior.tolerance[n],
+                    study.model.values[n] * (1.0 + change[n]) / prior.values[n] - 1.0,
+                )
+            )
+            for n in names
+        }
+    )
     moved = recalibrated(study.courses, {n: c for n, c in change.items() if n not in names})
     courses = [with_law_force(c, model) for c in moved]
     left = leftovers(courses, model, Added.nothing(courses))
