@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name 'page.md') pyproject.toml
+SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name '*.json' -o -name 'page.md') pyproject.toml
 
 .PHONY: demo check test docs prove tools lint bench clean
 

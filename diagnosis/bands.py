@@ -21,7 +21,7 @@ from scipy.signal.windows import tukey
 from .balance import Added, leftovers
 from .drive_model import DriveModel
 from .modelled_record import ModelledRecord, carried, read_anew
-from .weak_form import windows
+from .weak_form import averaged, windows
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -40,6 +40,9 @@ TAPER = 0.1
 
 OF_CARRIED = 0.35
 """Of the frequency from which on a filtered position has nothing, up to which it is not bent."""
+
+WITHIN_INTERVAL = 1.0 / math.sqrt(3.0)
+"""Standard deviation of an instant that is anywhere within a sampling interval to either side."""
 
 NOISE_OF_MOTION = 0.1
 """Share of the power of mass times acceleration, from which on the encoder's noise hides it."""
@@ -162,7 +165,10 @@ def _doubt(course: ModelledRecord, model: DriveModel, exact: float) -> Vector:
     """Weight of the balance of forces by what the motion's error makes of the law, (windows,)."""
     left = leftovers([course], model, Added.nothing([course]))[0][:, 0]
     size = max(1.48 * float(np.median(np.abs(left - np.median(left)))), exact)
-    return np.asarray(1.0 / np.sqrt(1.0 + course.force_variance / size**2))
+    # when the law's force jumps, a sample does not tell when within its interval
+    jumps = np.diff(course.bristle, append=course.bristle[-1:])
+    timing = WITHIN_INTERVAL * averaged(jumps, course.width)
+    return np.asarray(1.0 / np.sqrt(1.0 + (course.force_variance + timing**2) / size**2))
 
 
 def _clear(

@@ -22,7 +22,7 @@ _SHIFTS = (*range(-20, 0), *range(1, 21))
 """Of the command's stamps, in sampling intervals: fewer are a shift within an interval."""
 
 _CERTAIN = 0.01
-"""A sign is another one or it is not."""
+"""A sign is another one or it is not, and half a shift would average the command's noise."""
 
 CURRENT_GAIN = "current_gain"
 """The calibration that a wrong scale of the current sets free."""
@@ -95,7 +95,7 @@ def _time_shift(courses: Courses, model: DriveModel, values: Values) -> Shape:
     for c in courses:
         at = np.clip(np.arange(len(c.u)) - int(values["shift"]), 0, len(c.u) - 1)
         command.append((c.u[at] - c.u)[:, None])
-    return Shape(("time_shift",), command=command, values=values, sure=0.2)
+    return Shape(("time_shift",), command=command, values=values, sure=_CERTAIN)
 
 
 def _once(courses: Courses, model: DriveModel) -> list[Values]:
