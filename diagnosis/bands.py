@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy.fft import rfft
 from scipy.signal.windows import tukey
 
+from ..identification.fitted_law import BRISTLES
 from .balance import Added, leftovers
 from .drive_model import DriveModel
 from .modelled_record import ModelledRecord, carried, read_anew
@@ -37,6 +38,9 @@ EXACT = 3e-3
 
 TAPER = 0.1
 """Of a block, that the cosines of a Tukey window take."""
+
+AROUND_REST = 4
+"""Windows beside a rest, and half of those at the start, that a bell or the winding reaches."""
 
 OF_CARRIED = 0.35
 """Of the frequency from which on a filtered position has nothing, up to which it is not bent."""
@@ -138,7 +142,7 @@ def cut(courses: Sequence[ModelledRecord], model: DriveModel) -> Bands:
     for r, c in enumerate(courses):
         n = windows(len(c.x), c.width)
         ends = [n * k // per for k in range(per + 1)]
-        moves = (c.resting == 0.0).astype(float)
+        moves = _moves(c, model)
         doubt = _doubt(c, model, exact)
         for first, last in itertools.pairwise(ends):
             taper = tukey(last - first, TAPER) * moves[first:last]
@@ -153,6 +157,21 @@ def cut(courses: Sequence[ModelledRecord], model: DriveModel) -> Bands:
     all_ = np.ones(len(counts[0]), dtype=bool)
     bands = Bands(parts, weights, all_, np.array(counts), steps, top)
     return Bands(parts, weights, _clear(courses, model, bands), bands.counts, steps, top)
+
+
+def _moves(course: ModelledRecord, model: DriveModel) -> Vector:
+    """Windows that tell of forces, shape (windows,): none of a rest, around one, or at the start.
+
+    A law without bristles has no force at rest, however short that is. What went on in the winding
+    before the start is not known.
+    """
+    slow = course.rests
+    if model.law not in BRISTLES:
+        slow = slow | (np.abs(course.v) < course.slowest)
+    rests = averaged(slow.astype(float), course.width) > 0.0
+    near = np.convolve(rests, np.ones(2 * AROUND_REST + 1), mode="same") > 0.0
+    near[: 2 * AROUND_REST] = True
+    return np.asarray(1.0 - near)
 
 
 def _top(course: ModelledRecord) -> float:

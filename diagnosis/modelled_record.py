@@ -115,10 +115,15 @@ class ModelledRecord:
         return self.calibration.get(self.offset_name, 0.0)
 
     @cached_property
+    def slowest(self) -> float:
+        """Speed below which a motion is not told from rest [m/s]."""
+        least = 2.0 * position_noise(self.record) / _LONGEST_REST
+        return max(_SLOW * float(np.quantile(np.abs(self.v), 0.95)), least)
+
+    @cached_property
     def rests(self) -> npt.NDArray[np.bool_]:
         """Where the drive rests for long, shape (n,): any force below break-away may act there."""
-        least = 2.0 * position_noise(self.record) / _LONGEST_REST
-        slow = np.abs(self.v) < max(_SLOW * float(np.quantile(np.abs(self.v), 0.95)), least)
+        slow = np.abs(self.v) < self.slowest
         length = max(round(_LONGEST_REST / self.step), 2)
         return np.asarray(binary_opening(slow, np.ones(length, dtype=bool)))
 

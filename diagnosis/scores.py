@@ -40,8 +40,8 @@ Array = npt.NDArray[np.float64]
 
 OUTSIDE = "outside the catalogue"
 
-_WEIGHINGS = 5  # of bands by what is left in them
-_WEIGHINGS_MORE = 2  # without one of the blocks
+_WEIGHINGS = 6  # of bands by what is left in them
+_WEIGHINGS_MORE = 4  # without one of the blocks
 _FLAT = 1e-9  # of a column's own square: an amplitude may be anything
 _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
@@ -328,7 +328,9 @@ class Catalogue:
         for cause in CAUSES.values():
             if not cause.beyond(courses, model):
                 for values in cause.grid(courses, model):
-                    self.add(cause.name, cause.at(courses, model, values))
+                    shape = cause.at(courses, model, values)
+                    if len(shape.freed) < 2 or _goes_together(shape.freed):
+                        self.add(cause.name, shape)
         for signal in SIGNALS.values():
             for values in signal.grid(courses, model):
                 self.add(signal.name, signal.at(courses, model, values), signal.relative)
@@ -453,6 +455,11 @@ class Catalogue:
         return np.append(mean, own_mean), np.append(spread**-2.0, own_precision)
 
 
+def _goes_together(names: Sequence[str]) -> bool:
+    """Whether values are wrong together: a motor's constants, levels of friction."""
+    return {n.partition("_")[0] for n in names} in ({"kt", "ke"}, {"Fc", "Fs"}, {"Fc"})
+
+
 def free_spread(study: Study, name: str) -> float:
     """Relative spread of a value that may be anything."""
     if name == "m":
@@ -460,19 +467,26 @@ def free_spread(study: Study, name: str) -> float:
     return _FREED
 
 
-def _can_be(study: Study, form: Form, fit: Fit, amplitude: Vector) -> bool:
-    """Whether sizes and values are such as a machine can have."""
-    mean, spread = study.prior()
-    strain = np.abs(fit.amplitude[0][: len(mean)] - mean) / spread
+def _can_be(study: Study, form: Form, fit: Fit, base: Fit, amplitude: Vector) -> bool:
+    """Whether sizes and values are such as a machine can have, or no worse than without it."""
+    strain = _strain(study, fit)
     if form.freed:
         strain[form.columns - 1] = 0.0
-    if np.max(strain[: len(study.model.adjustable)]) > _STRAINED * math.sqrt(3.0):
+    if np.max(strain) > max(_STRAINED, float(np.max(_strain(study, base)))):
         return False
     if form.shape.sure is not None:
         return bool(_SURE[0] < amplitude[0] < _SURE[1])
     if form.freed:
         return bool(np.all(amplitude > -0.9))
     return True
+
+
+def _strain(study: Study, fit: Fit) -> Vector:
+    """How far values are from the prior ones, in tolerances; zero of calibrations."""
+    mean, spread = study.prior()
+    strain = np.abs(fit.amplitude[0][: len(mean)] - mean) / (math.sqrt(3.0) * spread)
+    strain[len(study.model.adjustable) :] = 0.0
+    return np.asarray(strain)
 
 
 def _own(form: Form, values: int) -> slice | npt.NDArray[np.int64]:
@@ -505,7 +519,7 @@ def scored(study: Study, catalogue: Catalogue) -> Scored:
 def _suspect(study: Study, form: Form, fit: Fit, base: Fit, values: int) -> Suspect | None:
     own = _own(form, values)
     amplitude = fit.amplitude[0][own]
-    if not np.isfinite(fit.held).all() or not _can_be(study, form, fit, amplitude):
+    if not np.isfinite(fit.held).all() or not _can_be(study, form, fit, base, amplitude):
         return None
     by_block = fit.held[0] - base.held[0]
     forces = _of_forces(study)
