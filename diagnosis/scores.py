@@ -40,6 +40,9 @@ Array = npt.NDArray[np.float64]
 
 OUTSIDE = "outside the catalogue"
 
+FREEDOM = 4.0
+"""Degrees of freedom of Student's distribution, as is usual where noise has outliers."""
+
 _WEIGHINGS = 6  # of bands by what is left in them
 _WEIGHINGS_MORE = 4  # without one of the blocks
 _FLAT = 1e-9  # of a column's own square: an amplitude may be anything
@@ -131,57 +134,65 @@ def fitted(products: Array, bands: Bands, mean: Matrix, precision: Matrix, exact
         Noise that is always there [N].
     """
     counts = bands.counts[:, bands.used]
-    blocks = len(products)
-    whole, all_ = products.sum(axis=0), counts.sum(axis=0)
-    start = (whole[:, :, 0, 0] / all_[:, None]).T + exact**2
+    blocks = np.arange(len(products))
+    whole = products.sum(axis=0)
+    start = (whole[:, :, 0, 0] / counts.sum(axis=0)[:, None]).T + exact**2
     prior = mean, precision
-    amplitude, variance = _with_noise(whole, all_, prior, exact, start, _WEIGHINGS)
+    amplitude, variance = _with_noise(products, counts, prior, exact, start, _WEIGHINGS)
     held, squares, ways = [], [], []
-    for q in range(blocks):
-        n = all_ - counts[q]
+    for q in blocks:
+        rest = blocks != q
         found, of_rest = _with_noise(
-            whole - products[q], n, prior, exact, variance, _WEIGHINGS_MORE
+            products[rest], counts[rest], prior, exact, variance, _WEIGHINGS_MORE
         )
         ways.append(found)
-        left = _left(products[q], found)
-        with np.errstate(divide="ignore"):
-            each = 0.5 * counts[q] * np.log(of_rest)
-            # what the variance is uncertain by: Student's distribution
-            each += 0.5 * (n + counts[q]) * np.log1p(left / (n * of_rest))
+        left = _left(products[q : q + 1], found)[0]
+        each = 0.5 * counts[q] * np.log(of_rest)
+        each += 0.5 * (FREEDOM + counts[q]) * np.log1p(left / (FREEDOM * of_rest))
         held.append(-each.sum(axis=1))
         squares.append(left)
     each = np.array(ways)
-    error = np.sqrt((blocks - 1) / blocks * np.sum((each - each.mean(axis=0)) ** 2, axis=0))
+    count = len(blocks)
+    error = np.sqrt((count - 1) / count * np.sum((each - each.mean(axis=0)) ** 2, axis=0))
     cost = 0.5 * np.sum(precision * (amplitude - mean) ** 2, axis=1)
     return Fit(np.array(held).T, np.array(squares).transpose(1, 0, 2), amplitude, error, cost)
 
 
 def _with_noise(
     products: Array,
-    counts: Vector,
+    counts: Matrix,
     prior: tuple[Matrix, Matrix],
     exact: float,
     variance: Matrix,
     times: int,
 ) -> tuple[Matrix, Matrix]:
-    """Amplitudes (N, columns) and variances of the bands (N, channels * bands), in turn."""
+    """Amplitudes (N, columns) and variances of the bands (N, channels * bands), in turn.
+
+    Noise is not the same all over a record: a block's variance is one of many around the band's
+    (Student's distribution; K. Lange, R. Little and J. Taylor, JASA 84, 1989).
+    """
     mean, precision = prior
     goal = precision * mean
+    left = products[:, :, :, 0, 0].transpose(0, 2, 1)
+    each = counts[:, None, :]
     for _ in range(times):
-        inner = np.einsum("bnij,nb->nij", products, 1.0 / variance)
+        weight = (FREEDOM + each) / (FREEDOM + left / variance)
+        inner = np.einsum("qbnij,qnb->nij", products, weight / variance)
         matrix = inner[:, 1:, 1:].copy()
         at = np.arange(matrix.shape[1])
         matrix[:, at, at] += precision + _FLAT * (matrix[:, at, at] + 1e-30)
         amplitude = np.linalg.solve(matrix, (inner[:, 1:, 0] + goal)[:, :, None])[:, :, 0]
-        variance = _left(products, amplitude) / counts + exact**2
+        left = _left(products, amplitude)
+        weight = (FREEDOM + each) / (FREEDOM + left / variance)
+        variance = np.sum(weight * left, axis=0) / counts.sum(axis=0) + exact**2
     return amplitude, variance
 
 
-def _left(products: Array, amplitude: Matrix) -> Matrix:
-    """Squares of what amplitudes leave, shape (N, channels * bands)."""
+def _left(products: Array, amplitude: Matrix) -> Array:
+    """Squares of what amplitudes leave, shape (blocks, N, channels * bands)."""
     signed = np.concatenate([np.ones((len(amplitude), 1)), -amplitude], axis=1)[:, :, None]
     half = np.matmul(products, signed)
-    return np.asarray(np.maximum(np.sum(half * signed, axis=(2, 3)), 0.0).T)
+    return np.asarray(np.maximum(np.sum(half * signed, axis=(3, 4)), 0.0).transpose(0, 2, 1))
 
 
 def study_of(records: Sequence[DriveRecord], prior_model: DriveModel) -> Study:

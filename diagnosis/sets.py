@@ -58,8 +58,8 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
     """Names of all suspects and `NOTHING`, and their statistics, shape (names, STATISTICS).
 
     Of a suspect: the logarithm of its score, of what it lacks to the best, the share of the force
-    it takes and what it lacks there, the share of blocks in which it gains, what its values cost,
-    what it adds beside the first, and by how much it leads.
+    it takes and what it lacks there, of its score without the block that it gains most in, what its
+    values cost, what it adds beside the first, and by how much it leads.
     """
     suspects = scored.suspects
     best = max((s.score for s in suspects), default=0.0)
@@ -72,7 +72,7 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
             _log(best - max(s.score, 0.0)),
             _share(s),
             max(share, 0.0) - _share(s),
-            float(np.mean(s.by_block > 0.0)),
+            _log(s.score - float(np.max(s.by_block))),
             float(np.log1p(s.cost)),
             _log(scored.beside.get(s.name, 0.0)) if k else 0.0,
             0.0 if k else _log(best - second),
