@@ -73,7 +73,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             d=diagnosis,
             loop=closed_loop,
             headline=verdict_sentence(diagnosis),
-            set=SET,
+            coverage=SET,
             unreliable=DOES_NOT_HOLD if does_not_hold(diagnosis) else "",
             named=names_of(diagnosis.causes),
             levels=(

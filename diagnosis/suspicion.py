@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +19,14 @@ from .modelled_record import opposing
 from .residuals import rms
 from .scores import OUTSIDE, Catalogue, Study, Suspect, refined, scored, study_of
 from .sets import NOTHING, Likely, likely, none_is_ruled_out
-from .signals import CURRENT_GAIN, SIGNALS
+from .signals import SIGNALS
 
 Vector = npt.NDArray[np.float64]
 
 _OUTSIDE_SAYS = (
     "something that no cause of the catalogue is: friction or force that only a free curve follows"
 )
+_LEAST_FACTOR = 1e-3
 _SHOWN = 0.1  # of the best score, at which a cause is seen beside it
 
 
@@ -121,24 +122,29 @@ def _values(
         return values, intervals
     names = shape.freed or shape.amplitudes
     for name, size, error in zip(names, suspect.amplitude, suspect.error, strict=True):
+        told, says = _told(study, suspect.name, name)
         reach = wide * float(error)
-        scale, shift = _told(study, suspect.name, name)
-        ends = scale * (size - reach) + shift, scale * (size + reach) + shift
-        values[name] = scale * float(size) + shift
-        intervals[name] = (min(ends), max(ends))
-    return {
-        **values,
-        **{n: float(v) for n, v in shape.values.items() if n not in values},
-    }, intervals
+        ends = told(float(size) - reach), told(float(size) + reach)
+        values[says] = told(float(size))
+        intervals[says] = (min(ends), max(ends))
+    beside = {n: float(v) for n, v in shape.values.items() if n not in values}
+    return values | beside, intervals
 
 
-def _told(study: Study, suspect: str, name: str) -> tuple[float, float]:
-    """How the size of an amplitude is told: factor and shift."""
-    if name == CURRENT_GAIN or suspect.startswith("scale_of"):
-        return 1.0, 1.0  # by which the true signal is larger than the recorded one
+def _told(study: Study, suspect: str, name: str) -> tuple[Callable[[float], float], str]:
+    """How an amplitude is told: a function of it, and the name of what comes out."""
+    factors: dict[str, Callable[[float], float]] = {
+        # balances are told in the recorded command, see `Signal.relative`
+        "scale_of_u": lambda size: 1.0 / max(1.0 - size, _LEAST_FACTOR),
+        "scale_of_i": lambda size: 1.0 / max(1.0 + size, _LEAST_FACTOR),
+        "scale_of_x": lambda size: 1.0 + size,
+    }
+    if suspect in factors:  # by which the true signal is larger than the recorded one
+        return factors[suspect], suspect
     if name in study.model.values and name in study.values:
-        return study.model.values[name], study.model.values[name]
-    return 1.0, 0.0
+        value = study.model.values[name]
+        return lambda size: value * (1.0 + size), name
+    return lambda size: size, name
 
 
 def _units(name: str, values: Mapping[str, float]) -> dict[str, str]:
