@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import rfft
+from scipy.ndimage import binary_opening
 from scipy.signal.windows import tukey
 
 from ..identification.fitted_law import BRISTLES
@@ -39,7 +40,7 @@ EXACT = 3e-3
 TAPER = 0.1
 """Of a block, that the cosines of a Tukey window take."""
 
-AROUND_REST = 4
+AROUND_REST = 3
 """Windows beside a rest, and half of those at the start, that a bell or the winding reaches."""
 
 OF_CARRIED = 0.35
@@ -162,12 +163,13 @@ def cut(courses: Sequence[ModelledRecord], model: DriveModel) -> Bands:
 def _moves(course: ModelledRecord, model: DriveModel) -> Vector:
     """Windows that tell of forces, shape (windows,): none of a rest, around one, or at the start.
 
-    A law without bristles has no force at rest, however short that is. What went on in the winding
-    before the start is not known.
+    A law without bristles has no force at rest, as soon as that is longer than a reversal. What
+    went on in the winding before the start is not known.
     """
     slow = course.rests
     if model.law not in BRISTLES:
-        slow = slow | (np.abs(course.v) < course.slowest)
+        still = np.abs(course.v) < course.slowest
+        slow = slow | binary_opening(still, np.ones(2 * course.width, dtype=bool))
     rests = averaged(slow.astype(float), course.width) > 0.0
     near = np.convolve(rests, np.ones(2 * AROUND_REST + 1), mode="same") > 0.0
     near[: 2 * AROUND_REST] = True

@@ -48,9 +48,11 @@ _WEIGHINGS_MORE = 4  # without one of the blocks
 _FLAT = 1e-9  # of a column's own square: an amplitude may be anything
 _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
+_IN_NEWTONS = ("unmodelled_inertia",)  # what `beyond` says of it is of accelerations
+_MOST_LESS = 0.9  # of a command, that a shape takes away
 _SURE = (0.5, 1.5)  # amplitude of a shape that has its size in its values
 _REFINED = 3  # halvings of a grid's spacing
-_STRAINED = 5.0  # tolerances, beyond which values no longer are what the user has measured
+_STRAINED = 10.0  # tolerances, beyond which values no longer are what the user has measured
 
 
 @dataclass(frozen=True)
@@ -225,10 +227,9 @@ def _adjusted(courses: list[ModelledRecord], prior_model: DriveModel) -> tuple[S
 
 
 def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
-    """The model's own values alone; signal and their columns come first in `columns`."""
+    """The model's own values alone; `columns` are those of `base_columns`."""
     mean, spread = study.prior()
-    first = [c[:, :, : 1 + len(mean)] for c in columns]
-    lines = study.bands.lines(first)
+    lines = study.bands.lines(columns)
     own = products(lines, lines)[:, study.bands.used][:, :, None]
     exact = EXACT * study.prior_model.friction_scale
     return fitted(own, study.bands, mean[None], spread[None] ** -2.0, exact)
@@ -337,11 +338,11 @@ class Catalogue:
         self.count = self.values = self.base[0].shape[2]
         courses, model = study.courses, study.model
         for cause in CAUSES.values():
-            if not cause.beyond(courses, model):
+            if cause.name in _IN_NEWTONS or not cause.beyond(courses, model):
                 for values in cause.grid(courses, model):
                     shape = cause.at(courses, model, values)
                     if len(shape.freed) < 2 or _goes_together(shape.freed):
-                        self.add(cause.name, shape)
+                        self.add(cause.name, shape, cause.relative)
         for signal in SIGNALS.values():
             for values in signal.grid(courses, model):
                 self.add(signal.name, signal.at(courses, model, values), signal.relative)
@@ -367,10 +368,8 @@ class Catalogue:
             self.forms.append(Form(name, shape, np.array(freed)))
             return self.forms[-1]
         part = responses(study.courses, study.model, shape)
-        if relative:
-            for c, p, first in zip(study.courses, part, self.base, strict=True):
-                told = 1 if c.by_current else 0  # the first balance by a voltage
-                p[:, told:] += first[:, told:, :1]
+        if shape.command is not None and relative:
+            part = self._told_in_command(shape, part)
         if not all(np.isfinite(p).all() for p in part):
             return None
         at = np.arange(self.count, self.count + len(shape.amplitudes))
@@ -378,6 +377,24 @@ class Catalogue:
         self.count += len(at)
         self.forms.append(Form(name, shape, at))
         return self.forms[-1]
+
+    def _told_in_command(self, shape: Shape, part: list[Matrix]) -> list[Matrix]:
+        """Columns of a command that is made smaller, as a balance of the recorded one has them.
+
+        What makes a command smaller would make all that is left smaller with it. A scale is linear
+        in its amplitude; a shape that has its size in it has the amplitude one.
+        """
+        courses = self.study.courses
+        u = np.concatenate([c.u for c in courses])
+        change = np.concatenate([c[:, 0] for c in shape.command or []])
+        less = -float(change @ u) / max(float(u @ u), 1e-300)
+        whole = 1.0 if shape.sure is None else 1.0 - min(less, _MOST_LESS)
+        out = []
+        for c, p, first in zip(courses, part, self.base, strict=True):
+            told = 1 if c.by_current else 0  # the first balance by a voltage
+            p[:, told:] = (p[:, told:] - less * first[:, told:, :1]) / whole
+            out.append(p)
+        return out
 
     def extend(self, forms: int) -> None:
         """Take up the forms that were added after the first `forms` into the products."""
@@ -488,7 +505,8 @@ def _can_be(study: Study, form: Form, fit: Fit, base: Fit, amplitude: Vector) ->
     if form.shape.sure is not None:
         return bool(_SURE[0] < amplitude[0] < _SURE[1])
     if form.freed:
-        return bool(np.all(amplitude > -0.9))
+        least = study.prior_model.tolerance["m"] if form.name == "unmodelled_inertia" else -0.9
+        return bool(np.all(amplitude > least))
     return True
 
 
@@ -573,7 +591,8 @@ def refined(study: Study, catalogue: Catalogue, suspect: Suspect) -> Suspect:
         values = best.form.shape.values
         for side in (-step, step):
             moved = {**values, name: values[name] * math.exp(side)}
-            catalogue.add(suspect.name, cause.at(study.courses, study.model, moved))
+            shape = cause.at(study.courses, study.model, moved)
+            catalogue.add(suspect.name, shape, cause.relative)
         new = catalogue.forms[known:]
         catalogue.extend(known)
         for form, fit in zip(new, catalogue.fit(new), strict=True):
