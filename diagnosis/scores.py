@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -50,9 +51,9 @@ _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
 _IN_NEWTONS = ("unmodelled_inertia",)  # what `beyond` says of it is of accelerations
 _MOST_LESS = 0.9  # of a command, that a shape takes away
-_SURE = (0.5, 1.5)  # amplitude of a shape that has its size in its values
+_AROUND_ONE, _SPREADS = 0.5, 10.0  # of the amplitude of a shape that has its size in its values
 _REFINED = 3  # halvings of a grid's spacing
-_STRAINED = 10.0  # tolerances, beyond which values no longer are what the user has measured
+_PINNED = 1e12  # precision of a value that stays where it is
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,10 @@ class Study:
         mean = np.array([*ratio, *(-self.courses[0].calibration[n] for n in known)])
         spread = [self.prior_model.tolerance[n] / math.sqrt(3.0) for n in names]
         return mean, np.array([*spread, *(p.spread for p in known.values())])
+
+    def most(self, spread: Vector) -> Vector:
+        """By how much each of `values` can change: tolerances, and what instruments can have."""
+        return np.asarray(math.sqrt(3.0) * spread)
 
 
 @dataclass(frozen=True)
@@ -123,15 +128,22 @@ class Fit:
     cost: Vector
 
 
-def fitted(products: Array, bands: Bands, mean: Matrix, precision: Matrix, exact: float) -> Fit:
+class Priors(NamedTuple):
+    """Of columns, shape (N, columns): mean, one over the variance, and what no change exceeds."""
+
+    mean: Matrix
+    precision: Matrix
+    most: Matrix
+
+
+def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
     """Fit and hold out.
 
     Parameters
     ----------
     products : ndarray, shape (blocks, used bands, N, 1 + columns, 1 + columns)
         Of columns, the signal first.
-    mean, precision : ndarray, shape (N, columns)
-        Of the priors.
+    prior : Priors
     exact : float
         Noise that is always there [N].
     """
@@ -139,7 +151,6 @@ def fitted(products: Array, bands: Bands, mean: Matrix, precision: Matrix, exact
     blocks = np.arange(len(products))
     whole = products.sum(axis=0)
     start = (whole[:, :, 0, 0] / counts.sum(axis=0)[:, None]).T + exact**2
-    prior = mean, precision
     amplitude, variance = _with_noise(products, counts, prior, exact, start, _WEIGHINGS)
     held, squares, ways = [], [], []
     for q in blocks:
@@ -156,14 +167,14 @@ def fitted(products: Array, bands: Bands, mean: Matrix, precision: Matrix, exact
     each = np.array(ways)
     count = len(blocks)
     error = np.sqrt((count - 1) / count * np.sum((each - each.mean(axis=0)) ** 2, axis=0))
-    cost = 0.5 * np.sum(precision * (amplitude - mean) ** 2, axis=1)
+    cost = 0.5 * np.sum(prior.precision * (amplitude - prior.mean) ** 2, axis=1)
     return Fit(np.array(held).T, np.array(squares).transpose(1, 0, 2), amplitude, error, cost)
 
 
 def _with_noise(
     products: Array,
     counts: Matrix,
-    prior: tuple[Matrix, Matrix],
+    prior: Priors,
     exact: float,
     variance: Matrix,
     times: int,
@@ -173,8 +184,8 @@ def _with_noise(
     Noise is not the same all over a record: a block's variance is one of many around the band's
     (Student's distribution; K. Lange, R. Little and J. Taylor, JASA 84, 1989).
     """
-    mean, precision = prior
-    goal = precision * mean
+    mean, precision, most = prior
+    pinned = mean
     left = products[:, :, :, 0, 0].transpose(0, 2, 1)
     each = counts[:, None, :]
     for _ in range(times):
@@ -183,7 +194,13 @@ def _with_noise(
         matrix = inner[:, 1:, 1:].copy()
         at = np.arange(matrix.shape[1])
         matrix[:, at, at] += precision + _FLAT * (matrix[:, at, at] + 1e-30)
-        amplitude = np.linalg.solve(matrix, (inner[:, 1:, 0] + goal)[:, :, None])[:, :, 0]
+        goal = inner[:, 1:, 0] + precision * pinned
+        amplitude = np.linalg.solve(matrix, goal[:, :, None])[:, :, 0]
+        # a tolerance is hard: a value that would leave it stays at its end from then on
+        beyond = (np.abs(amplitude - mean) > most) & (precision < _PINNED)
+        pinned = np.where(beyond, mean + np.clip(amplitude - mean, -most, most), pinned)
+        precision = np.where(beyond, _PINNED, precision)
+        amplitude = np.where(beyond, pinned, amplitude)
         left = _left(products, amplitude)
         weight = (FREEDOM + each) / (FREEDOM + left / variance)
         variance = np.sum(weight * left, axis=0) / counts.sum(axis=0) + exact**2
@@ -232,7 +249,8 @@ def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
     lines = study.bands.lines(columns)
     own = products(lines, lines)[:, study.bands.used][:, :, None]
     exact = EXACT * study.prior_model.friction_scale
-    return fitted(own, study.bands, mean[None], spread[None] ** -2.0, exact)
+    prior = Priors(mean[None], spread[None] ** -2.0, study.most(spread)[None])
+    return fitted(own, study.bands, prior, exact)
 
 
 def base_columns(study: Study) -> list[Matrix]:
@@ -291,7 +309,8 @@ class Suspect:
         Gain in the logarithm of the likelihood of blocks held out, less what its values cost.
     by_block : ndarray, shape (blocks,)
     share : float
-        Of the squares of the force left on blocks held out, that it takes away.
+        Of the squares left of a balance on blocks held out, that it takes away: of forces or of
+        voltages, whichever is more.
     cost : float
         Of values that are not the prior ones.
     doubt : float
@@ -442,9 +461,9 @@ class Catalogue:
             for begin in range(0, len(those), 64):
                 some = those[begin : begin + 64]
                 stated = [self._stated([*beside, forms[k]]) for k in some]
-                mean, precision = (np.array(s) for s in zip(*stated, strict=True))
+                prior = Priors(*(np.array(s) for s in zip(*stated, strict=True)))
                 own = self._products([forms[k] for k in some], beside)
-                fit = fitted(own, study.bands, mean, precision, exact)
+                fit = fitted(own, study.bands, prior, exact)
                 for j, k in enumerate(some):
                     out[k] = Fit(
                         fit.held[j : j + 1],
@@ -466,21 +485,26 @@ class Catalogue:
         moves = np.concatenate([c.resting == 0.0 for c in self.study.courses])
         return float(np.sqrt(np.mean(force[moves] ** 2)))
 
-    def _stated(self, forms: Sequence[Form]) -> tuple[Vector, Vector]:
-        """Prior means and precisions of values and forms."""
+    def _stated(self, forms: Sequence[Form]) -> Priors:
+        """Of values and forms, shape (columns,)."""
         mean, spread = self.study.prior()
-        spread = spread.copy()
+        most, spread = self.study.most(spread), spread.copy()
         own_mean: list[float] = []
         own_precision: list[float] = []
         for form in forms:
             if form.freed:
                 for name, column in zip(form.freed, form.columns, strict=True):
                     spread[column - 1] = max(free_spread(self.study, name), spread[column - 1])
+                    most[column - 1] = np.inf
                 continue
             sure = form.shape.sure
             own_mean += [0.0 if sure is None else 1.0] * len(form.columns)
             own_precision += [0.0 if sure is None else sure**-2.0] * len(form.columns)
-        return np.append(mean, own_mean), np.append(spread**-2.0, own_precision)
+        return Priors(
+            np.append(mean, own_mean),
+            np.append(spread**-2.0, own_precision),
+            np.append(most, np.full(len(own_mean), np.inf)),
+        )
 
 
 def _goes_together(names: Sequence[str]) -> bool:
@@ -495,27 +519,15 @@ def free_spread(study: Study, name: str) -> float:
     return _FREED
 
 
-def _can_be(study: Study, form: Form, fit: Fit, base: Fit, amplitude: Vector) -> bool:
-    """Whether sizes and values are such as a machine can have, or no worse than without it."""
-    strain = _strain(study, fit)
-    if form.freed:
-        strain[form.columns - 1] = 0.0
-    if np.max(strain) > max(_STRAINED, float(np.max(_strain(study, base)))):
-        return False
+def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
+    """Whether sizes are such as a machine can have."""
     if form.shape.sure is not None:
-        return bool(_SURE[0] < amplitude[0] < _SURE[1])
+        most = min(_AROUND_ONE, _SPREADS * form.shape.sure)
+        return bool(abs(amplitude[0] - 1.0) < most)
     if form.freed:
         least = study.prior_model.tolerance["m"] if form.name == "unmodelled_inertia" else -0.9
         return bool(np.all(amplitude > least))
     return True
-
-
-def _strain(study: Study, fit: Fit) -> Vector:
-    """How far values are from the prior ones, in tolerances; zero of calibrations."""
-    mean, spread = study.prior()
-    strain = np.abs(fit.amplitude[0][: len(mean)] - mean) / (math.sqrt(3.0) * spread)
-    strain[len(study.model.adjustable) :] = 0.0
-    return np.asarray(strain)
 
 
 def _own(form: Form, values: int) -> slice | npt.NDArray[np.int64]:
@@ -548,11 +560,17 @@ def scored(study: Study, catalogue: Catalogue) -> Scored:
 def _suspect(study: Study, form: Form, fit: Fit, base: Fit, values: int) -> Suspect | None:
     own = _own(form, values)
     amplitude = fit.amplitude[0][own]
-    if not np.isfinite(fit.held).all() or not _can_be(study, form, fit, base, amplitude):
+    if not np.isfinite(fit.held).all() or not _can_be(study, form, amplitude):
         return None
     by_block = fit.held[0] - base.held[0]
-    forces = _of_forces(study)
-    before = float(base.squares[0][:, forces].sum())
+    of_force = _of_forces(study)
+    channels = [of_force, ~of_force] if study.courses[0].has_current else [of_force]
+    shares = [
+        1.0 - float(fit.squares[0][:, c].sum()) / max(float(base.squares[0][:, c].sum()), 1e-300)
+        for c in channels
+    ]
+    if max(shares) <= 0.0:
+        return None  # in newtons it explains nothing: it only trusts other bands more
     return Suspect(
         form.name,
         form,
@@ -560,7 +578,7 @@ def _suspect(study: Study, form: Form, fit: Fit, base: Fit, values: int) -> Susp
         fit.error[0][own],
         float(by_block.sum() - fit.cost[0] + base.cost[0]),
         by_block,
-        1.0 - float(fit.squares[0][:, forces].sum()) / max(before, 1e-300),
+        max(shares),
         float(fit.cost[0]),
     )
 
