@@ -53,7 +53,8 @@ _IN_NEWTONS = ("unmodelled_inertia",)  # what `beyond` says of it is of accelera
 _MOST_LESS = 0.9  # of a command, that a shape takes away
 _AROUND_ONE, _SPREADS = 0.5, 10.0  # of the amplitude of a shape that has its size in its values
 _REFINED = 3  # halvings of a grid's spacing
-_PINNED = 1e12  # precision of a value that stays where it is
+_PINNINGS = 8  # rounds of the active set
+_PINNED = 1e14  # precision of a value that stays where it is
 
 
 @dataclass(frozen=True)
@@ -184,27 +185,44 @@ def _with_noise(
     Noise is not the same all over a record: a block's variance is one of many around the band's
     (Student's distribution; K. Lange, R. Little and J. Taylor, JASA 84, 1989).
     """
-    mean, precision, most = prior
-    pinned = mean
     left = products[:, :, :, 0, 0].transpose(0, 2, 1)
     each = counts[:, None, :]
     for _ in range(times):
         weight = (FREEDOM + each) / (FREEDOM + left / variance)
         inner = np.einsum("qbnij,qnb->nij", products, weight / variance)
-        matrix = inner[:, 1:, 1:].copy()
-        at = np.arange(matrix.shape[1])
-        matrix[:, at, at] += precision + _FLAT * (matrix[:, at, at] + 1e-30)
-        goal = inner[:, 1:, 0] + precision * pinned
-        amplitude = np.linalg.solve(matrix, goal[:, :, None])[:, :, 0]
-        # a tolerance is hard: a value that would leave it stays at its end from then on
-        beyond = (np.abs(amplitude - mean) > most) & (precision < _PINNED)
-        pinned = np.where(beyond, mean + np.clip(amplitude - mean, -most, most), pinned)
-        precision = np.where(beyond, _PINNED, precision)
-        amplitude = np.where(beyond, pinned, amplitude)
+        amplitude = _within_most(inner, prior)
         left = _left(products, amplitude)
         weight = (FREEDOM + each) / (FREEDOM + left / variance)
         variance = np.sum(weight * left, axis=0) / counts.sum(axis=0) + exact**2
     return amplitude, variance
+
+
+def _within_most(inner: Array, prior: Priors) -> Matrix:
+    """Amplitudes of least squares that stay within their tolerances, by an active set.
+
+    A value that would leave its tolerance is put to its end, and let go where it would turn back
+    (P. Gill, W. Murray and M. Wright, "Practical Optimization", 1981, ch. 5).
+    """
+    mean, precision, most = prior
+    matrix = inner[:, 1:, 1:].copy()
+    at = np.arange(mean.shape[1])
+    matrix[:, at, at] += precision + _FLAT * (matrix[:, at, at] + 1e-30)
+    goal = inner[:, 1:, 0] + precision * mean
+    side = np.zeros(mean.shape)
+    for _ in range(_PINNINGS):
+        pinned = side != 0.0
+        ends = mean + np.where(pinned, side * np.where(np.isfinite(most), most, 0.0), 0.0)
+        held = matrix.copy()
+        held[:, at, at] += np.where(pinned, _PINNED, 0.0)
+        asked = goal + np.where(pinned, _PINNED * ends, 0.0)
+        amplitude = np.linalg.solve(held, asked[:, :, None])[:, :, 0]
+        slope = np.matmul(matrix, np.where(pinned, ends, amplitude)[:, :, None])[:, :, 0] - goal
+        turns = pinned & (side * slope > 0.0)
+        leaves = ~pinned & (np.abs(amplitude - mean) > 1.001 * most)
+        if not (turns.any() or leaves.any()):
+            break
+        side = np.where(turns, 0.0, np.where(leaves, np.sign(amplitude - mean), side))
+    return np.asarray(np.clip(amplitude - mean, -most, most) + mean)
 
 
 def _left(products: Array, amplitude: Matrix) -> Array:
