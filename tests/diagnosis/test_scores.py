@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from axis_records import gap, strong_record
 from diagnosed import nominal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_t
 from worlds import layout as at
 
 from ballscrew.diagnosis.bands import Bands
-from ballscrew.diagnosis.scores import FREEDOM, Catalogue, fitted, refined, scored, study_of
+from ballscrew.diagnosis.scores import FREEDOM, Catalogue, Priors, fitted, refined, scored, study_of
 
 ROWS, COLUMNS, BLOCKS, BANDS = 40, 3, 5, 2
 EXACT = 1e-3
@@ -34,11 +37,11 @@ def drawn(seed, amplitude, sizes):
     return data, bands
 
 
-def fit_of(data, bands, columns=COLUMNS, spread=1e6):
+def fit_of(data, bands, columns=COLUMNS, spread=1e6, most=np.inf):
     chosen = data[..., : 1 + columns]
     inner = np.einsum("qbri,qbrj->qbij", chosen, chosen)[:, :, None]
-    mean, precision = np.zeros((1, columns)), np.full((1, columns), spread**-2.0)
-    return fitted(inner, bands, mean, precision, EXACT)
+    one = np.ones((1, columns))
+    return fitted(inner, bands, Priors(0.0 * one, spread**-2.0 * one, most * one), EXACT)
 
 
 def test_amplitudes_are_those_of_weighted_least_squares():
@@ -94,6 +97,21 @@ def test_a_prior_that_is_narrow_holds_a_value():
     data, bands = drawn(3, np.array([1.0, -2.0, 0.5]), (1.0, 1.0))
     held = fit_of(data, bands, spread=1e-4)
     assert np.abs(held.amplitude[0]).max() < 0.01
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.01, 3.0))
+def test_values_within_their_tolerances_are_those_of_scipys_bounded_least_squares(seed, most):
+    amplitude = np.random.default_rng(seed).standard_normal(COLUMNS)
+    data, bands = drawn(seed, amplitude, (1.0, 1.0))
+    # columns that are nearly the same make it hard to say which value stays at its end
+    data[..., 3] = data[..., 1] + 0.3 * data[..., 3]
+    fit = fit_of(data, bands, most=most)
+    weights = 1.0 / np.sqrt(fit.squares[0].sum(axis=0) / (BLOCKS * ROWS))
+    rows = np.concatenate([weights[b] * data[:, b].reshape(-1, 1 + COLUMNS) for b in range(BANDS)])
+    found = lsq_linear(rows[:, 1:], rows[:, 0], (-most, most)).x
+    assert np.all(np.abs(fit.amplitude[0]) <= most + 1e-12)
+    assert fit.amplitude[0] == pytest.approx(found, abs=0.05 + 0.02 * np.abs(found).max())
 
 
 def test_a_strong_effect_leads_with_its_size():
