@@ -20,12 +20,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .causes import CAUSES
 from .scores import OUTSIDE, Scored, Suspect
+from .signals import SIGNALS
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 NOTHING = "none"
+EVERYONE = (*CAUSES, *SIGNALS, OUTSIDE)
 TABLE = Path(__file__).with_name("sets.json")
 
 _UNIT = 5.0  # a score that is noise's own [nats]
@@ -82,6 +85,13 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
         row[begin : begin + _OF_SUSPECT] = own
         names.append(s.name)
         rows.append(row)
+    for name in EVERYONE:
+        if name not in names:  # it gains nothing, and may be there all the same
+            row = np.zeros(STATISTICS)
+            begin = _OF_SUSPECT if name == OUTSIDE else 0
+            row[begin + 1], row[begin + 3] = _log(best), max(share, 0.0)
+            names.append(name)
+            rows.append(row)
     outside = max((s.score for s in suspects if s.name == OUTSIDE), default=0.0)
     row = np.zeros(STATISTICS)
     row[2 * _OF_SUSPECT :] = [

@@ -51,7 +51,6 @@ from ballscrew.solver.files import write_json  # noqa: E402
 COVERAGE = 0.95
 OF_FAULTLESS = 0.02
 """Share of faultless records that may be called something else."""
-SEEN = 3.0  # ratio below which an effect is not in a record, by the truth
 FOLDS = 5
 RIDGE, RIDGE_OF_CONSTANTS = 0.05, 0.5  # of standardised weights; of each name's own constant
 
@@ -81,13 +80,13 @@ class Row:
 
     @property
     def usable(self) -> bool:
-        """Whether it says anything of sets: an effect that it does not show does not."""
-        return not self.message and (not self.effect or self.ratio > SEEN)
+        """Whether it says anything of sets: an effect that is not clear does not."""
+        return not self.message and (not self.effect or self.ratio > VISIBLE)
 
     @property
     def clear(self) -> bool:
         """Whether the truth shows a cause or a signal clearly."""
-        return bool(self.effect) and self.truth != OUTSIDE and self.ratio > VISIBLE
+        return self.usable and self.truth not in (NOTHING, OUTSIDE)
 
     @property
     def allowed(self) -> set[str]:

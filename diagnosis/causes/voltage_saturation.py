@@ -20,15 +20,17 @@ if TYPE_CHECKING:
 _LEVELS = 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)
 
 _CUT_OFF = 0.5  # of the samples, that a limit may concern
+_WELL_BELOW = 0.8  # of the usual command, where it may concern more
 _SAGS = (0.1, 0.3, 1.0)  # resistance of a supply, of the motor's
 _SCALES = np.geomspace(0.6, 12.0, 10)  # of the largest command; a bend, not a limit
 
 
 def _levels(courses: Courses) -> Vector:
-    """Limits to try: a command that is cut off most of the time would tell of nothing but noise."""
+    """Limits to try: one that cuts little off most of the time would take noise away, not force."""
     commands = np.abs(np.concatenate([c.u for c in courses]))
     levels = _LEVELS * float(commands.max())
-    return np.asarray(levels[levels > np.quantile(commands, 1.0 - _CUT_OFF)])
+    usual = float(np.quantile(commands, 1.0 - _CUT_OFF))
+    return np.asarray(levels[(levels > usual) | (levels < _WELL_BELOW * usual)])
 
 
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:
