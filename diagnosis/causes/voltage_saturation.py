@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..modelled_record import ModelledRecord
 
 # of the largest command; the last cuts nothing off, as an end for what is sought between them
-_LEVELS = 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)
+_LEVELS = 1.0 - np.append(np.geomspace(0.97, 0.001, 28), 0.0)
 
 _CUT_OFF = 0.5  # of the samples, that a limit may concern
 _WELL_BELOW = 0.8  # of the usual command, where it may concern more
