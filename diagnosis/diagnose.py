@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -94,16 +94,13 @@ def diagnose_records(
     notes += check_identifiable(records)
     progress("looking for suspects")
     suspects = suspicion(records, prior_model)
+    notes += [suspects.because] if suspects.because else []
     progress("looking for causes")
     found = search(records, prior_model)
     progress("judging on data held out")
-    found, judgement = _standing(prior_model, found, suspects.seen)
+    found, judgement = _standing(prior_model, found)
     if take is not None:
         found, judgement = _taken(prior_model, found, judgement, take)
-    elif not judgement.held.order and (only := suspects.only):
-        after, other = _taken(prior_model, found, judgement, only)
-        if other.gains:
-            found, judgement = after, other
     return _concluded(records, prior_model, found, judgement, suspects, notes, began)
 
 
@@ -114,12 +111,6 @@ class _Judgement(NamedTuple):
     held: HeldOut
     baseline: Residual
     laps: list[float]
-
-    @property
-    def gains(self) -> bool:
-        """Whether each cause gains for certain, and all together leave less force."""
-        certain = all(self.held.gain(n).certain for n in self.held.order)
-        return certain and self.held.all.force_rms < self.baseline.force_rms
 
 
 def _taken(
@@ -147,11 +138,8 @@ def _taken(
     return after, _Judgement(holds_up, held, baseline, laps)
 
 
-def _judgement(prior_model: DriveModel, found: Found, seen: Collection[str]) -> _Judgement:
-    """Take names back until what is left gains for certain, each of them and all together.
-
-    What `seen` lacks gains nothing in newtons: it would only make the model heavier.
-    """
+def _judgement(prior_model: DriveModel, found: Found) -> _Judgement:
+    """Take names back until what is left gains for certain, each of them and all together."""
     situation, problem = found.situation, found.problem
     courses = situation.courses
     laps = laps_of(courses)
@@ -159,10 +147,6 @@ def _judgement(prior_model: DriveModel, found: Found, seen: Collection[str]) -> 
     holds_up = accepted(problem, found.choice.best, folds, courses)
     held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
     baseline = residual(courses, prior_model, Added.nothing(courses))
-    while unseen := [n for n in held.order if n not in seen]:
-        reason = "in newtons it explains nothing of the blocks held out, alone or beside others"
-        holds_up = taken_back(problem, holds_up, unseen[-1], reason, folds)
-        held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
     while held.order:
         worse = [
             n
@@ -227,6 +211,10 @@ def _concluded(
     verdict = _verdict(bool(causes), at_floor, better and not free)
     if verdict == NONE and suspects.none_ruled_out:
         verdict = UNEXPLAINED
+        notes.append(
+            "what is left is within twice the noise, and yet not like noise: of faultless records "
+            "98 in 100 look more faultless than this"
+        )
     notes += above_floor(held.all, lowest, bool(judgement.laps))
     friction = _friction(courses, model, held)
     if verdict == NONE:
@@ -249,7 +237,7 @@ def _concluded(
         gain_interval=whole.interval,
         held_out=held.parts,
         causes=causes,
-        suspects=() if verdict == NONE and suspects.none_likely else suspects.suspects,
+        suspects=() if verdict == NONE else suspects.suspects,
         not_named=holds_up.refused,
         unnamed=unnamed,
         out_of_reach=out_of_reach(courses, situation.model, problem, holds_up.explanation),
@@ -292,16 +280,14 @@ def _least_force(
     return after, after_the_start(held.none, after.courses)
 
 
-def _standing(
-    prior_model: DriveModel, found: Found, seen: Collection[str]
-) -> tuple[Found, _Judgement]:
+def _standing(prior_model: DriveModel, found: Found) -> tuple[Found, _Judgement]:
     """What was found as judged, or its first cause alone where nothing else is left."""
-    judgement = _judgement(prior_model, found, seen)
+    judgement = _judgement(prior_model, found)
     single = None if judgement.held.order else only_first(found, prior_model)
     if not single:
         return found, judgement
     # too many causes together may leave none; the first of them is judged alone then
-    first = _judgement(prior_model, single, seen)
+    first = _judgement(prior_model, single)
     refused = judgement.holds_up.refused
     # of a swing alone an error of the others' laws may be the source
     unsure = {r.name for r in refused if r.like} | set(SWINGS)

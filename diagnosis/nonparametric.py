@@ -22,7 +22,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _TIME_KNOT = 0.35  # [s]
-_MOST = 20  # functions of one rival
+_MOST = 40  # functions of one rival
 _PLACE_KNOT = 4e-4  # [m]
 _SWINGS = 3
 _SLOWEST_SWING = 5.0  # [Hz]
@@ -72,8 +72,10 @@ def way_since_reversal(x: Vector) -> Vector:
     return out
 
 
-def nonparametric_alternatives(courses: Sequence[ModelledRecord], model: DriveModel) -> list[Rival]:
-    """All of them, for these records."""
+def nonparametric_alternatives(
+    courses: Sequence[ModelledRecord], model: DriveModel, most: int | None = None
+) -> list[Rival]:
+    """All of them, for these records; each of `most` functions only, if that is given."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]
     pace = [c.middle_v for c in courses]
@@ -84,8 +86,10 @@ def nonparametric_alternatives(courses: Sequence[ModelledRecord], model: DriveMo
     logway = [np.log(way_since_reversal(c.x) + 2e-6) for c in courses]
     speed = [np.log(np.abs(c.middle_v) + 1e-4) for c in courses]
     lasts, travel = float(begins[-1]), max(float(np.ptp(np.concatenate(place))), 1e-6)
-    in_time = [max(5, min(round(lasts / _TIME_KNOT), _MOST))]
-    in_place = [max(6, min(round(travel / _PLACE_KNOT), _MOST))]
+    in_time = [max(5, min(round(lasts / _TIME_KNOT), _MOST)), 12]
+    in_place = [max(6, min(round(travel / _PLACE_KNOT), 60)), 24, 10]
+    if most is not None:
+        in_time, in_place = [min(in_time[0], most)], [min(in_place[0], most)]
     made = []
     for name, signal, carrier, counts in (
         ("friction over time", time, sign, in_time),

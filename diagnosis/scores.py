@@ -50,6 +50,7 @@ _FLAT = 1e-9  # of a column's own square: an amplitude may be anything
 _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
 _IN_NEWTONS = ("unmodelled_inertia",)  # what `beyond` says of it is of accelerations
+_CURVES = 20  # functions of a free curve
 _MOST_LESS = 0.9  # of a command, that a shape takes away
 _AROUND_ONE, _SPREADS = 0.5, 10.0  # of the amplitude of a shape that has its size in its values
 _REFINED = 3  # halvings of a grid's spacing
@@ -383,7 +384,7 @@ class Catalogue:
         for signal in SIGNALS.values():
             for values in signal.grid(courses, model):
                 self.add(signal.name, signal.at(courses, model, values), signal.relative)
-        for rival in nonparametric_alternatives(courses, model):
+        for rival in nonparametric_alternatives(courses, model, _CURVES):
             for shape in rival.shapes:
                 self.add(OUTSIDE, shape)
         self.lines = self._lines(self.parts)

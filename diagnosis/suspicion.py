@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from ..records.bad_record import BadRecord
 from ..records.drive_record import DriveRecord
 from .causes import CAUSES
 from .diagnosis import SuspectFound
@@ -27,7 +28,6 @@ _OUTSIDE_SAYS = (
     "something that no cause of the catalogue is: friction or force that only a free curve follows"
 )
 _LEAST_FACTOR = 1e-3
-_SHOWN = 0.1  # of the best score, at which a cause is seen beside it
 
 
 @dataclass(frozen=True)
@@ -37,49 +37,38 @@ class Suspicion:
     Attributes
     ----------
     suspects : tuple of SuspectFound
-        The smallest set that holds the truth with 95 %, the likeliest first, without `none`.
+        The smallest set that holds the truth with 95 %, the likeliest first, without `none`; empty
+        where `none` is the likeliest.
     none_likely : bool
         Whether that there is nothing is in the set.
     none_ruled_out : bool
         Whether of a hundred faultless records at most two look like this.
-    seen : frozenset of str
-        Causes that gain on blocks held out, alone or beside the first.
+    because : str
+        Why there are none; empty if that is not so.
     """
 
     suspects: tuple[SuspectFound, ...]
     none_likely: bool
     none_ruled_out: bool
-    seen: frozenset[str]
-
-    @property
-    def only(self) -> str | None:
-        """The cause of the catalogue that is alone in the set."""
-        alone = len(self.suspects) == 1 and not self.none_likely
-        name = self.suspects[0].name if alone else ""
-        return name if name in CAUSES else None
+    because: str = ""
 
 
 def suspicion(records: Sequence[DriveRecord], prior_model: DriveModel) -> Suspicion:
-    """The suspects of records whose command the model takes, see `commanded`.
-
-    Raises
-    ------
-    BadRecord
-        If records show next to no motion.
-    """
-    study = study_of(records, prior_model)
+    """The suspects of records whose command the model takes, see `commanded`."""
+    try:
+        study = study_of(records, prior_model)
+    except BadRecord as error:  # too short for blocks and bands; the search says whether at all
+        return Suspicion((), True, False, f"no suspects are told: {error}")
     catalogue = Catalogue(study)
     found = scored(study, catalogue)
     members = likely(found)
-    best = max((s.score for s in found.suspects), default=0.0)
-    seen = {s.name for s in found.suspects if s.score > max(_SHOWN * best, 0.0)}
-    seen |= {n for n, score in found.beside.items() if score > 0.0}
     told = [m for m in members if m.name != NOTHING and m.suspect is not None]
+    if members[0].name == NOTHING:
+        told = []  # a list of what is possible all the same would be no answer
     return Suspicion(
         tuple(_found(study, catalogue, m) for m in told),
         any(m.name == NOTHING for m in members),
         none_is_ruled_out(found),
-        frozenset(seen),
     )
 
 

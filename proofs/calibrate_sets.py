@@ -168,12 +168,13 @@ def fitted(rows: list[Row], names: list[str]) -> Weights:
     return Weights(best[:STATISTICS] / sizes, constants)
 
 
-def left_out(rows: list[Row], names: list[str]) -> list[dict[str, float]]:
+def left_out(rows: list[Row], also: list[Row], names: list[str]) -> list[dict[str, float]]:
     """Probabilities of each record, by weights that have not seen it."""
     fold = np.random.default_rng(0).integers(0, FOLDS, len(rows))
     found: list[dict[str, float]] = [{} for _ in rows]
     for k in range(FOLDS):
-        weights = fitted([r for r, f in zip(rows, fold, strict=True) if f != k], names)
+        seen = [r for r, f in zip(rows, fold, strict=True) if f != k]
+        weights = fitted([*seen, *also], names)
         for j in np.flatnonzero(fold == k):
             found[j] = weights.of(rows[j])
     return found
@@ -234,17 +235,17 @@ def measured(rows: list[Row], sets: list[list[str]], ruled_out: list[bool]) -> d
     }
 
 
-def report(rows: list[Row]) -> tuple[dict[str, Any], dict[str, Any]]:
+def report(rows: list[Row], also: list[Row]) -> tuple[dict[str, Any], dict[str, Any]]:
     """The table, and the proof."""
     refused = [r for r in rows if r.message]
-    rows = [r for r in rows if r.usable]
-    names = sorted({n for r in rows for n in r.names} | {r.truth for r in rows})
-    found = left_out(rows, names)
+    rows, also = [r for r in rows if r.usable], [r for r in also if r.usable]
+    names = sorted({n for r in [*rows, *also] for n in (*r.names, r.truth)})
+    found = left_out(rows, also, names)
     least = threshold((f.get(r.truth, 0.0) for r, f in zip(rows, found, strict=True)), 1 - COVERAGE)
     of_none = threshold(
         (f[NOTHING] for r, f in zip(rows, found, strict=True) if not r.effect), OF_FAULTLESS
     )
-    weights = fitted(rows, names)
+    weights = fitted([*rows, *also], names)
     sets = [set_of(f, least) for f in found]
     out = [f[NOTHING] < of_none for f in found]
     worlds = {}
@@ -257,10 +258,11 @@ def report(rows: list[Row]) -> tuple[dict[str, Any], dict[str, Any]]:
         "constants": {n: round(c, 6) for n, c in weights.constants.items()},
         "threshold": least,
         "threshold_of_none": of_none,
-        "records": len(rows),
+        "records": len(rows) + len(also),
     }
     proof = {
         "records": len(rows),
+        "records that helped to fit the weights only": len(also),
         "refused or unusable": len(refused),
         "seconds, median": float(np.median([r.seconds for r in rows])),
         "all worlds": measured(rows, sets, out),
@@ -280,6 +282,11 @@ def main() -> int:
     parser.add_argument(
         "--rows", type=Path, default=ROWS, help="kept rows; those there are not drawn again"
     )
+    parser.add_argument(
+        "--also",
+        type=Path,
+        help="rows of other seeds, for the weights and not for what is measured",
+    )
     parser.add_argument("--only-fit", action="store_true", help="of the rows that are there")
     options = parser.parse_args()
     calibrated = tuple(w for w in WORLDS if w not in HELD_BACK)
@@ -298,7 +305,10 @@ def main() -> int:
                 kept.write(json.dumps(asdict(row)) + "\n")
                 kept.flush()
                 print(f"\r{done} of {len(trials)}", end="", file=sys.stderr)
-    table, proof = report(rows)
+    also = []
+    if options.also:
+        also = [Row(**json.loads(line)) for line in options.also.read_text().splitlines()]
+    table, proof = report(rows, also)
     seeds = sorted({r.seed for r in rows})
     write_json(TABLE, table)
     write_json(
