@@ -50,6 +50,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/tables_of_trials.py
 	$(BIN)/python proofs/variational.py
 	$(BIN)/python proofs/exchange.py
+	$(BIN)/python proofs/calibrate_sets.py --faultless 20 --effects 40
 	$(BIN)/python proofs/diagnosis_worlds.py --resume --at-least 60 120
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/emps.py

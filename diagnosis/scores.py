@@ -10,7 +10,7 @@ without it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -51,6 +51,7 @@ _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
 _IN_NEWTONS = ("unmodelled_inertia",)  # what `beyond` says of it is of accelerations
 _CURVES = 20  # functions of a free curve
+_WELL_BELOW = 0.8  # of the usual command, where a limit cuts off more than noise
 _MOST_LESS = 0.9  # of a command, that a shape takes away
 _AROUND_ONE, _SPREADS = 0.5, 10.0  # of the amplitude of a shape that has its size in its values
 _REFINED = 3  # halvings of a grid's spacing
@@ -379,6 +380,8 @@ class Catalogue:
             if cause.name in _IN_NEWTONS or not cause.beyond(courses, model):
                 for values in cause.grid(courses, model):
                     shape = cause.at(courses, model, values)
+                    if _cuts_noise(courses, values):
+                        continue
                     if len(shape.freed) < 2 or _goes_together(shape.freed):
                         self.add(cause.name, shape, cause.relative)
         for signal in SIGNALS.values():
@@ -524,6 +527,14 @@ class Catalogue:
             np.append(spread**-2.0, own_precision),
             np.append(most, np.full(len(own_mean), np.inf)),
         )
+
+
+def _cuts_noise(courses: Sequence[ModelledRecord], values: Mapping[str, float]) -> bool:
+    """Whether a limit cuts little off most of a command: that is noise that it takes away."""
+    if "voltage_limit" not in values:
+        return False
+    usual = float(np.median(np.abs(np.concatenate([c.u for c in courses]))))
+    return _WELL_BELOW * usual < values["voltage_limit"] < usual
 
 
 def _goes_together(names: Sequence[str]) -> bool:

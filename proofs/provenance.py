@@ -75,6 +75,7 @@ SHOWS = {
     "features": "which friction law shows which feature: Table 2.12 beside the thesis'",
     "tables_of_trials": "what scatters in the thesis' tables of trials; what an average costs",
     "variational": "exponents over FMUs are those of one solver",
+    "diagnosis_sets": "what sets of suspects hold, by records of thirteen worlds",
     "diagnosis_worlds": "hidden effects are named, or nothing is, in worlds of another hand",
     "reproduction": "Chapter 3 of the thesis beside this program",
     "emps": "effects hidden in the record of a real machine are named",

@@ -17,32 +17,23 @@ if TYPE_CHECKING:
     from ..modelled_record import ModelledRecord
 
 # of the largest command; the last cuts nothing off, as an end for what is sought between them
-_LEVELS = 1.0 - np.append(np.geomspace(0.97, 0.001, 28), 0.0)
+_LEVELS = 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)
 
-_CUT_OFF = 0.5  # of the samples, that a limit may concern
-_WELL_BELOW = 0.8  # of the usual command, where it may concern more
 _SAGS = (0.1, 0.3, 1.0)  # resistance of a supply, of the motor's
 _SCALES = np.geomspace(0.6, 12.0, 10)  # of the largest command; a bend, not a limit
 
 
-def _levels(courses: Courses) -> Vector:
-    """Limits to try: one that cuts little off most of the time would take noise away, not force."""
-    commands = np.abs(np.concatenate([c.u for c in courses]))
-    levels = _LEVELS * float(commands.max())
-    usual = float(np.quantile(commands, 1.0 - _CUT_OFF))
-    return np.asarray(levels[(levels > usual) | (levels < _WELL_BELOW * usual)])
-
-
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     del model
-    return [{"voltage_limit": float(level)} for level in _levels(courses)]
+    largest = max(float(np.abs(c.u).max()) for c in courses)
+    return [{"voltage_limit": float(level)} for level in _LEVELS * largest]
 
 
 def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     del model
     level = values["voltage_limit"]
     command = [(np.clip(c.u, -level, level) - c.u)[:, None] for c in courses]
-    return Shape(("voltage_limit",), command=command, values=values, sure=0.15)
+    return Shape(("voltage_limit",), command=command, values=values, sure=0.3)
 
 
 def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
@@ -73,10 +64,11 @@ def _bent(plant: Component, curve: sp.Expr, values: Values) -> Component:
 def _sagging_grid(courses: Courses, model: DriveModel) -> list[Values]:
     if not model.has_motor:
         return []
+    largest = max(float(np.abs(c.u).max()) for c in courses)
     return [
         {"voltage_limit": float(level), "supply_resistance": share * model.values["R"]}
         for share in _SAGS
-        for level in _levels(courses)[::2]
+        for level in largest * _LEVELS[::2]
     ]
 
 
@@ -86,7 +78,7 @@ def _sagging_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
         most = values["voltage_limit"] - values["supply_resistance"] * _drawn(c, model, values)
         most = np.maximum(most, 0.0)
         command.append((np.clip(c.u, -most, most) - c.u)[:, None])
-    return Shape(("voltage_limit",), command=command, values=values, sure=0.15)
+    return Shape(("voltage_limit",), command=command, values=values, sure=0.3)
 
 
 def _drawn(course: ModelledRecord, model: DriveModel, values: Values) -> Vector:
