@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name 'page.md') pyproject.toml
+SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name '*.json' -o -name 'page.md') pyproject.toml
 
 .PHONY: demo check test docs prove tools lint bench clean
 
@@ -50,7 +50,8 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/tables_of_trials.py
 	$(BIN)/python proofs/variational.py
 	$(BIN)/python proofs/exchange.py
-	$(BIN)/python proofs/diagnosis_worlds.py --resume
+	$(BIN)/python proofs/calibrate_sets.py --faultless 20 --effects 40
+	$(BIN)/python proofs/diagnosis_worlds.py --resume --at-least 60 120
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/emps.py
 	$(BIN)/python proofs/tro2021.py

@@ -39,6 +39,7 @@ examples:
   ballscrew diagnose drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \
     --lead 0.005 --out out/drive
   ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
+  ballscrew diagnose run.csv --params axis.toml --take backlash --out out/backlash
   ballscrew diagnose --judge other.csv --params out/diagnosis/parameters.toml
 """
 
@@ -83,6 +84,11 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add("--law", metavar="NAME", help="friction law, in place of the file's")
     add_record_options(add)
     add(
+        "--take",
+        metavar="CAUSE",
+        help="build this cause in, as one of several suspects, and measure what it gains",
+    )
+    add(
         "--judge",
         nargs="+",
         type=Path,
@@ -115,6 +121,7 @@ def _records(options: argparse.Namespace) -> int:
 
     columns = read_record_options(options)
     _check_law(options.law)
+    _check_cause(options.take)
     _check_overwritten(options)
     prepare_folder(options.out, [*options.data, options.params])
     from .diagnosis.corrected import corrected
@@ -135,7 +142,7 @@ def _records(options: argparse.Namespace) -> int:
         records = read_drive_records(
             options.data, columns.mapping, columns.units, columns.lead_with(told)
         )
-        result = diagnose_records(records, model, progress)
+        result = diagnose_records(records, model, progress, options.take)
     except BadRecord as error:
         raise BadRequest(str(error)) from error
     finally:
@@ -166,6 +173,13 @@ def _check_law(law: str | None) -> None:
 
     if law is not None:
         check_name("--law", law, LAWS)
+
+
+def _check_cause(name: str | None) -> None:
+    from .diagnosis.causes import CAUSES
+
+    if name is not None:
+        check_name("--take", name, CAUSES)
 
 
 def _check_overwritten(options: argparse.Namespace) -> None:
@@ -238,7 +252,7 @@ def _save_diagnosis(
 def _diagnosis_table(
     result: Diagnosis, extension: _Extension, section: ClosedLoopSection, folder: Path
 ) -> str:
-    from .diagnosis.report_words import rig_command, verdict_sentence
+    from .diagnosis.report_words import rig_command, suspect_lines, verdict_sentence
     from .solver.tables import table_path
 
     lines = [f"{result.verdict}: {verdict_sentence(result)}", result.where, ""]
@@ -270,7 +284,7 @@ def _diagnosis_table(
             between = f"  {known[0]:.4g} .. {known[1]:.4g}" if known else ""
             unit = _SHARES.get(c.units.get(name, ""), c.units.get(name, ""))
             lines.append(f"  {name:<20}{value:>11.4g} {unit:<8}{between}".rstrip())
-    lines.append("")
+    lines += ["", *suspect_lines(result.suspects)]
     lines += [f"not named: {n.name}: {n.because}" for n in result.not_named]
     lines += [f"without a name: structure that lives {where}" for where in result.unnamed]
     if result.out_of_reach:

@@ -12,11 +12,13 @@ import numpy as np
 
 from ..orchestration.parameter_file import ParameterFile
 from ..orchestration.parameter_reading import read_parameters
+from ..records.bad_record import BadRecord
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.identifiable import check_identifiable
 from .acceptance import SWINGS, Accepted, accepted, taken_back
 from .causes import CAUSES
 from .commanded import commanded
+from .contests import freest_beside
 from .diagnosis import EXPLAINED, NONE, PARTLY, UNEXPLAINED, Curves, Diagnosis, holds
 from .drive_model import DriveModel
 from .explanation import amplitudes, nothing_in
@@ -33,8 +35,9 @@ from .problem import Candidate, Problem, driven_by, values_alone
 from .regression import Added
 from .remaining import above_floor, below_floor, next_experiment, out_of_reach, where_residual_is
 from .residuals import Residual, after_the_start, residual, rms
-from .search import Found, Situation, added_by, adjusted, only_first, search
+from .search import Found, Situation, added_by, adjusted, only_first, search, taking
 from .selection import strongest_alone
+from .suspicion import Suspicion, suspicion
 
 
 def diagnose(
@@ -45,6 +48,7 @@ def diagnose(
     progress: Callable[[str], None] = lambda doing: None,
     units: Mapping[str, str] | None = None,
     lead: float | None = None,
+    take: str | None = None,
 ) -> Diagnosis:
     """What a simulation of recorded runs gets wrong, why, and how much better it can be.
 
@@ -64,6 +68,9 @@ def diagnose(
         Unit of a column (our name); default what the file says, else SI.
     lead : float, optional
         Way of the screw per turn [m], where the parameter file has no `p`.
+    take : str, optional
+        A cause of the catalogue to be built in, whatever the data say for it; what it gains on
+        data held out is measured as of any other.
 
     Raises
     ------
@@ -72,22 +79,29 @@ def diagnose(
     """
     told = with_lead(ParameterFile() if params is None else read_parameters(params), lead)
     records = read_drive_records(data, mapping, units, lead_of(told, lead))
-    return diagnose_records(records, prior_model_from(told, law), progress)
+    return diagnose_records(records, prior_model_from(told, law), progress, take)
 
 
 def diagnose_records(
     records: Sequence[DriveRecord],
     prior_model: DriveModel,
     progress: Callable[[str], None] = lambda doing: None,
+    take: str | None = None,
 ) -> Diagnosis:
     """As `diagnose`, of records in memory; `prior` of the result takes the command they have."""
     began = time.perf_counter()
     records, prior_model, notes = commanded(records, prior_model)
     notes += check_identifiable(records)
+    progress("looking for suspects")
+    suspects = suspicion(records, prior_model)
+    notes += [suspects.because] if suspects.because else []
     progress("looking for causes")
     found = search(records, prior_model)
     progress("judging on data held out")
-    return _concluded(records, prior_model, found, notes, began)
+    found, judgement = _standing(prior_model, found)
+    if take is not None:
+        found, judgement = _taken(prior_model, found, judgement, take)
+    return _concluded(records, prior_model, found, judgement, suspects, notes, began)
 
 
 class _Judgement(NamedTuple):
@@ -97,6 +111,31 @@ class _Judgement(NamedTuple):
     held: HeldOut
     baseline: Residual
     laps: list[float]
+
+
+def _taken(
+    prior_model: DriveModel, found: Found, before: _Judgement, name: str
+) -> tuple[Found, _Judgement]:
+    """The end of a search with this cause in it, and what it gains.
+
+    Raises
+    ------
+    BadRecord
+        If these records cannot show the cause.
+    """
+    after = taking(found, prior_model, (name,))
+    if after is None:
+        why = CAUSES[name].beyond(found.situation.courses, prior_model) or "no form of it fits"
+        raise BadRecord(f"these records cannot show {name}: {why}")
+    situation, problem, best = after.situation, after.problem, after.choice.best
+    laps = laps_of(situation.courses)
+    folds = parts_of(situation.courses, laps)
+    freest, _ = freest_beside(problem, best, folds)
+    refused = tuple(r for r in before.holds_up.refused if r.name != name)
+    holds_up = Accepted(best, refused, freest)
+    held = judged(situation, problem, best, folds, bool(laps))
+    baseline = residual(situation.courses, prior_model, Added.nothing(situation.courses))
+    return after, _Judgement(holds_up, held, baseline, laps)
 
 
 def _judgement(prior_model: DriveModel, found: Found) -> _Judgement:
@@ -141,10 +180,11 @@ def _concluded(
     records: Sequence[DriveRecord],
     prior_model: DriveModel,
     found: Found,
+    judgement: _Judgement,
+    suspects: Suspicion,
     notes: list[str],
     began: float,
 ) -> Diagnosis:
-    found, judgement = _standing(prior_model, found)
     situation, problem = found.situation, found.problem
     courses, noise = situation.courses, situation.noise
     holds_up, held, baseline = judgement.holds_up, judgement.held, judgement.baseline
@@ -169,6 +209,12 @@ def _concluded(
     at_floor = lowest.has(held.all)
     better = holds(whole.interval, fitted, final)
     verdict = _verdict(bool(causes), at_floor, better and not free)
+    if verdict == NONE and suspects.none_ruled_out:
+        verdict = UNEXPLAINED
+        notes.append(
+            "what is left is within twice the noise, and yet not like noise: of faultless records "
+            "98 in 100 look more faultless than this"
+        )
     notes += above_floor(held.all, lowest, bool(judgement.laps))
     friction = _friction(courses, model, held)
     if verdict == NONE:
@@ -191,6 +237,7 @@ def _concluded(
         gain_interval=whole.interval,
         held_out=held.parts,
         causes=causes,
+        suspects=() if verdict == NONE else suspects.suspects,
         not_named=holds_up.refused,
         unnamed=unnamed,
         out_of_reach=out_of_reach(courses, situation.model, problem, holds_up.explanation),

@@ -89,6 +89,39 @@ class FoundCause:
 
 
 @dataclass(frozen=True)
+class SuspectFound:
+    """One member of the set.
+
+    Attributes
+    ----------
+    name, says : str
+    probability : float
+        Among all that was looked at.
+    parameters : mapping of str to float
+        Its size, SI; empty for what is outside the catalogue.
+    intervals : mapping of str to (float, float)
+        95 %, from leaving out one block of the records at a time.
+    units : mapping of str to str
+    force : float
+        What it does to the balance of forces, root mean square [N].
+    of_friction : float
+        The same as a share of the friction.
+    confirm : str
+        What would confirm it.
+    """
+
+    name: str
+    says: str
+    probability: float
+    parameters: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]]
+    units: Mapping[str, str]
+    force: float
+    of_friction: float
+    confirm: str
+
+
+@dataclass(frozen=True)
 class NotNamed:
     """A cause that looked likely and is not named.
 
@@ -190,6 +223,9 @@ class Diagnosis:
         What was held out, one at a time: "4 laps", "5 parts".
     causes : tuple of FoundCause
         In order of gain.
+    suspects : tuple of SuspectFound
+        The smallest set that holds the truth of 95 of 100 records like those it was calibrated on,
+        the likeliest first; empty where nothing being wrong is the only one in it.
     not_named : tuple of NotNamed
     unnamed : tuple of str
         Where structure lives that no cause has.
@@ -230,6 +266,7 @@ class Diagnosis:
     gain_interval: tuple[float, float]
     held_out: str
     causes: tuple[FoundCause, ...]
+    suspects: tuple[SuspectFound, ...]
     not_named: tuple[NotNamed, ...]
     unnamed: tuple[str, ...]
     out_of_reach: tuple[OutOfReach, ...]
@@ -284,6 +321,10 @@ class Diagnosis:
                     "confirm": c.confirm,
                 }
                 for c in self.causes
+            ],
+            "suspects": [
+                asdict(s) | {"intervals": {n: list(v) for n, v in s.intervals.items()}}
+                for s in self.suspects
             ],
             "not_named": [asdict(n) for n in self.not_named],
             "unnamed": list(self.unnamed),

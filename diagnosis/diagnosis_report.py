@@ -18,6 +18,7 @@ from .found_cause import UNITS
 from .page_pictures import plotly_figure
 from .report_words import (
     DOES_NOT_HOLD,
+    SET,
     as_share,
     does_not_hold,
     interval,
@@ -72,6 +73,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             d=diagnosis,
             loop=closed_loop,
             headline=verdict_sentence(diagnosis),
+            coverage=SET,
             unreliable=DOES_NOT_HOLD if does_not_hold(diagnosis) else "",
             named=names_of(diagnosis.causes),
             levels=(

@@ -67,6 +67,8 @@ class ModelledRecord:
     offset_name : str
         Under which `calibration` has the force [N] by which this record's offset is another than
         the first record's; empty where all have one.
+    per_command : float
+        Force that a lasting command holds at rest, as prior: balances are told in its terms [N/V].
     by_current : bool
         Whether the motor's force is taken from the current, else from the voltage and the mean
         speed: where the speed follows the voltage within a sampling interval, no sample shows the
@@ -87,6 +89,7 @@ class ModelledRecord:
     calibration: Mapping[str, float] = field(default_factory=dict)
     by_current: bool = False
     offset_name: str = ""
+    per_command: float = 1.0
 
     @property
     def step(self) -> float:
@@ -112,10 +115,15 @@ class ModelledRecord:
         return self.calibration.get(self.offset_name, 0.0)
 
     @cached_property
+    def slowest(self) -> float:
+        """Speed below which a motion is not told from rest [m/s]."""
+        least = 2.0 * position_noise(self.record) / _LONGEST_REST
+        return max(_SLOW * float(np.quantile(np.abs(self.v), 0.95)), least)
+
+    @cached_property
     def rests(self) -> npt.NDArray[np.bool_]:
         """Where the drive rests for long, shape (n,): any force below break-away may act there."""
-        least = 2.0 * position_noise(self.record) / _LONGEST_REST
-        slow = np.abs(self.v) < max(_SLOW * float(np.quantile(np.abs(self.v), 0.95)), least)
+        slow = np.abs(self.v) < self.slowest
         length = max(round(_LONGEST_REST / self.step), 2)
         return np.asarray(binary_opening(slow, np.ones(length, dtype=bool)))
 
@@ -238,6 +246,7 @@ def lay_along(record: DriveRecord, model: DriveModel) -> ModelledRecord:
     course = replace(
         course,
         inertia=sluggishness(course, model),
+        per_command=model.per_command,
         current_share=_current_share(course, model, noise),
         calibration=dict.fromkeys(calibration_priors(course), 0.0),
     )

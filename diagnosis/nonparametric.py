@@ -72,8 +72,10 @@ def way_since_reversal(x: Vector) -> Vector:
     return out
 
 
-def nonparametric_alternatives(courses: Sequence[ModelledRecord], model: DriveModel) -> list[Rival]:
-    """All of them, for these records."""
+def nonparametric_alternatives(
+    courses: Sequence[ModelledRecord], model: DriveModel, most: int | None = None
+) -> list[Rival]:
+    """All of them, for these records; each of `most` functions only, if that is given."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]
     pace = [c.middle_v for c in courses]
@@ -86,6 +88,8 @@ def nonparametric_alternatives(courses: Sequence[ModelledRecord], model: DriveMo
     lasts, travel = float(begins[-1]), max(float(np.ptp(np.concatenate(place))), 1e-6)
     in_time = [max(5, min(round(lasts / _TIME_KNOT), _MOST)), 12]
     in_place = [max(6, min(round(travel / _PLACE_KNOT), 60)), 24, 10]
+    if most is not None:
+        in_time, in_place = [min(in_time[0], most)], [min(in_place[0], most)]
     made = []
     for name, signal, carrier, counts in (
         ("friction over time", time, sign, in_time),

@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
-from .diagnosis import EXPLAINED, NONE, PARTLY, Diagnosis, Level, holds, names_of
+from .diagnosis import (
+    EXPLAINED,
+    NONE,
+    PARTLY,
+    Diagnosis,
+    Level,
+    SuspectFound,
+    holds,
+    names_of,
+)
 
+_FEW = 3  # suspects that a sentence lists
 DOES_NOT_HOLD = (
     "What was found does not hold on data held out: there it may be worse than the adjusted model, "
     "and must not be relied on."
@@ -39,11 +50,46 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"the {diagnosis.floor.force:.3g} N that is noise."
         )
     lives = f" It lives {lives}." if lives else ""
+    suspects = suspicion_sentence(diagnosis.suspects)
     return (
-        f"{percent(diagnosis.left_of_friction)} of the friction is left, and no cause of the "
-        f"catalogue explains it: {diagnosis.final_residual.force:.3g} N on data held out, where "
-        f"noise makes {diagnosis.floor.force:.3g} N.{lives}"
+        f"{percent(diagnosis.left_of_friction)} of the friction is left, and no cause is "
+        f"certain: {diagnosis.final_residual.force:.3g} N on data held out, where "
+        f"noise makes {diagnosis.floor.force:.3g} N.{lives}{suspects}"
     )
+
+
+SET = (
+    "of 100 records like those of the calibration, 95 have the truth in this set; of others it is "
+    "not known"
+)
+
+
+def suspect_lines(suspects: Sequence[SuspectFound]) -> list[str]:
+    """The set of suspects, for a terminal."""
+    if not suspects:
+        return []
+    lines = [f"suspects ({SET}):"]
+    for s in suspects:
+        lines.append(
+            f"  {s.name}: {s.says}; {s.force:.3g} N rms, {percent(s.of_friction)} of the "
+            f"friction; probability {s.probability:.2f}"
+        )
+        for name, (low, high) in s.intervals.items():
+            unit = f" {s.units[name]}" if s.units[name] not in ("", "1") else ""
+            lines.append(f"    {name} = {s.parameters[name]:.4g}{unit}  {low:.4g} .. {high:.4g}")
+    return lines
+
+
+def suspicion_sentence(suspects: Sequence[SuspectFound]) -> str:
+    """What the set says, for a reader who reads nothing else; empty without one."""
+    if not suspects:
+        return ""
+    names = [s.name.replace("_", " ") for s in suspects]
+    if len(names) == 1:
+        return f" The suspect is {names[0]}."
+    if len(names) > _FEW:
+        return f" There are {len(names)} suspects, the likeliest {names[0]}."
+    return f" It is one of {', '.join(names[:-1])} or {names[-1]}."
 
 
 def does_not_hold(diagnosis: Diagnosis) -> bool:

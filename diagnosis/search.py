@@ -240,6 +240,21 @@ def only_first(found: Found, prior_model: DriveModel) -> Found | None:
     return Found(after, problem, replace(found.choice, best=best), found.first_alone)
 
 
+def taking(found: Found, prior_model: DriveModel, names: Sequence[str]) -> Found | None:
+    """The end of a search as if these causes had been found; None if one has no form here."""
+    situation, problem = found.situation, found.problem
+    if not any(c.name in names for c in problem.candidates):
+        problem = state_problem(situation.courses, situation.model, prior_model, situation.noise)
+    explanation = again(problem, names)
+    if set(explanation.names) != set(names):
+        return None
+    step = _step(situation, problem, prior_model, explanation)
+    after, members = step.situation, step.explanation.members
+    problem = state_problem(after.courses, after.model, prior_model, after.noise, members)
+    problem, best = _in_their_forms(after, problem, again(problem, names))
+    return Found(after, problem, replace(found.choice, best=best), found.first_alone)
+
+
 def _kept(problem: Problem, choice: Choice, explanation: Explanation) -> Choice:
     """The choice of the names that an explanation had before, in the forms that are now best."""
     stays = [e for e in choice.others if _key(e) == _key(explanation)]

@@ -32,7 +32,7 @@ TARGET = ROOT / "docs" / "proof" / "diagnosis_worlds.json"
 ROWS = ROOT / "out" / "diagnosis_worlds"
 
 from provenance import git  # noqa: E402
-from worlds import CATALOGUE, WORLDS, draw_case  # noqa: E402
+from worlds import CATALOGUE, SIGNALS, WORLDS, draw_case  # noqa: E402
 from worlds import OUTSIDE as NOT_IN_CATALOGUE  # noqa: E402
 from worlds_trials import (  # noqa: E402
     CAUSE,
@@ -42,6 +42,7 @@ from worlds_trials import (  # noqa: E402
     FIRST_SEED,
     OUTSIDE,
     REFUSED,
+    SIGNAL,
     UNUSABLE,
     VISIBLE,
     Row,
@@ -191,7 +192,8 @@ def uniformity(found: list[float]) -> dict[str, object]:
 def matrix_of(rows: list[Row], world: str) -> dict[str, dict[str, int]]:
     """First answers by truth, of one world."""
     here = [r for r in rows if r.world == world and r.verdict != UNUSABLE]
-    truths = [n for n in ("", *CATALOGUE, *NOT_IN_CATALOGUE) if any(r.effect == n for r in here)]
+    known = ("", *CATALOGUE, *NOT_IN_CATALOGUE, *SIGNALS)
+    truths = [n for n in known if any(r.effect == n for r in here)]
     return {n or FAULTLESS: dict(Counter(r.first for r in here if r.effect == n)) for n in truths}
 
 
@@ -215,7 +217,7 @@ def excused(rows: list[Row]) -> dict[str, int]:
     return {
         group: sum(r.group == group and bool(r.said) and set(r.said) <= {r.effect, *r.shared}
                    and r.wrong for r in rows)
-        for group in (CAUSE, OUTSIDE)
+        for group in (CAUSE, OUTSIDE, SIGNAL)
     }  # fmt: skip
 
 
@@ -344,6 +346,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--world", choices=list(WORLDS), help="only this one")
     parser.add_argument("--each", type=int, default=EACH, help="records of every cause and world")
+    parser.add_argument(
+        "--at-least",
+        type=int,
+        nargs=2,
+        default=(0, 0),
+        metavar=("FAULTLESS", "EFFECTS"),
+        help="records of every world",
+    )
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument("--resume", action="store_true", help="keep the trials done before")
@@ -353,7 +363,8 @@ def main() -> int:
     if options.each < 1:
         parser.error(f"--each is {options.each}, expected at least 1")
     worlds = (options.world,) if options.world else tuple(WORLDS)
-    trials = plan_trials(options.each, options.first_seed, worlds)
+    at_least = (options.at_least[0], options.at_least[1])
+    trials = plan_trials(options.each, options.first_seed, worlds, at_least)
     code = code_digest()
     options.out.parent.mkdir(parents=True, exist_ok=True)
     parts = KeptParts(options.rows, code)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from worlds import WORLDS, Case, Unusable, draw_case, effects_of, write_case
 
-FAULTLESS, CAUSE, OUTSIDE = "faultless", "cause", "outside"
+FAULTLESS, CAUSE, OUTSIDE, SIGNAL = "faultless", "cause", "outside", "signal"
+NAMEABLE = (CAUSE, SIGNAL)
 FIRST_SEED = 120000  # those below have been looked at; the proof's are looked at once
 EACH = 6  # records of every cause in every world
 FAULTLESS_EACH = 10  # faultless records to one of each cause
@@ -106,7 +107,7 @@ class Row:
     @property
     def allowed(self) -> set[str]:
         """Names that are not wrong: the effect's and, beside it, those of its shape."""
-        if self.group != CAUSE:
+        if self.group not in NAMEABLE:
             return set()
         return {self.effect, *self.shared} if self.effect in self.said else {self.effect}
 
@@ -118,7 +119,7 @@ class Row:
     @property
     def visible(self) -> bool:
         """Whether the record shows a cause well enough that an answer is asked for."""
-        return self.group == CAUSE and self.ratio > VISIBLE
+        return self.group in NAMEABLE and self.ratio > VISIBLE
 
     @property
     def right_first(self) -> bool:
@@ -134,7 +135,12 @@ class Row:
         return [bool(low <= value <= high) for value, (low, high) in pairs]
 
 
-def plan_trials(each: int, first_seed: int, worlds: tuple[str, ...] = tuple(WORLDS)) -> list[Trial]:
+def plan_trials(
+    each: int,
+    first_seed: int,
+    worlds: tuple[str, ...] = tuple(WORLDS),
+    at_least: tuple[int, int] = (0, 0),
+) -> list[Trial]:
     """The trials, those of all worlds and effects side by side.
 
     Parameters
@@ -144,13 +150,20 @@ def plan_trials(each: int, first_seed: int, worlds: tuple[str, ...] = tuple(WORL
         every five of each effect outside the catalogue.
     first_seed : int
     worlds : tuple of str
+    at_least : tuple of int
+        Faultless records of every world, and records with effects, as evenly of each effect as it
+        goes.
     """
     placed = []
     for world in worlds:
-        causes, outside = effects_of(world)
-        kinds = [(FAULTLESS, "", FAULTLESS_EACH * each)]
-        kinds += [(CAUSE, name, each) for name in causes]
+        causes, outside, signals = effects_of(world)
+        kinds = [(CAUSE, name, each) for name in causes]
         kinds += [(OUTSIDE, name, -(-4 * each // 5)) for name in outside]
+        kinds += [(SIGNAL, name, each) for name in signals]
+        missing = max(at_least[1] - sum(count for *_, count in kinds), 0)
+        share, rest = divmod(missing, len(kinds))
+        kinds = [(*kind, n + share + (k < rest)) for k, (*kind, n) in enumerate(kinds)]
+        kinds.insert(0, (FAULTLESS, "", max(FAULTLESS_EACH * each, at_least[0])))
         for kind, (group, name, count) in enumerate(kinds):
             for k in range(count):
                 trial = Trial(world, group, name, first_seed + k)
@@ -169,10 +182,10 @@ def run_trial(trial: Trial) -> Row:
 
     verdict, causes, evidence, kind, message = FAILED, [], None, [], ""
     with tempfile.TemporaryDirectory() as folder:
-        record, prior_model = write_case(case, Path(folder))
+        records, prior_model = write_case(case, Path(folder))
         started = time.process_time()
         try:
-            found = diagnose([record], params=prior_model)
+            found = diagnose(records, params=prior_model)
             verdict = str(found.verdict)
             causes = [(str(c.name), dict(c.parameters), dict(c.intervals)) for c in found.causes]
             evidence, kind = float(found.evidence), [float(one) for one in found.kind]
@@ -240,4 +253,7 @@ def conditions_of(case: Case) -> dict[str, str | float]:
         "noise_size": c.noise_size,
         "sampling": c.sampling,
         "duration": c.duration,
+        "jitter": c.jitter,
+        "resampled": c.resampled,
+        "records": len(case.records),
     }

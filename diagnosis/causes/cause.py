@@ -103,6 +103,8 @@ class Cause:
         By how much of these `values` the command is late, as a recorder may be, too.
     way : function of (model, values) to a number, optional
         For what shows after reversals: the way that it takes until all of it has shown [m].
+    relative : bool
+        It makes the command smaller, and all that is left with it: see `Catalogue`.
     """
 
     name: str
@@ -120,6 +122,7 @@ class Cause:
     on_screw: bool = False
     late: Mapping[str, float] = field(default_factory=dict)
     way: Callable[[DriveModel, Values], float] | None = None
+    relative: bool = False
 
     def refined_of(self, values: Values) -> str | None:
         """Which of these values is found between the grid's points, if any."""

@@ -109,6 +109,7 @@ _CLIP = Cause(
     confirm="measure the motor's voltage at the largest command",
     refined=("voltage_limit",),
     mistaken_for=("nonlinear_viscous", "resistance_drift"),
+    relative=True,
 )
 _BEND = replace(
     _CLIP,

@@ -1,27 +1,32 @@
-"""One record with or without hidden effects, and what the truth says of it."""
+"""One machine with or without hidden effects: its records, and what the truth says of them."""
 
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from worlds import layout as at
 from worlds.axes import BALL_SCREW, DRIVE, misjudged
+from worlds.conditions import Conditions
 from worlds.effects import CATALOGUE, Effect, Setting
-from worlds.instruments import Instruments, read_current, read_position
+from worlds.instruments import Instruments, read_position
 from worlds.outside import OUTSIDE
-from worlds.scenes import Columns, Scene, make_scene
+from worlds.records import make_record
+from worlds.scenes import Columns, Scene, commanded, make_scenes
 from worlds.shapes import Along
+from worlds.signals import SIGNALS, misread, spoilt
 from worlds.simulator import Motion
-from worlds.visibility import Errors, Sight, needs, sampled, see, weigh
-from worlds.worlds import WORLDS, Conditions
+from worlds.visibility import Sight, Weights, needs, sampled, see, weigh
+from worlds.worlds import WORLDS
 
 TRIES = 12
 REST = 1e-5  # m/s
 SAME_LAW = 3.0  # ratio up to which another formulation of friction is the believed one
+UNSEEN = 2.5  # ratio of what is tolerated, all of it together
 BELIEVED = {
     BALL_SCREW: ("kt", "ke", "R", "L", "p", "m", "Jm"),
     DRIVE: ("m", "gain", "offset"),
@@ -30,6 +35,7 @@ OF_LAW = {
     "lugre": ("sigma0", "sigma1", "sigma2", "Fc", "Fs", "Vs"),
     "classical": ("sigma2", "Fc", "Fs", "Vs"),
 }
+EFFECTS = CATALOGUE | OUTSIDE | SIGNALS
 
 
 class Unusable(Exception):
@@ -38,15 +44,15 @@ class Unusable(Exception):
 
 @dataclass(frozen=True)
 class Case:
-    """A record, what its user believes, and the truth.
+    """Records of a machine, what their user believes, and the truth.
 
     Attributes
     ----------
     world, seed
         Where it comes from.
     effects : tuple of Effect
-    record : dict
-        Columns t [s], u [V], x [m] and perhaps i [A], each shape (samples,).
+    records : list of dict
+        Columns time [s], u [V], x [m] and perhaps i [A], each shape (samples,).
     plant, law : str
     believed : dict
         Values that the parameter file says.
@@ -55,23 +61,34 @@ class Case:
     sights : tuple of Sight
         Of each effect.
     law_ratio : float
-        What the record shows of friction formulated otherwise than the believed law.
+        What the records show of friction formulated otherwise than the believed law.
+    tolerated_ratio : float
+        The most that they show of something that is in the machine and is no effect.
     conditions : Conditions
     instruments : Instruments
+    scenes : tuple of Scene
+        Of each record; what `more_of` runs again.
     """
 
     world: str
     seed: int
     effects: tuple[Effect, ...]
-    record: dict[str, Columns]
+    records: list[dict[str, Columns]]
     plant: str
     law: str
     believed: dict[str, float]
     wrong: dict[str, float]
     sights: tuple[Sight, ...]
     law_ratio: float
+    tolerated_ratio: float
     conditions: Conditions
     instruments: Instruments
+    scenes: tuple[Scene, ...] = field(repr=False, compare=False)
+
+    @property
+    def record(self) -> dict[str, Columns]:
+        """The first record."""
+        return self.records[0]
 
 
 def draw_case(world: str, effects: tuple[str, ...], seed: int) -> Case:
@@ -82,7 +99,8 @@ def draw_case(world: str, effects: tuple[str, ...], seed: int) -> Case:
     world : str
         One of `WORLDS`.
     effects : tuple of str
-        Names of the catalogue or of the outside effects; none for a faultless record.
+        Names of the catalogue, of the outside effects or of the wrong signals; none for a
+        faultless record.
     seed : int
 
     Raises
@@ -95,108 +113,179 @@ def draw_case(world: str, effects: tuple[str, ...], seed: int) -> Case:
     if world not in WORLDS:
         raise ValueError(f"world {world!r}, expected one of {', '.join(WORLDS)}")
     for name in effects:
-        if name not in CATALOGUE and name not in OUTSIDE:
-            known = ", ".join([*CATALOGUE, *OUTSIDE])
-            raise ValueError(f"effect {name!r}, expected one of {known}")
+        if name not in EFFECTS:
+            raise ValueError(f"effect {name!r}, expected one of {', '.join(EFFECTS)}")
     words = zlib.crc32("+".join([world, *effects]).encode())
     rng = np.random.default_rng([words, seed])
     for tried in range(TRIES):
-        scene = make_scene(WORLDS[world](rng), rng, bare="presliding_hysteresis" in effects)
-        faultless = scene.run({}, 0.0, clean=False)
-        if not _usable(faultless, scene):
+        conditions = WORLDS[world](rng)
+        if "scale_of_i" in effects:
+            currents = {n: odds for n, odds in conditions.currents.items() if n != "none"}
+            if not currents:
+                raise ValueError(f"scale_of_i: no current is recorded in {world}")
+            conditions = replace(conditions, currents=currents)
+        scenes = make_scenes(conditions, rng, bare="presliding_hysteresis" in effects)
+        takes = [Take(scene, scene.run({}, 0.0, clean=False)) for scene in scenes]
+        if not _usable([take.motion for take in takes], scenes[0]):
             continue
-        case = _hide(world, seed, effects, scene, faultless, 0.5**tried)
+        case = _hide(world, seed, effects, takes, 0.5**tried)
         if case is not None:
             return case
     raise Unusable(f"{world}, {'+'.join(effects) or 'faultless'}, seed {seed}: {TRIES} tries")
 
 
-def _usable(motion: Motion, scene: Scene) -> bool:
-    """Whether it moves both ways, far enough to be read, and stays in range."""
-    x, v = motion.log[:, at.X], motion.log[:, at.V]
-    if not np.all(np.isfinite(motion.log)) or np.abs(x).max() > 1.1 * scene.conditions.axis.travel:
+@dataclass(frozen=True)
+class Take:
+    """One record of a machine without an effect: how it is made, and its motion."""
+
+    scene: Scene
+    motion: Motion
+
+    @property
+    def with_current(self) -> bool:
+        """Whether its current is recorded."""
+        return self.scene.instruments.current != "none"
+
+    def again(self, scene: Scene) -> Take:
+        """The same with something changed."""
+        return Take(scene, scene.run({}, 0.0, clean=False))
+
+    def weights(self, setting: Setting) -> Weights:
+        """Of its noise."""
+        _, errors = make_record(self.scene, self.motion, {})
+        noise = sampled(needs(self.motion.log, self.with_current), self.scene.per_sample)
+        return weigh(setting, noise, errors, _resting(self.motion))
+
+    def along(self, setting: Setting, log: Columns) -> Along:
+        """Shapes along another log of it."""
+        return Along(setting, log, self.scene.period / self.scene.logged, self.with_current)
+
+
+def _usable(motions: list[Motion], scene: Scene) -> bool:
+    """Whether they move both ways, each far enough to be read, and stay in range."""
+    x, v = (np.concatenate([m.log[:, c] for m in motions]) for c in (at.X, at.V))
+    if not all(np.all(np.isfinite(m.log)) for m in motions):
+        return False
+    if np.abs(x).max() > 1.1 * scene.conditions.axis.travel:
         return False
     moving = 0.02 * np.abs(v).max()
     both = min(np.mean(v > moving), np.mean(v < -moving))
-    return bool(both > 0.03 and np.ptp(x) > max(200 * scene.faultless[at.RESOLUTION], 2e-4))
+    way = min(float(np.ptp(m.log[:, at.X])) for m in motions)
+    return bool(both > 0.03 and way > max(200 * scene.faultless[at.RESOLUTION], 2e-4))
 
 
-def _setting(scene: Scene, faultless: Motion, shrink: float) -> Setting:
-    log = faultless.log
+def _setting(takes: list[Take], shrink: float) -> Setting:
+    conditions = takes[0].scene.conditions
+
+    def most(column: int) -> float:
+        return max(float(np.abs(take.motion.log[:, column]).max()) for take in takes)
+
     return Setting(
-        axis=scene.conditions.axis,
-        double=scene.double,
-        sampling=scene.conditions.sampling,
-        duration=scene.conditions.duration,
-        peak=float(np.abs(faultless.commands).max()),
-        fastest=float(np.abs(log[:, at.V]).max()),
-        reach=float(np.abs(log[:, at.X]).max()),
+        axis=conditions.axis,
+        double=takes[0].scene.double,
+        sampling=conditions.sampling,
+        duration=conditions.duration,
+        peak=max(float(np.abs(take.motion.commands).max()) for take in takes),
+        fastest=most(at.V),
+        reach=most(at.X),
         shrink=shrink,
-        finest=scene.conditions.finest,
+        finest=conditions.finest,
     )
 
 
 def _hide(
-    world: str,
-    seed: int,
-    names: tuple[str, ...],
-    scene: Scene,
-    faultless: Motion,
-    shrink: float,
+    world: str, seed: int, names: tuple[str, ...], takes: list[Take], shrink: float
 ) -> Case | None:
-    """The scene with effects; none if they leave no usable record."""
-    rng = scene.rng
-    setting = _setting(scene, faultless, shrink)
-    scene, faultless, law_ratio = _same_law(scene, faultless, setting)
-    effects = tuple((CATALOGUE | OUTSIDE)[name](rng, setting) for name in names)
-    changes = {k: v for e in effects for k, v in e.changes.items()}
-    bursts = sum(e.bursts for e in effects)
-    motion = scene.run(changes, bursts, clean=False) if effects else faultless
-    if not _usable(motion, scene):
+    """The machine with effects; none if they leave no usable record."""
+    rng = takes[0].scene.rng
+    setting = _setting(takes, shrink)
+    takes, law_ratio = _same_law(takes, setting)
+    takes, tolerated_ratio = _tolerated(takes, setting)
+    effects = tuple(EFFECTS[name](rng, setting) for name in names)
+    changes, bursts = _together(effects)
+    motions = [take.motion for take in takes]
+    if changes or bursts:
+        motions = [take.scene.run(changes, bursts, clean=False) for take in takes]
+    scenes = tuple(take.scene for take in takes)
+    if not _usable(motions, scenes[0]):
         return None
-    with_current = scene.instruments.current != "none"
-    record, _ = _record(scene, motion, changes)
-    _, errors = _record(scene, faultless, {})
-    noise = sampled(needs(faultless.log, with_current), scene.per_sample)
-    weights = weigh(setting, noise, errors, _resting(faultless))
+    records = [
+        spoilt(make_record(scene, motion, changes)[0], effects)
+        for scene, motion in zip(scenes, motions, strict=True)
+    ]
+    weights = [take.weights(setting) for take in takes] if effects else []
     sights = []
     for effect in effects:
-        clean = scene.run(effect.changes, effect.bursts, clean=True).log
-        if not np.all(np.isfinite(clean)):
-            return None
-        if effect.name == "scale_error":
-            clean = _misread(clean, scene, effect)
-        along = Along(setting, clean, scene.period / scene.logged, with_current)
-        sights.append(see(effect, along, weights, scene.per_sample))
-    believed, wrong = misjudged(rng, scene.conditions.axis, scene.conditions.exact)
-    axis = scene.conditions.axis
+        alongs = []
+        for take in takes:
+            log = take.scene.run(effect.changes, effect.bursts, clean=True).log
+            if not np.all(np.isfinite(log)):
+                return None
+            if effect.name == "scale_error":
+                log = _misread(log, take.scene, effect)
+            along = take.along(setting, log)
+            alongs.append(misread(along, effect) if effect.name in SIGNALS else along)
+        sights.append(see(effect, alongs, weights, scenes[0].per_sample))
+    conditions = scenes[0].conditions
+    axis = conditions.axis
+    believed, wrong = misjudged(rng, axis, conditions.exact)
     return Case(
-        world, seed, effects, record, axis.plant, axis.law, believed, wrong, tuple(sights),
-        law_ratio, scene.conditions, scene.instruments,
+        world, seed, effects, records, axis.plant, axis.law, believed, wrong, tuple(sights),
+        law_ratio, tolerated_ratio, conditions, scenes[0].instruments, scenes,
     )  # fmt: skip
 
 
-def _same_law(scene: Scene, faultless: Motion, setting: Setting) -> tuple[Scene, Motion, float]:
-    """The scene with a friction that the record cannot tell from the believed law's."""
-    axis = scene.conditions.axis
+def _together(effects: tuple[Effect, ...]) -> tuple[dict[int, float], float]:
+    """Changes of the axis, and bursts, of all effects."""
+    changes = {place: value for e in effects for place, value in e.changes.items()}
+    return changes, sum(e.bursts for e in effects)
+
+
+def _same_law(takes: list[Take], setting: Setting) -> tuple[list[Take], float]:
+    """The takes with a friction that the records cannot tell from the believed law's."""
+    axis = takes[0].scene.conditions.axis
     own = {"classical": (at.SET_VALUED,), "lugre": (at.LUGRE, at.MODIFIED_LUGRE)}[axis.law]
     if axis.formulation in own:
-        return scene, faultless, 0.0
-    with_current = scene.instruments.current != "none"
-    _, errors = _record(scene, faultless, {})
-    noise = sampled(needs(faultless.log, with_current), scene.per_sample)
-    clean = scene.run({}, 0.0, clean=True).log
-    along = Along(setting, clean, scene.period / scene.logged, with_current)
-    ratio = see(
-        None, along, weigh(setting, noise, errors, _resting(faultless)), scene.per_sample
-    ).ratio
+        return takes, 0.0
+    ratio = _ratio(takes, setting, None)
     if ratio <= SAME_LAW:
-        return scene, faultless, ratio
+        return takes, ratio
     plain = replace(axis, formulation=own[0])
-    par = scene.faultless.copy()
-    par[at.LAW] = own[0]
-    scene = replace(scene, faultless=par, conditions=replace(scene.conditions, axis=plain))
-    return scene, scene.run({}, 0.0, clean=False), 0.0
+    changed = []
+    for take in takes:
+        par = take.scene.faultless.copy()
+        par[at.LAW] = own[0]
+        conditions = replace(take.scene.conditions, axis=plain)
+        changed.append(take.again(replace(take.scene, faultless=par, conditions=conditions)))
+    return changed, 0.0
+
+
+def _tolerated(takes: list[Take], setting: Setting) -> tuple[list[Take], float]:
+    """The takes with what is in the machine and is no effect, so small that nobody sees it."""
+    most, places = 0.0, {}
+    tolerated = takes[0].scene.conditions.tolerated
+    for effect in tolerated:
+        ratio = _ratio(takes, setting, effect)
+        share = min(1.0, UNSEEN / len(tolerated) / max(ratio, 1e-9))
+        most = max(most, share * ratio)
+        for place, value in effect.changes.items():
+            believed = takes[0].scene.double[place]
+            # forms and times are what they are, sizes get smaller
+            whole = place in (at.DRIFT_FORM, at.DRIFT_TIME)
+            places[place] = value if whole else believed + share * (value - believed)
+    if not places:
+        return takes, 0.0
+    return [take.again(replace(take.scene, tolerated=places)) for take in takes], most
+
+
+def _ratio(takes: list[Take], setting: Setting, effect: Effect | None) -> float:
+    """What the records show of an effect, or of the law as it is formulated."""
+    alongs, weights = [], []
+    for take in takes:
+        weights.append(take.weights(setting))
+        changes = effect.changes if effect else {}
+        alongs.append(take.along(setting, take.scene.run(changes, 0.0, clean=True).log))
+    return see(effect, alongs, weights, takes[0].scene.per_sample, alike=False).ratio
 
 
 def _resting(motion: Motion) -> float:
@@ -225,42 +314,52 @@ def _misread(log: Columns, scene: Scene, effect: Effect) -> Columns:
     return log
 
 
-def _record(
-    scene: Scene, motion: Motion, changes: dict[int, float]
-) -> tuple[dict[str, Columns], Errors]:
-    """The columns of a record, and their errors."""
-    conditions, step = scene.conditions, scene.per_sample
-    axis = scene.faultless.copy()
-    for place, value in changes.items():
-        axis[place] = value
-    log = motion.log
-    x = log[::step, at.X]
-    commands = motion.commands[:: conditions.faster]
-    if conditions.command == "averaged":
-        commands = sampled(motion.commands, conditions.faster)
-    record = {
-        "time": np.arange(x.size) * conditions.sampling,
-        "u": commands,
-        "x": read_position(scene.instruments, axis, x),
-    }
-    error_i = None
-    if scene.instruments.current != "none":
-        i = log[::step, at.CURRENT]
-        rng = np.random.default_rng(x.size)  # of its own: a record's other draws stay the same
-        record["i"] = read_current(scene.instruments, rng, i, conditions.sampling)
-        line = np.polyfit(i, record["i"], 1)  # a sensor's gain and offset are refitted
-        error_i = record["i"] - np.polyval(line, i)
-    return record, Errors(record["x"] - x, error_i)
+def more_of(case: Case, command: Mapping[str, Columns]) -> dict[str, Columns]:
+    """Another record of the same machine, its hidden effects and its instruments, as `Case.record`.
+
+    Parameters
+    ----------
+    case : Case
+    command : mapping
+        Columns time [s] and either x_d [m], which the world's controller follows (one of its own
+        where the world has none), or u [V], which is held between its times. The record begins
+        with the command, has the world's sampling, and friction noise of its own.
+
+    Raises
+    ------
+    ValueError
+        For a command without these columns.
+    Unusable
+        If the motion leaves the travel.
+    """
+    drawn = np.concatenate([np.asarray(v, dtype=float) for v in command.values()])
+    rng = np.random.default_rng([case.seed, zlib.crc32(drawn.tobytes())])
+    scene = commanded(case.scenes[0], command, rng)
+    changes, bursts = _together(case.effects)
+    motion = scene.run(changes, bursts, clean=False)
+    x = motion.log[:, at.X]
+    if not np.all(np.isfinite(motion.log)) or np.abs(x).max() > 1.5 * case.conditions.axis.travel:
+        raise Unusable(f"{case.world}, seed {case.seed}: the command leaves the travel")
+    return spoilt(make_record(scene, motion, changes)[0], case.effects)
 
 
-def write_case(case: Case, folder: Path) -> tuple[Path, Path]:
-    """Write ``record.csv`` and ``believed.toml``, and nothing of the truth; return their paths."""
-    record, believed = folder / "record.csv", folder / "believed.toml"
-    columns = list(case.record)
-    table = np.column_stack([case.record[c] for c in columns])
-    np.savetxt(record, table, fmt="%.12g", delimiter=",", header=",".join(columns), comments="")
+def write_case(case: Case, folder: Path) -> tuple[list[Path], Path]:
+    """Write ``record.csv`` (and ``record_2.csv`` ...) and ``believed.toml``; return their paths.
+
+    Nothing of the truth is in them.
+    """
+    paths, believed = [], folder / "believed.toml"
+    for k, record in enumerate(case.records, 1):
+        paths.append(write_record(record, folder / (f"record_{k}.csv" if k > 1 else "record.csv")))
     names = (*BELIEVED[case.plant], *OF_LAW[case.law])
     lines = [f'kind = "{case.plant}"', f'law = "{case.law}"', "", "[plant]"]
     lines += [f"{name} = {case.believed[name]:.10g}" for name in names]
     believed.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return record, believed
+    return paths, believed
+
+
+def write_record(record: Mapping[str, Columns], path: Path) -> Path:
+    """Write a record's columns; return the path."""
+    table = np.column_stack(list(record.values()))
+    np.savetxt(path, table, fmt="%.12g", delimiter=",", header=",".join(record), comments="")
+    return path

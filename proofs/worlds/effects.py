@@ -80,6 +80,10 @@ class Effect:
         Of a periodic effect, m.
     bursts : float
         Force of bursts, N.
+    factors : dict
+        What columns of the record are multiplied by.
+    shift : int
+        Samples by which the record's command is late; negative: early.
     """
 
     name: str
@@ -88,6 +92,8 @@ class Effect:
     truth: dict[str, float] = field(default_factory=dict)
     period: float = 0.0
     bursts: float = 0.0
+    factors: dict[str, float] = field(default_factory=dict)
+    shift: int = 0
 
 
 Draw = Callable[[np.random.Generator, Setting], Effect]

@@ -108,6 +108,28 @@ def reference(
     raise ValueError(f"reference {kind!r}, expected one of {', '.join(CLOSED_LOOP)}")
 
 
+def one_way(rng: np.random.Generator, time: Signal, half: float, fastest: float) -> Signal:
+    """From one end to the other in a few moves that never turn, long rests between, m."""
+    count = int(rng.integers(4, 10))
+    places = np.sort(np.append(rng.uniform(-half, half, count - 1), [-half, half]))
+    moves = np.diff(places)
+    speeds = fastest * np.exp(rng.uniform(np.log(0.05), 0.0, count))
+    rests = rng.uniform(0.3, 1.5, count)
+    spare = 0.9 * time[-1] - rests.sum()
+    speeds = np.minimum(speeds * max((moves / speeds).sum() / spare, 0.05), fastest)
+    stamps, line = [0.0], [-half]
+    for place, move, speed, rest in zip(places[1:], moves, speeds, rests, strict=True):
+        stamps += [stamps[-1] + rest, stamps[-1] + rest + move / speed]
+        line += [line[-1], place]
+    return _rounded(np.interp(time, stamps, line), time)
+
+
+def lead_in(place: float, time: Signal) -> Signal:
+    """From the middle to a place and a rest there, m."""
+    share = np.minimum(time / (0.8 * time[-1]), 1.0)
+    return np.asarray(0.5 * place * (1 - np.cos(np.pi * share)))
+
+
 def _profile(
     rng: np.random.Generator, legs: list[tuple[float, float]], time: Signal, *, repeat: bool
 ) -> Signal:
@@ -123,7 +145,10 @@ def _profile(
         at += rest
         if at > time[-1]:
             break
-    line = np.interp(time, stamps, places)
+    return _rounded(np.interp(time, stamps, places), time)
+
+
+def _rounded(line: Signal, time: Signal) -> Signal:
     wide = max(int(0.1 / (time[1] - time[0])), 1)
     smooth = np.convolve(np.pad(line, (wide, 0), mode="edge"), np.ones(wide) / wide, "valid")
     return np.asarray(smooth[: time.size])

@@ -38,8 +38,19 @@ def texture_of(rng: np.random.Generator, half: float, way: float, size: float) -
     return Texture(-1.2 * half, SPACING, size * tables)
 
 
+def draw_correlation_time(rng: np.random.Generator) -> float:
+    """Of slow noise, s."""
+    return float(np.exp(rng.uniform(np.log(0.003), np.log(0.3))))
+
+
 def draw_noise(
-    rng: np.random.Generator, kind: str, size: float, axis: Vector, count: int, period: float
+    rng: np.random.Generator,
+    kind: str,
+    size: float,
+    axis: Vector,
+    count: int,
+    period: float,
+    correlation_time: float | None = None,
 ) -> tuple[NDArray[np.float64], Texture, float]:
     """Noise of one run.
 
@@ -53,6 +64,8 @@ def draw_noise(
         Its travel is read.
     count, period
         Control periods, and how long one is [s].
+    correlation_time : float, optional
+        Of slow noise, s; drawn if not given.
 
     Returns
     -------
@@ -69,7 +82,8 @@ def draw_noise(
     if kind not in KINDS:
         raise ValueError(f"friction noise {kind!r}, expected one of {', '.join(KINDS)}")
     noise, texture, growth = np.zeros((count, 3)), FLAT, float(axis[NOISE_GROWTH])
-    correlation_time = float(np.exp(rng.uniform(np.log(0.003), np.log(0.3))))
+    if correlation_time is None:
+        correlation_time = draw_correlation_time(rng)
     way = float(np.exp(rng.uniform(np.log(30e-6), np.log(2e-3))))
     if kind == "white":
         noise[:, RELATIVE] = size * rng.standard_normal(count)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from worlds import layout as at
 from worlds.axes import breakaway_command, double_of, rated_command
+from worlds.conditions import Conditions
 from worlds.controllers import (
     CASCADE,
     FEEDFORWARD,
@@ -22,12 +24,11 @@ from worlds.controllers import (
     PID,
     POSITION_GAIN,
 )
-from worlds.excitations import open_loop, reference
-from worlds.friction_noise import FLAT, draw_noise
+from worlds.excitations import lead_in, one_way, open_loop, reference
+from worlds.friction_noise import FLAT, draw_correlation_time, draw_noise
 from worlds.instruments import Instruments, draw_instruments
 from worlds.layout import Vector
 from worlds.simulator import BURST, Motion, Run, Texture, simulate
-from worlds.worlds import Conditions
 
 LOGGED_AT_LEAST = 5e-4  # s
 SHOWN_WITHIN = 0.01  # s: a motion by less than the encoder's error in this time is rest
@@ -38,7 +39,10 @@ Columns = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scene:
-    """A world's draw, ready to be simulated: motion asked for, noise, instruments."""
+    """A world's draw, ready to be simulated: motion asked for, noise, instruments.
+
+    `tolerated` is what the noisy axis has and nobody can see.
+    """
 
     conditions: Conditions
     instruments: Instruments
@@ -49,6 +53,8 @@ class Scene:
     noise: Columns
     texture: Texture
     rng: np.random.Generator
+    correlation_time: float
+    tolerated: dict[int, float] = field(default_factory=dict)
 
     @property
     def period(self) -> float:
@@ -65,10 +71,15 @@ class Scene:
         """Logging periods in a sampling period."""
         return self.logged * self.conditions.faster
 
+    @property
+    def skipped(self) -> int:
+        """Control periods before the record begins."""
+        return int(self.conditions.lead_in / self.conditions.sampling) * self.conditions.faster
+
     def run(self, changes: dict[int, float], bursts: float, *, clean: bool) -> Motion:
         """The axis with changes, with its noise or without."""
         axis = self.faultless.copy()
-        for place, value in changes.items():
+        for place, value in (changes if clean else self.tolerated | changes).items():
             axis[place] = value
         noise = np.zeros_like(self.noise) if clean else self.noise.copy()
         if bursts:
@@ -76,7 +87,7 @@ class Scene:
         if clean:
             axis[at.RESOLUTION] = axis[at.INTERPOLATION] = 0.0
         substeps = int(np.ceil(self.period / self.logged / self.conditions.substep - 1e-9))
-        return simulate(
+        motion = simulate(
             Run(
                 axis=axis,
                 double=self.double,
@@ -89,6 +100,8 @@ class Scene:
                 period=self.period,
             )
         )
+        skipped = self.skipped
+        return Motion(motion.log[skipped * self.logged :], motion.commands[skipped:])
 
     def _bursts(self, force: float) -> Columns:
         """Half sines of 5 to 50 ms; the same ones for the same scene."""
@@ -102,8 +115,83 @@ class Scene:
         return line
 
 
+def make_scenes(
+    conditions: Conditions, rng: np.random.Generator, *, bare: bool
+) -> tuple[Scene, ...]:
+    """Motion, noise and instruments of every record; `bare` is without bristles in the law."""
+    first = make_scene(conditions, rng, bare=bare)
+    if conditions.excitation != "one_way":
+        return (first,)
+    return first, asked(first, -first.wanted, rng)
+
+
+def asked(scene: Scene, wanted: Columns, rng: np.random.Generator) -> Scene:
+    """The same machine asked for another motion, its friction's noise drawn anew."""
+    c = scene.conditions
+    noise, _, _ = draw_noise(
+        rng, c.noise, c.noise_size, scene.double, wanted.size, scene.period, scene.correlation_time
+    )
+    return replace(scene, wanted=wanted, noise=noise)
+
+
+def commanded(scene: Scene, command: Mapping[str, Columns], rng: np.random.Generator) -> Scene:
+    """The same machine driven by positions `x_d` [m] or a command `u` [V] over `time` [s].
+
+    Raises
+    ------
+    ValueError
+        If neither or both are there, or the time does not grow.
+    """
+    if len({"x_d", "u"} & set(command)) != 1 or "time" not in command:
+        raise ValueError(f"columns {', '.join(command)}, expected time and either x_d or u")
+    stamps = np.asarray(command["time"], dtype=float)
+    if stamps.size < 2 or not np.all(np.diff(stamps) > 0):
+        raise ValueError("time of a command has to grow")
+    closed, c = "x_d" in command, scene.conditions
+    values = np.asarray(command["x_d" if closed else "u"], dtype=float)
+    long = float(stamps[-1] - stamps[0])
+    # from the middle, where it rests, to where the motion begins
+    away = abs(values[0]) if closed else 0.0
+    lead = 0.5 + 1.5 * away / c.axis.fastest if away > 0 else 0.0
+    held = c.loop if c.loop != "open" else "cascade"
+    c = replace(
+        c,
+        duration=long,
+        lead_in=lead,
+        loop=held if closed else "open",
+        bandwidth=c.bandwidth or 15.0,
+        excitation="commanded",
+    )
+    count = int(long / c.sampling + 1e-9) * c.faster
+    time = np.arange(count) * scene.period
+    if closed or scene.double[at.RAMPED]:
+        wanted = np.interp(time, stamps - stamps[0], values)
+    else:
+        now = np.searchsorted(stamps - stamps[0], time + 1e-9, side="right") - 1
+        wanted = values[now]
+    double, faultless = scene.double.copy(), scene.faultless.copy()
+    if closed:  # a controller holds its command
+        double[at.RAMPED] = faultless[at.RAMPED] = 0.0
+    scene = replace(
+        scene,
+        conditions=c,
+        double=double,
+        faultless=faultless,
+        controller=_controller(c, double),
+    )
+    return asked(scene, _led_in(scene, wanted), rng)
+
+
+def _led_in(scene: Scene, wanted: Columns) -> Columns:
+    """The motion with the way to where it begins."""
+    if not scene.skipped:
+        return wanted
+    time = np.arange(scene.skipped) * scene.period
+    return np.concatenate([lead_in(wanted[0], time), wanted])
+
+
 def make_scene(conditions: Conditions, rng: np.random.Generator, *, bare: bool) -> Scene:
-    """Motion, noise and instruments for conditions; `bare` is without bristles in the law."""
+    """Motion, noise and instruments of the first record."""
     axis = conditions.axis
     if bare:
         values = {n: v for n, v in axis.values.items() if n not in ("sigma0", "sigma1")}
@@ -112,6 +200,8 @@ def make_scene(conditions: Conditions, rng: np.random.Generator, *, bare: bool) 
     instruments = draw_instruments(
         rng, conditions.encoders, conditions.currents, conditions.command
     )
+    louder = conditions.current_noise * instruments.current_noise
+    instruments = replace(instruments, current_noise=louder)
     double = double_of(axis, conditions.duration)
     shown = conditions.resolution + conditions.interpolation
     double[at.LEAST_SPEED] = shown / SHOWN_WITHIN
@@ -131,8 +221,17 @@ def make_scene(conditions: Conditions, rng: np.random.Generator, *, bare: bool) 
         faultless[at.SIGNAL_PERIOD] = 20e-6
     period = conditions.sampling / conditions.faster
     count = int(conditions.duration / conditions.sampling) * conditions.faster
+    skipped = int(conditions.lead_in / conditions.sampling) * conditions.faster
+    correlation_time = draw_correlation_time(rng)
+    correlation_time = conditions.correlation_time or correlation_time
     noise, texture, growth = draw_noise(
-        rng, conditions.noise, conditions.noise_size, double, count, period
+        rng,
+        conditions.noise,
+        conditions.noise_size,
+        double,
+        count + skipped,
+        period,
+        correlation_time,
     )
     faultless[at.NOISE_GROWTH] = growth
     time = np.arange(count) * period
@@ -144,11 +243,16 @@ def make_scene(conditions: Conditions, rng: np.random.Generator, *, bare: bool) 
     else:
         fastest = axis.fastest * float(np.exp(rng.uniform(np.log(0.4), 0.0)))
         half = 0.7 * axis.travel * float(rng.uniform(0.3, 1.0))
-        wanted = reference(rng, conditions.excitation, time, half, fastest)
+        if conditions.excitation == "one_way":
+            wanted = one_way(rng, time, half, fastest)
+        else:
+            wanted = reference(rng, conditions.excitation, time, half, fastest)
     controller = _controller(conditions, double)
-    return Scene(
-        conditions, instruments, double, faultless, controller, wanted, noise, texture, rng
-    )
+    scene = Scene(
+        conditions, instruments, double, faultless, controller, wanted, noise, texture, rng,
+        correlation_time,
+    )  # fmt: skip
+    return replace(scene, wanted=_led_in(scene, wanted))
 
 
 def _controller(conditions: Conditions, par: Vector) -> Vector:

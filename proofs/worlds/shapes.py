@@ -63,15 +63,19 @@ class Along:
     period : float
         Of the log, s.
     with_current : bool
+    moving : ndarray, shape (rows,), optional
+        0 where the balance of force says nothing, else 1.
     """
 
     setting: Setting
     log: NDArray[np.float64]
     period: float
     with_current: bool
+    moving: Shape | None = None
 
     def force(self, shape: Shape) -> Shape:
         """A force, as the balances have it."""
+        shape = shape if self.moving is None else shape * self.moving
         return np.stack([shape, np.zeros_like(shape)]) if self.with_current else shape[None]
 
     def voltage(self, shape: Shape) -> Shape:
@@ -80,6 +84,7 @@ class Along:
         if self.with_current:
             return np.stack([np.zeros_like(shape), shape])
         gain = par[at.GAIN] if par[at.IS_DRIVE] else par[at.KT] / par[at.R]
+        shape = shape if self.moving is None else shape * self.moving
         return (gain * shape)[None]
 
     @property
@@ -184,14 +189,22 @@ def families(along: Along, periods: tuple[float, ...]) -> dict[str, list[list[Sh
     if s.axis.plant == BALL_SCREW:
         warm = par[at.R] * along.current
         found["resistance_drift"] = [[along.voltage(warm * c)] for c in courses]
+    found["scale_of_u"] = found["sign_of_u"] = [[along.voltage(log[:, at.COMMAND])]]
+    moving, back = s.mass * log[:, at.A] + par[at.SIGMA2] * v, along.voltage(par[at.KE] * v)
+    found["scale_of_x"] = [[force(moving) + back]]
+    found["sign_of_x"] = [[force(moving + dry) + back]]
+    if along.with_current:
+        i = log[:, at.CURRENT_MEAN]
+        found["scale_of_i"] = [[force(par[at.KT] * i) - along.voltage(par[at.R] * i)]]
+    found["time_shift"] = _late(along, (-20.0, -10.0, -5.0, -2.0, 2.0, 5.0, 10.0, 20.0))
     return found
 
 
-def _late(along: Along) -> list[list[Shape]]:
+def _late(along: Along, samples: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)) -> list[list[Shape]]:
     """The command some times later, in place of the command."""
     u = along.log[:, at.COMMAND]
     time = np.arange(u.size) * along.period
-    steps = along.setting.sampling * np.array([0.1, 0.3, 1.0, 3.0])
+    steps = along.setting.sampling * np.array(samples)
     return [[along.voltage(np.interp(time - late, time, u) - u)] for late in steps]
 
 

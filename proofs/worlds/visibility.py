@@ -25,6 +25,7 @@ A rounding encoder is counted as one with additive noise, so the ratio is a caut
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,10 +66,11 @@ class Sight:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of the instruments at the samples: position [m], current [A] or None."""
+    """Errors at the samples: position [m]; current [A] and command [V], or None."""
 
     x: Columns
     i: Columns | None
+    u: Columns | None = None
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,10 @@ def weigh(setting: Setting, noise: Shape, errors: Errors, resting: float) -> Wei
             damping = par[at.SIGMA2] + back
             of_force = np.abs(setting.mass * s**2 + damping * s + stiffness) ** 2
         spectra = [spectrum(noise[0]) + of_force * of_x + floor]
+    if errors.u is not None:
+        drive = len(noise) == 1 and setting.axis.plant != BALL_SCREW
+        of_u = par[at.GAIN] if drive else 1.0 if len(noise) == 2 else par[at.KT] / par[at.R]
+        spectra[-1] = spectra[-1] + of_u**2 * spectrum(errors.u)
     own = np.fft.rfftfreq(noise.shape[1], setting.sampling)
     own = own[own <= HIGHEST]
     # the lowest line of Welch's has lost its mean: the next one stands for it
@@ -148,14 +154,29 @@ def weigh(setting: Setting, noise: Shape, errors: Errors, resting: float) -> Wei
     return Weights(noise.shape[1], setting.sampling, np.array(at_own))
 
 
-def see(effect: Effect | None, along: Along, weights: Weights, per_sample: int) -> Sight:
-    """Points 3 and 4 for an effect, or for the law's own mismatch where there is none."""
+def see(
+    effect: Effect | None,
+    alongs: list[Along],
+    weights: list[Weights],
+    per_sample: int,
+    *,
+    alike: bool = True,
+) -> Sight:
+    """Points 3 and 4 for an effect, or for the law's own mismatch where there is none.
 
-    def white(shape: Shape) -> Columns:
-        return weights.whiten(sampled(shape, per_sample)[:, : weights.samples])
+    One motion and its weights for every record of the machine; the offset is one for all. What is
+    alike is not looked for if not `alike`.
+    """
 
-    costly = [white(shape) for shape in refits(along).values()]
-    offset = white(along.force(np.ones(len(along.log))))
+    def white(shapes: Iterable[Shape]) -> Columns:
+        whole = [
+            w.whiten(sampled(shape, per_sample)[:, : w.samples])
+            for shape, w in zip(shapes, weights, strict=True)
+        ]
+        return np.concatenate(whole)
+
+    costly = [white(shapes) for shapes in zip(*(refits(a).values() for a in alongs), strict=True)]
+    offset = white(a.force(np.ones(len(a.log))) for a in alongs)
     free = [] if effect is not None and effect.name == "load_bias" else [offset]
     count = len(costly)
     log_prior_odds = np.zeros((count, count + len(free)))
@@ -166,15 +187,22 @@ def see(effect: Effect | None, along: Along, weights: Weights, per_sample: int) 
         whole = np.concatenate([vector, np.zeros(count)])
         return np.asarray(whole - basis @ (basis.T @ whole))
 
-    trace = left(white(needs(along.log, along.with_current)))
+    trace = left(white(needs(a.log, a.with_current) for a in alongs))
     ratio = float(np.linalg.norm(trace))
-    if effect is None or ratio < SAME:
+    if effect is None or not alike or ratio < SAME:
         return Sight(ratio, (), {})
     own_period = (effect.period,) if effect.period else ()
     remaining = {}
-    for name, forms in families(along, (along.setting.lead, *own_period)).items():
+    known = [families(a, (a.setting.lead, *own_period)) for a in alongs]
+    for name in known[0]:
+        # a wrong sign is a scale of -1, no other scale is a wrong sign
+        if name.startswith("sign") and not effect.name.startswith("sign"):
+            continue
         if name != effect.name:
-            blocks = [np.column_stack([left(white(c)) for c in form]) for form in forms]
+            forms = zip(*(one[name] for one in known), strict=True)  # of each, that of every record
+            blocks = [
+                np.column_stack([left(white(c)) for c in zip(*form, strict=True)]) for form in forms
+            ]
             remaining[name] = min(_beside(trace, block) for block in blocks)
     shared = tuple(sorted(n for n, r in remaining.items() if r < SAME))
     return Sight(ratio, shared, remaining)

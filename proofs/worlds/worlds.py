@@ -13,19 +13,25 @@ They differ in many assumptions at once, so that what is right in all of them ha
   with speed.
 - `simulated`: what another program would write: 2 to 10 kHz, positions without counts, ramped or
   held commands, no noise or a trace of it.
+- those of `machines`, each for something that real machines and their records have.
+- `wrong_scales`: the first or the fourth of these, written down by somebody who took one scale for
+  another.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from worlds import layout as at
 from worlds.axes import BALL_SCREW, DRIVE, Axis
+from worlds.conditions import Conditions, log_uniform, pick, scattered
 from worlds.effects import CATALOGUE
+from worlds.machines import MACHINES, NO_MOTOR
 from worlds.outside import OUTSIDE
+from worlds.signals import SIGNALS
 
 THESIS = {
     "kt": 37.4e-3,
@@ -44,83 +50,13 @@ THESIS = {
 }
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """One draw of a world: everything about a record but the effect.
-
-    Attributes
-    ----------
-    axis : Axis
-    sampling : float
-        Period of the record, s.
-    faster : int
-        Control periods in a sampling period.
-    substep : float
-        At most, s.
-    duration : float
-        s.
-    loop : str
-        ``open``, ``cascade`` or ``pid``.
-    excitation : str
-    bandwidth : float
-        Of a closed loop's velocity, Hz.
-    command : str
-        How it goes between samples, and what the record has of it.
-    encoders, currents : dict
-        Odds of each kind.
-    resolution : float
-        m.
-    interpolation : float
-        m.
-    noise : str
-    noise_size : float
-        Share of the dry friction.
-    exact : float
-        Share of records in which no believed value is off.
-    finest : float
-        What the smallest effects are multiplied by.
-    """
-
-    axis: Axis
-    sampling: float
-    faster: int
-    substep: float
-    duration: float
-    loop: str
-    excitation: str
-    bandwidth: float
-    command: str
-    encoders: dict[str, float]
-    currents: dict[str, float]
-    resolution: float
-    interpolation: float
-    noise: str
-    noise_size: float
-    exact: float
-    finest: float = 1.0
-
-
-def _log(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _pick(rng: np.random.Generator, **odds: float) -> str:
-    weights = np.array(list(odds.values()))
-    return str(rng.choice(list(odds), p=weights / weights.sum()))
-
-
-def _some(rng: np.random.Generator, **values: float) -> dict[str, float]:
-    """Values scattered by up to a third either way."""
-    return {name: value * _log(rng, 0.75, 1.33) for name, value in values.items()}
-
-
 def fast_screw(rng: np.random.Generator) -> Conditions:
     """The thesis' axis as its owner believes it, faster than its record."""
     values = (
         THESIS
         if rng.uniform() < 0.3
         else THESIS
-        | _some(rng, m=1.0, sigma0=66967.0, sigma1=344.0, sigma2=173.0, Fc=1.284, Vs=1.14e-3)
+        | scattered(rng, m=1.0, sigma0=66967.0, sigma1=344.0, sigma2=173.0, Fc=1.284, Vs=1.14e-3)
     )
     values = values | {"Fs": values["Fc"] * (2.35 / 1.284)}
     formulation = int(rng.choice([at.MODIFIED_LUGRE, at.LUGRE]))
@@ -131,15 +67,15 @@ def fast_screw(rng: np.random.Generator) -> Conditions:
         substep=2e-5,
         duration=float(rng.uniform(10, 20)),
         loop="open",
-        excitation=_pick(rng, steps=1, ramps=1, multisine=1, chirp=1),
+        excitation=pick(rng, steps=1, ramps=1, multisine=1, chirp=1),
         bandwidth=0.0,
-        command=_pick(rng, held=3, ramped=1),
+        command=pick(rng, held=3, ramped=1),
         encoders={"round": 3, "floor": 1},
         currents={"good": 1, "none": 1},
         resolution=1e-3 / (512 * float(rng.choice([1, 4]))),
         interpolation=0.0,
-        noise=_pick(rng, none=3, white=1),
-        noise_size=_log(rng, 0.002, 0.05),
+        noise=pick(rng, none=3, white=1),
+        noise_size=log_uniform(rng, 0.002, 0.05),
         exact=0.4,
         finest=0.2,
     )
@@ -147,10 +83,12 @@ def fast_screw(rng: np.random.Generator) -> Conditions:
 
 def heavy_screw(rng: np.random.Generator) -> Conditions:
     """A rotor that outweighs the block, and friction that hangs on the place."""
-    values = THESIS | {"Jm": 4.2e-7 * _log(rng, 0.5, 3.0)}
-    values |= _some(rng, m=1.0, sigma0=66967.0, sigma1=344.0, sigma2=173.0, Fc=1.284, Vs=1.14e-3)
+    values = THESIS | {"Jm": 4.2e-7 * log_uniform(rng, 0.5, 3.0)}
+    values |= scattered(
+        rng, m=1.0, sigma0=66967.0, sigma1=344.0, sigma2=173.0, Fc=1.284, Vs=1.14e-3
+    )
     values["Fs"] = values["Fc"] * float(rng.uniform(1.05, 2.0))
-    loop = _pick(rng, open=1, cascade=1, pid=1)
+    loop = pick(rng, open=1, cascade=1, pid=1)
     open_ = loop == "open"
     return Conditions(
         axis=Axis(BALL_SCREW, "lugre", values, at.LUGRE, 0.25, 36.0, 0.08),
@@ -159,33 +97,33 @@ def heavy_screw(rng: np.random.Generator) -> Conditions:
         substep=2e-5,
         duration=float(rng.uniform(8, 20)),
         loop=loop,
-        excitation=_pick(rng, steps=1, ramps=1, multisine=1, chirp=1)
+        excitation=pick(rng, steps=1, ramps=1, multisine=1, chirp=1)
         if open_
-        else _pick(rng, laps=1, points=1, sines=1, sweep=1),
-        bandwidth=_log(rng, 8, 25),
+        else pick(rng, laps=1, points=1, sines=1, sweep=1),
+        bandwidth=log_uniform(rng, 8, 25),
         command="held",
         encoders={"interpolated": 2, "round": 1},
         currents={"good": 2, "filtered": 1, "none": 1},
-        resolution=_log(rng, 0.02e-6, 1e-6),
-        interpolation=_log(rng, 0.02e-6, 0.5e-6),
-        noise=_pick(rng, texture_repeating=2, texture_not_repeating=1, slow=2, white=1),
-        noise_size=_log(rng, 0.005, 0.1),
+        resolution=log_uniform(rng, 0.02e-6, 1e-6),
+        interpolation=log_uniform(rng, 0.02e-6, 0.5e-6),
+        noise=pick(rng, texture_repeating=2, texture_not_repeating=1, slow=2, white=1),
+        noise_size=log_uniform(rng, 0.005, 0.1),
         exact=0.25,
     )
 
 
 def linear_drive(rng: np.random.Generator) -> Conditions:
     """A slide on which a force acts, its positions filtered before they were kept."""
-    mass = _log(rng, 5.0, 150.0)
-    coulomb = mass * _log(rng, 0.1, 0.5)
-    fastest = _log(rng, 0.1, 0.6)
+    mass = log_uniform(rng, 5.0, 150.0)
+    coulomb = mass * log_uniform(rng, 0.1, 0.5)
+    fastest = log_uniform(rng, 0.1, 0.6)
     values = {
         "m": mass,
-        "gain": _log(rng, 10.0, 60.0),
-        "sigma2": coulomb / fastest * _log(rng, 0.3, 3.0),
+        "gain": log_uniform(rng, 10.0, 60.0),
+        "sigma2": coulomb / fastest * log_uniform(rng, 0.3, 3.0),
         "Fc": coulomb,
         "Fs": coulomb * float(rng.choice([1.0, rng.uniform(1.05, 1.6)])),
-        "Vs": 0.02 * fastest * _log(rng, 0.5, 3.0),
+        "Vs": 0.02 * fastest * log_uniform(rng, 0.5, 3.0),
         "offset": coulomb * float(rng.uniform(-0.2, 0.2)),
     }
     accelerating = 4.0 * mass * fastest / 0.1 + 3 * (coulomb + values["sigma2"] * fastest)
@@ -204,16 +142,16 @@ def linear_drive(rng: np.random.Generator) -> Conditions:
         faster=1,
         substep=2.5e-5,
         duration=float(rng.uniform(12, 30)),
-        loop=_pick(rng, cascade=2, pid=1),
-        excitation=_pick(rng, laps=2, points=1, sines=1, sweep=1),
-        bandwidth=_log(rng, 4, 10),
+        loop=pick(rng, cascade=2, pid=1),
+        excitation=pick(rng, laps=2, points=1, sines=1, sweep=1),
+        bandwidth=log_uniform(rng, 4, 10),
         command="held",
         encoders={"filtered": 2, "round": 1, "interpolated": 1},
         currents={"none": 1},
-        resolution=_log(rng, 0.1e-6, 3e-6),
-        interpolation=_log(rng, 0.05e-6, 1e-6),
-        noise=_pick(rng, slow=3, white=1, texture_repeating=1, none=1),
-        noise_size=_log(rng, 0.003, 0.08),
+        resolution=log_uniform(rng, 0.1e-6, 3e-6),
+        interpolation=log_uniform(rng, 0.05e-6, 1e-6),
+        noise=pick(rng, slow=3, white=1, texture_repeating=1, none=1),
+        noise_size=log_uniform(rng, 0.003, 0.08),
         exact=0.25,
     )
 
@@ -222,26 +160,26 @@ def industrial(rng: np.random.Generator) -> Conditions:
     """A machine tool's axis behind a drive amplifier, with everything that is bought with it."""
     lead = float(rng.choice([5e-3, 10e-3, 20e-3]))
     turn = 2 * np.pi / lead
-    mass = _log(rng, 20.0, 200.0)
-    coulomb = mass * _log(rng, 0.3, 1.5)
-    fastest = _log(rng, 0.1, 0.4)
-    torque = _log(rng, 0.3, 0.8)
+    mass = log_uniform(rng, 20.0, 200.0)
+    coulomb = mass * log_uniform(rng, 0.3, 1.5)
+    fastest = log_uniform(rng, 0.1, 0.4)
+    torque = log_uniform(rng, 0.3, 0.8)
     values = {
         "kt": torque,
         "ke": torque * float(rng.uniform(0.97, 1.03)),
-        "R": _log(rng, 0.6, 3.0),
-        "L": _log(rng, 3e-3, 12e-3),
+        "R": log_uniform(rng, 0.6, 3.0),
+        "L": log_uniform(rng, 3e-3, 12e-3),
         "p": 1 / lead,
         "m": mass,
-        "Jm": mass / turn**2 * _log(rng, 0.3, 3.0),
-        "sigma2": coulomb / fastest * _log(rng, 0.3, 2.0),
+        "Jm": mass / turn**2 * log_uniform(rng, 0.3, 3.0),
+        "sigma2": coulomb / fastest * log_uniform(rng, 0.3, 2.0),
         "Fc": coulomb,
         "Fs": coulomb * float(rng.uniform(1.0, 1.5)),
-        "Vs": 0.02 * fastest * _log(rng, 0.5, 3.0),
+        "Vs": 0.02 * fastest * log_uniform(rng, 0.5, 3.0),
     }
-    law = _pick(rng, lugre=1, classical=1)
+    law = pick(rng, lugre=1, classical=1)
     if law == "lugre":
-        values["sigma0"] = values["Fs"] / _log(rng, 2e-6, 30e-6)
+        values["sigma0"] = values["Fs"] / log_uniform(rng, 2e-6, 30e-6)
         whole = mass + values["Jm"] * turn**2
         values["sigma1"] = float(rng.uniform(0.2, 1.0)) * 2 * np.sqrt(values["sigma0"] * whole)
         formulation = at.LUGRE
@@ -254,16 +192,16 @@ def industrial(rng: np.random.Generator) -> Conditions:
         faster=int(rng.choice([2, 4])),
         substep=2.5e-5,
         duration=float(rng.uniform(8, 16)),
-        loop=_pick(rng, cascade=3, pid=1),
-        excitation=_pick(rng, laps=2, points=2, sines=1, sweep=1),
-        bandwidth=_log(rng, 8, 25),
+        loop=pick(rng, cascade=3, pid=1),
+        excitation=pick(rng, laps=2, points=2, sines=1, sweep=1),
+        bandwidth=log_uniform(rng, 8, 25),
         command="averaged",
         encoders={"floor": 3, "interpolated": 1},
         currents={"offset_and_gain": 2, "filtered": 1, "coarse": 1, "none": 1},
-        resolution=_log(rng, 0.1e-6, 5e-6),
-        interpolation=_log(rng, 0.05e-6, 1e-6),
-        noise=_pick(rng, growing_with_speed=3, slow=1, texture_not_repeating=1),
-        noise_size=_log(rng, 0.003, 0.05),
+        resolution=log_uniform(rng, 0.1e-6, 5e-6),
+        interpolation=log_uniform(rng, 0.05e-6, 1e-6),
+        noise=pick(rng, growing_with_speed=3, slow=1, texture_not_repeating=1),
+        noise_size=log_uniform(rng, 0.003, 0.05),
         exact=0.2,
     )
 
@@ -271,13 +209,13 @@ def industrial(rng: np.random.Generator) -> Conditions:
 def simulated(rng: np.random.Generator) -> Conditions:
     """Another program's output: no counts, hardly any noise, much faster than any recorder."""
     rotor = 4.2e-7 * float(rng.choice([0.0, 1.0]))
-    values = THESIS | {"Jm": rotor} | _some(rng, m=1.0, sigma2=173.0, Fc=1.284)
+    values = THESIS | {"Jm": rotor} | scattered(rng, m=1.0, sigma2=173.0, Fc=1.284)
     values["Fs"] = values["Fc"] * float(rng.uniform(1.0, 1.9))
-    law = _pick(rng, lugre=3, classical=1)
+    law = pick(rng, lugre=3, classical=1)
     if law == "classical":
         values = {n: v for n, v in values.items() if n not in ("sigma0", "sigma1")}
     formulation = at.SET_VALUED if law == "classical" else at.MODIFIED_LUGRE
-    loop = _pick(rng, open=2, cascade=1)
+    loop = pick(rng, open=2, cascade=1)
     return Conditions(
         axis=Axis(BALL_SCREW, law, values, formulation, 0.3, 36.0, 0.1),
         sampling=float(rng.choice([1e-4, 2e-4, 5e-4])),
@@ -285,38 +223,52 @@ def simulated(rng: np.random.Generator) -> Conditions:
         substep=1e-5,
         duration=float(rng.uniform(8, 10)),
         loop=loop,
-        excitation=_pick(rng, steps=1, ramps=1, multisine=1, chirp=1)
+        excitation=pick(rng, steps=1, ramps=1, multisine=1, chirp=1)
         if loop == "open"
-        else _pick(rng, points=1, sines=1, sweep=1),
-        bandwidth=_log(rng, 10, 40),
-        command=_pick(rng, held=1, ramped=1) if loop == "open" else "held",
+        else pick(rng, points=1, sines=1, sweep=1),
+        bandwidth=log_uniform(rng, 10, 40),
+        command=pick(rng, held=1, ramped=1) if loop == "open" else "held",
         encoders={"exact": 3, "interpolated": 1},
         currents={"good": 1, "none": 1},
         resolution=1e-9,
         interpolation=2e-9,
-        noise=_pick(rng, none=2, white=1, slow=1),
-        noise_size=_log(rng, 1e-4, 0.01),
+        noise=pick(rng, none=2, white=1, slow=1),
+        noise_size=log_uniform(rng, 1e-4, 0.01),
         exact=0.5,
         finest=0.03,
     )
 
 
+def wrong_scales(rng: np.random.Generator) -> Conditions:
+    """A known axis whose record somebody converted to SI by hand."""
+    conditions = industrial(rng) if rng.uniform() < 0.6 else fast_screw(rng)
+    return replace(conditions, currents=conditions.currents | {"none": 0.3}, finest=1.0)
+
+
 WORLDS: dict[str, Callable[[np.random.Generator], Conditions]] = {
     draw.__name__: draw for draw in (fast_screw, heavy_screw, linear_drive, industrial, simulated)
 }
-# a slide on which a force acts has no resistance
+WORLDS |= MACHINES | {wrong_scales.__name__: wrong_scales}
+# a slide on which a force acts has no resistance and no current
 # and other bristles than the law's are there only where the law always has some
 LACKING = {
-    "linear_drive": {"resistance_drift", "other_bristles"},
+    "linear_drive": {"resistance_drift", "other_bristles", "scale_of_i"},
     "industrial": {"other_bristles"},
     "simulated": {"other_bristles"},
+    **{name: {"other_bristles"} for name in MACHINES},
+    **{name: {"resistance_drift", "other_bristles", "scale_of_i"} for name in NO_MOTOR},
 }
+# what looks like a wrong scale, beside which it has to be told
+LIKE_A_SCALE = ("direction_asymmetry", "load_bias", "unmodelled_inertia", "input_delay",
+                "parameter_error")  # fmt: skip
 
 
-def effects_of(world: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the causes and of the outside effects that a world can have."""
+def effects_of(world: str) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Names of the causes, of the outside effects and of the wrong signals a world can have."""
     lacking = LACKING.get(world, set())
-    causes, outside = (
-        tuple(n for n in names if n not in lacking) for names in (CATALOGUE, OUTSIDE)
+    if world == wrong_scales.__name__:
+        return LIKE_A_SCALE, (), tuple(SIGNALS)
+    causes, outside, signals = (
+        tuple(n for n in names if n not in lacking) for names in (CATALOGUE, OUTSIDE, SIGNALS)
     )
-    return causes, outside
+    return causes, outside, signals

@@ -26,7 +26,8 @@ def test_the_line_to_line_voltage_taken_for_the_phases_is_unexplained_with_exit_
     assert done.returncode == 1
     share, words = done.stdout.removeprefix("unexplained: ").split(" % ", 1)
     assert float(share) > 300
-    assert words.startswith("of the friction is left, and no cause of the catalogue explains it")
+    assert words.startswith("of the friction is left, and no cause is certain")
+    assert "scale_of_u = 0.5" in done.stdout  # 1/sqrt(3) is 0.577
     assert "by the voltage and by the current differ" in done.stderr
     assert (folder / "out" / "report.html").is_file()
 

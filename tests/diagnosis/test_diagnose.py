@@ -117,8 +117,8 @@ def test_two_effects_are_both_found_and_written(tmp_path):
 @pytest.mark.long
 def test_two_drifts_that_cancel_each_other_are_not_both_named(tmp_path):
     """Nothing is hidden; without a current, resistance and friction that change fit anything."""
-    record, prior_model = write_world(draw_world("fast_screw", (), 82002), tmp_path)
-    names = {c.name for c in diagnose([record], params=prior_model).causes}
+    records, prior_model = write_world(draw_world("fast_screw", (), 82002), tmp_path)
+    names = {c.name for c in diagnose(records, params=prior_model).causes}
     assert not {"friction_drift", "resistance_drift"} <= names
 
 
@@ -138,8 +138,8 @@ def test_the_last_digits_of_a_record_do_not_change_the_answer():
 def test_a_command_that_is_late_by_less_than_a_recorder_may_be_is_not_named(tmp_path):
     """Nobody told when within a sampling interval the command acts."""
     case = draw_world("linear_drive", ("input_delay",), 82000)
-    record, prior_model = write_world(case, tmp_path)
-    found = diagnose([record], params=prior_model)
+    records, prior_model = write_world(case, tmp_path)
+    found = diagnose(records, params=prior_model)
     assert not found.causes
     reasons = {n.name: n.because for n in found.not_named}
     assert reasons["input_delay"] == "a command may be recorded as early as that"
@@ -156,8 +156,8 @@ def test_a_value_at_the_end_of_its_tolerance_is_said():
 @in_a_world
 def test_each_record_may_have_an_offset_of_its_own(tmp_path):
     """The second half of a faultless record, as if another force pulled at it."""
-    path, parameters = write_world(draw_world("linear_drive", (), 82000), tmp_path)
-    (record,) = read_drive_records([path])
+    paths, parameters = write_world(draw_world("linear_drive", (), 82000), tmp_path)
+    (record,) = read_drive_records(paths)
     prior_model = read_prior_model(parameters)
     half, more = len(record.x) // 2, 0.2 * prior_model.friction_scale
     pulled = record.signals["u"] + more / prior_model.values["gain"]
@@ -174,14 +174,14 @@ def test_each_record_may_have_an_offset_of_its_own(tmp_path):
 @in_a_world
 def test_values_that_cancel_each_other_are_not_called_wrong(tmp_path):
     """Nothing is hidden; without a current, a larger motor constant and resistance are alike."""
-    record, prior_model = write_world(draw_world("simulated", (), 82001), tmp_path)
-    assert not diagnose([record], params=prior_model).causes
+    records, prior_model = write_world(draw_world("simulated", (), 82001), tmp_path)
+    assert not diagnose(records, params=prior_model).causes
 
 
 def found_in_world(tmp_path, world, effects, seed):
     case = draw_world(world, effects, seed)
-    record, prior_model = write_world(case, tmp_path)
-    return case, diagnose([record], params=prior_model)
+    records, prior_model = write_world(case, tmp_path)
+    return case, diagnose(records, params=prior_model)
 
 
 @in_a_world
@@ -287,8 +287,8 @@ def test_a_load_and_an_asymmetry_are_told_apart_at_one_speed(hidden, name, size)
 @in_a_world
 def test_of_two_causes_that_a_record_cannot_tell_apart_neither_is_named_alone(tmp_path):
     case = draw_world("linear_drive", ("load_bias",), 82000)
-    record, prior_model = write_world(case, tmp_path)
-    found = diagnose([record], params=prior_model)
+    records, prior_model = write_world(case, tmp_path)
+    found = diagnose(records, params=prior_model)
     assert found.causes == ()
     assert [n.name for n in found.not_named if n.like] == ["direction_asymmetry"]
     assert "direction_asymmetry cannot be told from load_bias here" in found.next_experiment.says

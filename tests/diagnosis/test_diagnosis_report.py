@@ -17,7 +17,14 @@ from ballscrew.diagnosis.closed_loop_effect import (
     NoClosedLoop,
     closed_loop_effect,
 )
-from ballscrew.diagnosis.diagnosis import Curves, Diagnosis, FoundCause, Level, NextExperiment
+from ballscrew.diagnosis.diagnosis import (
+    Curves,
+    Diagnosis,
+    FoundCause,
+    Level,
+    NextExperiment,
+    SuspectFound,
+)
 from ballscrew.diagnosis.diagnosis_pictures import binned, end_to_end, pictures_of, smoothed
 from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report
 from ballscrew.diagnosis.drive_model import DriveModel
@@ -27,7 +34,7 @@ from ballscrew.diagnosis.load_cell import ValidationSignal
 from ballscrew.diagnosis.next_experiment import TRIALS_FOR
 from ballscrew.diagnosis.page_pictures import MOST, plotly_figure, thinned
 from ballscrew.diagnosis.remaining import where_residual_is
-from ballscrew.diagnosis.report_words import rig_command
+from ballscrew.diagnosis.report_words import rig_command, suspect_lines
 
 pytestmark = pytest.mark.xdist_group("diagnosis")
 browser = pytest.mark.skipif(PROGRAM is None, reason="no chromium here: apt-get install chromium")
@@ -340,6 +347,7 @@ def found(**changes) -> Diagnosis:
         "gain_interval": (0.4, 0.46),
         "held_out": "5 parts",
         "causes": (cause,),
+        "suspects": (),
         "not_named": (),
         "unnamed": (),
         "out_of_reach": (),
@@ -458,13 +466,36 @@ def test_a_gain_that_ends_above_the_floor_is_said_with_what_is_left():
     [
         ("none", {"causes": ()}, "Nothing is wrong with the model that these records could show"),
         ("partly", {"unnamed": ("with time",)}, "backlash explains part of what"),
-        ("unexplained", {"causes": (), "unnamed": ("with time",)}, "no cause of the catalogue"),
+        ("unexplained", {"causes": (), "unnamed": ("with time",)}, "no cause is certain"),
     ],
 )
 def test_each_verdict_is_a_sentence(verdict, changes, words):
     said = text_of(report(found(verdict=verdict, **changes), NO_LOOP))
     assert words in said
     assert ("it lives with time" in said or "lives with time" in said) == ("unnamed" in changes)
+
+
+def test_suspects_are_told_with_size_force_and_what_would_confirm_them():
+    scale = SuspectFound(
+        name="scale_of_u",
+        says="the recorded command has another scale",
+        probability=0.75,
+        parameters={"scale_of_u": 0.577},
+        intervals={"scale_of_u": (0.57, 0.59)},
+        units={"scale_of_u": "1"},
+        force=39.0,
+        of_friction=7.5,
+        confirm="measure the voltage at the motor with a meter",
+    )
+    other = replace(scale, name="outside the catalogue", parameters={}, intervals={}, units={})
+    changes = {"causes": (), "suspects": (scale, other)}
+    said = text_of(report(found(verdict="unexplained", **changes), NO_LOOP))
+    assert "It is one of scale of u or outside the catalogue." in said
+    for words in ("scale_of_u = 0.577", "0.57 to 0.59", "39 N", "750 %", "0.75", "with a meter"):
+        assert words in said
+    lines = "\n".join(suspect_lines((scale, other)))
+    assert "scale_of_u = 0.577  0.57 .. 0.59" in lines
+    assert "39 N rms, 750 % of the friction" in lines
 
 
 @pytest.mark.parametrize("unnamed", [("at reversals",), ()])

@@ -13,6 +13,7 @@ from worlds.instruments import CURRENTS, ENCODERS
 from worlds.layout import TRAVEL, blank
 
 SEED = 7
+FIRST = ("fast_screw", "heavy_screw", "linear_drive", "industrial", "simulated")
 
 
 of_the_cases = pytest.mark.xdist_group("worlds")  # which are drawn and compiled once
@@ -20,15 +21,15 @@ of_the_cases = pytest.mark.xdist_group("worlds")  # which are drawn and compiled
 
 @pytest.fixture(scope="module")
 def cases():
-    """One case of every world, each with another effect."""
+    """One case of each of the first worlds, each with another effect."""
     hidden = ("load_bias", "friction_drift", "direction_asymmetry", "backlash", "input_delay")
-    return {w: draw_case(w, (name,), SEED) for w, name in zip(WORLDS, hidden, strict=True)}
+    return {w: draw_case(w, (name,), SEED) for w, name in zip(FIRST, hidden, strict=True)}
 
 
 def test_there_are_four_worlds_or_more_and_six_effects_outside():
     assert len(WORLDS) >= 4
-    for world in WORLDS:
-        causes, outside = effects_of(world)
+    for world in set(WORLDS) - {"wrong_scales"}:
+        causes, outside, _ = effects_of(world)
         assert len(causes) >= 15
         assert len(outside) >= 6
 
@@ -48,8 +49,8 @@ def test_records_move_both_ways_and_stay_in_range(cases):
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path: Path):
     def written(seed, name):
         (folder := tmp_path / name).mkdir()
-        paths = write_case(draw_case("linear_drive", ("compliance",), seed), folder)
-        return [p.read_bytes() for p in paths]
+        paths, believed = write_case(draw_case("linear_drive", ("compliance",), seed), folder)
+        return [p.read_bytes() for p in (*paths, believed)]
 
     first = written(SEED, "a")
     assert first == written(SEED, "b")
@@ -60,7 +61,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path: Pa
 def test_files_say_what_is_believed_and_nothing_of_the_truth(cases, tmp_path: Path):
     for world, case in cases.items():
         (folder := tmp_path / world).mkdir()
-        record, believed = write_case(case, folder)
+        (record,), believed = write_case(case, folder)
         assert sorted(p.name for p in folder.iterdir()) == ["believed.toml", "record.csv"]
         said = tomllib.loads(believed.read_text())
         assert set(said) == {"kind", "law", "plant"}

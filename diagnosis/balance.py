@@ -1,0 +1,177 @@
+"""What records leave of a drive's balances, in newtons, and what values and causes take from it.
+
+A balance is told at the prior's force per unit of the command: a model whose forces and masses are
+all too small would else leave less than the true one, and a heavier model would seem to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from .causes.cause import Shape
+from .drive_model import DriveModel
+from .modelled_record import (
+    CalibrationPrior,
+    ModelledRecord,
+    calibration_priors,
+    mean_current,
+    true_current,
+)
+from .weak_form import averaged, lagged, rate, windows
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+_STEP = 1e-3  # of differences, relative to a value
+
+
+@dataclass(frozen=True)
+class Added:
+    """What is put into a model beside its own equations, one array per record, as in `Shape`."""
+
+    force: list[Vector]
+    command: list[Vector]
+
+    @classmethod
+    def nothing(cls, courses: Sequence[ModelledRecord]) -> Added:
+        return cls(*([np.zeros(len(c.x)) for c in courses] for _ in range(2)))
+
+    def more(self, shape: Shape, amplitudes: Vector) -> Added:
+        """With a cause of these amplitudes."""
+
+        def sums(before: list[Vector], parts: list[Matrix] | None) -> list[Vector]:
+            if parts is None:
+                return before
+            return [b + p @ amplitudes for b, p in zip(before, parts, strict=True)]
+
+        return Added(sums(self.force, shape.force), sums(self.command, shape.command))
+
+
+def balance(
+    course: ModelledRecord, model: DriveModel, friction: Vector, force: Vector, command: Vector
+) -> Matrix:
+    """What is left of each balance in each window, shape (windows, channels) [N].
+
+    The balance of forces first; then, where a current is known, that of voltages, as the force
+    that a voltage holds.
+
+    Parameters
+    ----------
+    friction : ndarray, shape (n,)
+        The law along the record [N].
+    force, command : ndarray, shape (n,)
+        What is in the model beside its own equations.
+    """
+    width, step = course.width, course.step
+    v = course.moved_v
+    u = course.u + course.calibration["command_shift"] * course.next_change + command
+    opposed = averaged(friction + force + model.linear_friction * v, width)
+    opposed += course.own_offset + model.inertia * course.measured_a
+    if not model.has_motor:
+        driven = model.values["gain"] * averaged(u, width)
+        return (course.per_command / model.values["gain"] * (driven - opposed))[:, None]
+    resistance, inductance = model.values["R"], model.values["L"]
+    volts = u - model.back_emf * v
+    per_volt = course.per_command
+    if not course.by_current:
+        late = lagged((volts / resistance)[:, None], step, inductance / resistance)[:, 0]
+        scale = per_volt / model.per_command
+        forces = scale * (model.per_ampere * averaged(late, width) - opposed)
+        if not course.has_current:
+            return forces[:, None]
+    read = averaged(mean_current(course, model), width)
+    if course.by_current:
+        scale = per_volt * course.resistance / model.per_ampere
+        scale *= 1.0 + course.calibration["current_gain"]
+        forces = scale * (model.per_ampere * read - opposed)
+    left_volts = averaged(volts, width) - resistance * read
+    left_volts -= inductance * rate(true_current(course), step, width)
+    return np.column_stack([forces, per_volt * left_volts])
+
+
+def shown(
+    course: ModelledRecord, model: DriveModel, shape: Shape, record: int
+) -> npt.NDArray[np.float64]:
+    """What a cause of amplitude one takes from each balance, shape (windows, channels, m) [N]."""
+    m = len(shape.amplitudes)
+    out = np.zeros((windows(len(course.x), course.width), len(course.channels), m))
+    if shape.force is not None:
+        out[:, 0] += averaged(shape.force[record], course.width)
+    if shape.command is not None:
+        command = shape.command[record]
+        if not model.has_motor:
+            out[:, 0] -= model.values["gain"] * averaged(command, course.width)
+        elif not course.by_current:
+            late = lagged(command, course.step, model.values["L"] / model.values["R"])
+            out[:, 0] -= model.per_command * averaged(late, course.width)
+        if course.has_current:
+            out[:, 1] -= course.per_command * averaged(command, course.width)
+    return out
+
+
+def leftovers(
+    courses: Sequence[ModelledRecord],
+    model: DriveModel,
+    added: Added,
+    law: Sequence[Vector] | None = None,
+) -> list[Matrix]:
+    """`balance` of each record, with the `law` along it where that is known already."""
+    if law is None:
+        law = [model.friction(c.x, c.v, c.step) for c in courses]
+    return [
+        balance(c, model, *given)
+        for c, *given in zip(courses, law, added.force, added.command, strict=True)
+    ]
+
+
+def responses(courses: Sequence[ModelledRecord], model: DriveModel, shape: Shape) -> list[Matrix]:
+    """What a cause of amplitude one takes from the balances of each record, see `shown`."""
+    return [shown(c, model, shape, r) for r, c in enumerate(courses)]
+
+
+def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]:
+    """What the instruments of a study may be off by."""
+    return calibration_priors(courses[0])
+
+
+def sensitivities(
+    courses: Sequence[ModelledRecord], model: DriveModel, added: Added
+) -> list[Matrix]:
+    """What values and calibrations take from the balances, (windows, channels, columns) a record.
+
+    A relative change of each adjustable value, then a change of each of `calibrated`.
+    """
+    usual = [model.friction(c.x, c.v, c.step) for c in courses]
+
+    def of_value(name: str) -> list[Matrix]:
+        law = None if name in model.law_parameters else usual
+        low, high = (
+            leftovers(courses, model.changed({name: model.values[name] * (1 + s)}), added, law)
+            for s in (-_STEP, _STEP)
+        )
+        return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
+
+    def of_calibration(name: str) -> list[Matrix]:
+        low, high = (
+            leftovers(recalibrated(courses, {name: s}), model, added, usual)
+            for s in (-_STEP, _STEP)
+        )
+        return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
+
+    columns = [of_value(name) for name in model.adjustable]
+    columns += [of_calibration(name) for name in calibrated(courses)]
+    return [np.stack(record, axis=2) for record in zip(*columns, strict=True)]
+
+
+def recalibrated(
+    courses: Sequence[ModelledRecord], changes: Mapping[str, float]
+) -> list[ModelledRecord]:
+    """The courses with their calibration changed by so much."""
+    return [
+        replace(c, calibration={n: v + changes.get(n, 0.0) for n, v in c.calibration.items()})
+        for c in courses
+    ]

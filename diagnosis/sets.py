@@ -1,0 +1,144 @@
+"""From scores to the smallest set of suspects that holds the truth with a known coverage.
+
+Each suspect, nothing at all and something outside the catalogue get a utility that is linear in a
+few statistics of their scores, and so a probability (conditional logit; D. McFadden, "Conditional
+logit analysis of qualitative choice behavior", 1974). A set takes all whose probability is above a
+threshold, below which the truth of 5 % of calibration records lay (split conformal prediction,
+least ambiguous sets; M. Sadinle, J. Lei and L. Wasserman, JASA 114, 2019). The coverage is a
+promise for records like those of the calibration; `proofs/calibrate_sets.py` makes the table.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .causes import CAUSES
+from .scores import OUTSIDE, Scored, Suspect
+from .signals import SIGNALS
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+NOTHING = "none"
+EVERYONE = (*CAUSES, *SIGNALS, OUTSIDE)
+TABLE = Path(__file__).with_name("sets.json")
+
+_UNIT = 5.0  # a score that is noise's own [nats]
+_OF_SUSPECT = 8
+_OF_NOTHING = 4
+STATISTICS = 2 * _OF_SUSPECT + _OF_NOTHING
+"""Of a suspect of the catalogue, of `OUTSIDE`, of `NOTHING`."""
+
+
+@dataclass(frozen=True)
+class Likely:
+    """A member of a set.
+
+    Attributes
+    ----------
+    name : str
+        Of a cause, of a signal, `OUTSIDE` or `NOTHING`.
+    probability : float
+        Among all that was looked at.
+    suspect : Suspect or None
+        With its size; None of `NOTHING`.
+    """
+
+    name: str
+    probability: float
+    suspect: Suspect | None
+
+
+def statistics(scored: Scored) -> tuple[list[str], Matrix]:
+    """Names of all suspects and `NOTHING`, and their statistics, shape (names, STATISTICS).
+
+    Of a suspect: the logarithm of its score, of what it lacks to the best, the share of the force
+    it takes and what it lacks there, of its score without the block that it gains most in, what its
+    values cost, what it adds beside the first, and by how much it leads.
+    """
+    suspects = scored.suspects
+    best = max((s.score for s in suspects), default=0.0)
+    second = max((s.score for s in suspects[1:]), default=0.0)
+    share = max((_share(s) for s in suspects), default=0.0)
+    names, rows = [], []
+    for k, s in enumerate(suspects):
+        own = [
+            _log(s.score),
+            _log(best - max(s.score, 0.0)),
+            _share(s),
+            max(share, 0.0) - _share(s),
+            _log(s.score - float(np.max(s.by_block))),
+            float(np.log1p(s.cost)),
+            _log(scored.beside.get(s.name, 0.0)) if k else 0.0,
+            0.0 if k else _log(best - second),
+        ]
+        row = np.zeros(STATISTICS)
+        begin = _OF_SUSPECT if s.name == OUTSIDE else 0
+        row[begin : begin + _OF_SUSPECT] = own
+        names.append(s.name)
+        rows.append(row)
+    for name in EVERYONE:
+        if name not in names:  # it gains nothing, and may be there all the same
+            row = np.zeros(STATISTICS)
+            begin = _OF_SUSPECT if name == OUTSIDE else 0
+            row[begin + 1], row[begin + 3] = _log(best), max(share, 0.0)
+            names.append(name)
+            rows.append(row)
+    outside = max((s.score for s in suspects if s.name == OUTSIDE), default=0.0)
+    row = np.zeros(STATISTICS)
+    row[2 * _OF_SUSPECT :] = [
+        _log(best),
+        max(share, 0.0),
+        float(np.log1p(scored.base.cost[0])),
+        _log(outside),
+    ]
+    return [*names, NOTHING], np.array([*rows, row])
+
+
+def probabilities(
+    names: Sequence[str], rows: Matrix, weights: Vector, constants: Mapping[str, float]
+) -> Vector:
+    """Of each of the names, shape (names,)."""
+    utility = rows @ weights + np.array([constants.get(n, 0.0) for n in names])
+    odds = np.exp(utility - utility.max())
+    return np.asarray(odds / odds.sum())
+
+
+def likely(scored: Scored) -> list[Likely]:
+    """The set of suspects, the likeliest first; the likeliest is always in it."""
+    table = _table()
+    names, rows = statistics(scored)
+    found = probabilities(names, rows, np.array(table["weights"]), table["constants"])
+    suspects = {s.name: s for s in scored.suspects}
+    order = np.argsort(-found)
+    kept = [k for j, k in enumerate(order) if j == 0 or found[k] >= table["threshold"]]
+    return [Likely(names[k], float(found[k]), suspects.get(names[k])) for k in kept]
+
+
+def none_is_ruled_out(scored: Scored) -> bool:
+    """Whether nothing being wrong is less likely than of all but 2 % of faultless records."""
+    table = _table()
+    names, rows = statistics(scored)
+    found = probabilities(names, rows, np.array(table["weights"]), table["constants"])
+    return bool(found[names.index(NOTHING)] < table["threshold_of_none"])
+
+
+@cache
+def _table() -> dict[str, Any]:
+    return dict(json.loads(TABLE.read_text(encoding="utf-8")))
+
+
+def _share(suspect: Suspect) -> float:
+    return min(max(suspect.share, -0.3), 1.0)
+
+
+def _log(score: float) -> float:
+    return float(np.log1p(max(score, 0.0) / _UNIT))

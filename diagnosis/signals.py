@@ -1,0 +1,158 @@
+"""What a recorder may do to signals: a wrong scale, a wrong sign, a shifted time.
+
+They are suspects like the causes of the catalogue, but it is the record that they correct and not
+the plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .causes.cause import Courses, Shape, Values, Vector
+
+if TYPE_CHECKING:
+    from .drive_model import DriveModel
+    from .modelled_record import ModelledRecord
+
+_SHIFTS = (*range(-20, 0), *range(1, 21))
+"""Of the command's stamps, in sampling intervals: fewer are a shift within an interval."""
+
+_CERTAIN = 0.01
+"""A sign is another one or it is not, and half a shift would average the command's noise."""
+
+CURRENT_GAIN = "current_gain"
+"""The calibration that a wrong scale of the current sets free."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One thing that may be wrong with a recorded signal.
+
+    Attributes
+    ----------
+    name, says : str
+    grid, at
+        As of a `Cause`.
+    confirm : str
+    relative : bool
+        Balances stay told in the recorded command: else one that is made small would leave less.
+    """
+
+    name: str
+    says: str
+    grid: Callable[[Courses, DriveModel], list[Values]]
+    at: Callable[[Courses, DriveModel, Values], Shape]
+    confirm: str
+    relative: bool = False
+
+
+def _inertial(course: ModelledRecord, model: DriveModel) -> Vector:
+    """Force that grows with the scale of x, shape (n,) [N]."""
+    return model.inertia * course.mean_a + model.linear_friction * course.middle_v
+
+
+def _motion(model: DriveModel, course: ModelledRecord, force: Vector) -> tuple[Vector, Vector]:
+    """A force, and the command of the back-EMF that goes with the motion, columns (n, 1)."""
+    emf = model.back_emf * course.middle_v if model.has_motor else np.zeros(len(course.x))
+    return force[:, None], -emf[:, None]
+
+
+def _scale_of_u(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    return Shape(("scale_of_u",), command=[c.u[:, None] for c in courses], values=values)
+
+
+def _scale_of_i(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    return Shape(("scale_of_i",), values=values, freed=(CURRENT_GAIN,))
+
+
+def _scale_of_x(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    parts = [_motion(model, c, _inertial(c, model)) for c in courses]
+    force, command = ([p[k] for p in parts] for k in (0, 1))
+    return Shape(("scale_of_x",), force=force, command=command, values=values)
+
+
+def _sign_of_u(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    command = [-2.0 * c.u[:, None] for c in courses]
+    return Shape(("sign_of_u",), command=command, values=values, sure=_CERTAIN)
+
+
+def _sign_of_x(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    parts = [_motion(model, c, _inertial(c, model) + c.bristle) for c in courses]
+    force, command = ([-2.0 * p[k] for p in parts] for k in (0, 1))
+    return Shape(("sign_of_x",), force=force, command=command, values=values, sure=_CERTAIN)
+
+
+def _shifts(courses: Courses, model: DriveModel) -> list[Values]:
+    return [{"shift": float(k)} for k in _SHIFTS]
+
+
+def _time_shift(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    command = []
+    for c in courses:
+        at = np.clip(np.arange(len(c.u)) - int(values["shift"]), 0, len(c.u) - 1)
+        command.append((c.u[at] - c.u)[:, None])
+    return Shape(("time_shift",), command=command, values=values, sure=_CERTAIN)
+
+
+def _once(courses: Courses, model: DriveModel) -> list[Values]:
+    return [{}]
+
+
+def _with_current(courses: Courses, model: DriveModel) -> list[Values]:
+    return [{}] if all(c.has_current for c in courses) else []
+
+
+SIGNALS: dict[str, Signal] = {
+    s.name: s
+    for s in (
+        Signal(
+            "scale_of_u",
+            "the recorded command has another scale",
+            _once,
+            _scale_of_u,
+            "measure the voltage at the motor with a meter",
+            relative=True,
+        ),
+        Signal(
+            "scale_of_i",
+            "the recorded current has another scale",
+            _with_current,
+            lambda courses, model, values: Shape(
+                ("scale_of_i",), values=values, freed=(CURRENT_GAIN,)
+            ),
+            "measure the current with a clamp",
+        ),
+        Signal(
+            "scale_of_x",
+            "the recorded position has another scale",
+            _once,
+            _scale_of_x,
+            "move by a way that is known and read the position",
+        ),
+        Signal(
+            "sign_of_u",
+            "the recorded command has the other sign",
+            _once,
+            _sign_of_u,
+            "command a small positive voltage and see which way the block goes",
+        ),
+        Signal(
+            "sign_of_x",
+            "the recorded position has the other sign",
+            _once,
+            _sign_of_x,
+            "move in +x by hand and read the position",
+        ),
+        Signal(
+            "time_shift",
+            "the stamps of command and position are shifted against each other",
+            _shifts,
+            _time_shift,
+            "record a step of the command: the current or the position answers at once",
+        ),
+    )
+}

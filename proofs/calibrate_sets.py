@@ -1,0 +1,329 @@
+"""The table from scores to sets of suspects, and the proof of what the sets hold.
+
+Draws records of the worlds that are not held back, scores their suspects, fits the weights of
+`ballscrew.diagnosis.sets` and its thresholds, and writes ``diagnosis/sets.json``. What the sets
+hold is measured on records that the weights have not seen: a fifth is left out at a time. It goes
+to ``docs/proof/diagnosis_sets.json``, with seeds, Wilson's bounds and the worst world first::
+
+    python proofs/calibrate_sets.py --effects 120 --faultless 60 --first-seed 940000
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers are the threads
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import binomtest
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLE = ROOT / "diagnosis" / "sets.json"
+TARGET = ROOT / "docs" / "proof" / "diagnosis_sets.json"
+ROWS = ROOT / "out" / "diagnosis_sets.jsonl"
+
+from provenance import git  # noqa: E402
+from worlds import HELD_BACK, WORLDS, Unusable, draw_case, write_case  # noqa: E402
+from worlds import OUTSIDE as NOT_IN_CATALOGUE  # noqa: E402
+from worlds_trials import SYNONYMS, VISIBLE, Trial, plan_trials  # noqa: E402
+
+from ballscrew.diagnosis.commanded import commanded  # noqa: E402
+from ballscrew.diagnosis.prior_model import read_prior_model  # noqa: E402
+from ballscrew.diagnosis.scores import OUTSIDE, Catalogue, scored, study_of  # noqa: E402
+from ballscrew.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
+from ballscrew.orchestration.workers import Processes  # noqa: E402
+from ballscrew.records.drive_record import read_drive_records  # noqa: E402
+from ballscrew.solver.files import write_json  # noqa: E402
+
+COVERAGE = 0.95
+OF_FAULTLESS = 0.02
+"""Share of faultless records that may be called something else."""
+FOLDS = 5
+RIDGE, RIDGE_OF_CONSTANTS = 0.05, 0.5  # of standardised weights; of each name's own constant
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One record: its truth and the statistics of its suspects."""
+
+    world: str
+    effect: str
+    seed: int
+    ratio: float
+    shared: list[str]
+    names: list[str]
+    statistics: list[list[float]]
+    seconds: float
+    message: str = ""
+
+    @property
+    def truth(self) -> str:
+        """What has to be in the set."""
+        if not self.effect:
+            return NOTHING
+        return OUTSIDE if self.effect in NOT_IN_CATALOGUE else self.effect
+
+    @property
+    def usable(self) -> bool:
+        """Whether it says anything of sets: an effect that is not clear does not."""
+        return not self.message and (not self.effect or self.ratio > VISIBLE)
+
+    @property
+    def clear(self) -> bool:
+        """Whether the truth shows a cause or a signal clearly."""
+        return self.usable and self.truth not in (NOTHING, OUTSIDE)
+
+    @property
+    def allowed(self) -> set[str]:
+        """The truth, and what has its shape in this record."""
+        same = {"parameter_error"} if self.truth in SYNONYMS.values() else set()
+        return {self.truth, *self.shared, *same}
+
+
+def row_of(trial: Trial) -> Row:
+    """Draw a record and score its suspects."""
+    told = (trial.world, trial.effect, trial.seed)
+    try:
+        case = draw_case(trial.world, (trial.effect,) if trial.effect else (), trial.seed)
+    except Unusable as reason:
+        return Row(*told, 0.0, [], [], [], 0.0, str(reason))
+    sight = case.sights[0] if case.sights else None
+    ratio, shared = (sight.ratio, list(sight.shared)) if sight else (0.0, [])
+    began = time.process_time()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            paths, believed = write_case(case, Path(folder))
+            model = read_prior_model(believed)
+            records, model, _ = commanded(read_drive_records(paths, None, None, None), model)
+        study = study_of(records, model)
+        names, rows = statistics(scored(study, Catalogue(study)))
+    except ValueError as reason:  # what is said of input that cannot be used
+        return Row(*told, ratio, shared, [], [], time.process_time() - began, str(reason))
+    seconds = time.process_time() - began
+    return Row(*told, ratio, shared, names, rows.round(5).tolist(), seconds)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Of the statistics, and of each name."""
+
+    weights: Vector
+    constants: dict[str, float]
+
+    def of(self, row: Row) -> dict[str, float]:
+        """Probability of each name of a record."""
+        found = probabilities(row.names, np.array(row.statistics), self.weights, self.constants)
+        return dict(zip(row.names, found.tolist(), strict=True))
+
+
+def fitted(rows: list[Row], names: list[str]) -> Weights:
+    """Weights of most likelihood, with a ridge; every world counts the same."""
+    place = {n: k for k, n in enumerate(names)}
+    sizes = np.sqrt(np.mean(np.vstack([r.statistics for r in rows]) ** 2, axis=0)) + 1e-9
+    in_world = {w: sum(r.world == w for r in rows) for w in {r.world for r in rows}}
+    each = len(rows) / len(in_world)
+    items = [
+        (
+            np.array(r.statistics) / sizes,
+            np.array([place[n] for n in r.names]),
+            r.names.index(r.truth),
+            each / in_world[r.world],
+        )
+        for r in rows
+        if r.truth in r.names
+    ]
+
+    def cost(both: Vector) -> tuple[float, Vector]:
+        weights, constants = both[:STATISTICS], both[STATISTICS:]
+        value = RIDGE * weights @ weights + RIDGE_OF_CONSTANTS * constants @ constants
+        slope = np.concatenate([2 * RIDGE * weights, 2 * RIDGE_OF_CONSTANTS * constants])
+        for matrix, places, truth, counts in items:
+            utility = matrix @ weights + constants[places]
+            odds = np.exp(utility - utility.max())
+            odds /= odds.sum()
+            value -= counts * np.log(odds[truth] + 1e-300)
+            odds[truth] -= 1.0
+            slope[:STATISTICS] += counts * (matrix.T @ odds)
+            np.add.at(slope, STATISTICS + places, counts * odds)
+        return float(value), slope
+
+    start = np.zeros(STATISTICS + len(names))
+    best = minimize(cost, start, jac=True, method="L-BFGS-B", options={"maxiter": 500}).x
+    constants = dict(zip(names, best[STATISTICS:].tolist(), strict=True))
+    return Weights(best[:STATISTICS] / sizes, constants)
+
+
+def left_out(rows: list[Row], also: list[Row], names: list[str]) -> list[dict[str, float]]:
+    """Probabilities of each record, by weights that have not seen it."""
+    fold = np.random.default_rng(0).integers(0, FOLDS, len(rows))
+    found: list[dict[str, float]] = [{} for _ in rows]
+    for k in range(FOLDS):
+        seen = [r for r, f in zip(rows, fold, strict=True) if f != k]
+        weights = fitted([*seen, *also], names)
+        for j in np.flatnonzero(fold == k):
+            found[j] = weights.of(rows[j])
+    return found
+
+
+def threshold(truths: Iterable[float], share: float) -> float:
+    """Probability below which the truth of this share of records lies (conformal quantile)."""
+    ordered = sorted(truths)
+    return ordered[max(int(np.floor(share * (len(ordered) + 1))) - 1, 0)]
+
+
+def set_of(found: dict[str, float], least: float) -> list[str]:
+    """Names of a set, the likeliest first."""
+    ordered = sorted(found, key=lambda n: -found[n])
+    return [n for k, n in enumerate(ordered) if k == 0 or found[n] >= least]
+
+
+def share(hits: list[bool]) -> dict[str, Any]:
+    """A share and Wilson's bounds."""
+    if not hits:
+        return {"records": 0}
+    interval = binomtest(sum(hits), len(hits)).proportion_ci(method="wilson")
+    bounds = [float(interval.low), float(interval.high)]
+    return {"records": len(hits), "share": sum(hits) / len(hits), "wilson_95": bounds}
+
+
+def measured(rows: list[Row], sets: list[list[str]], ruled_out: list[bool]) -> dict[str, Any]:
+    """What sets hold."""
+    both = list(zip(rows, sets, ruled_out, strict=True))
+
+    def of(which: Callable[[Row], bool], hit: Callable[[Row, list[str]], bool]) -> dict[str, Any]:
+        return share([hit(r, s) for r, s, _ in both if which(r)])
+
+    sizes = [len(s) for r, s, _ in both if r.clear]
+    return {
+        "truth in the set": of(lambda r: True, lambda r, s: bool(r.allowed & set(s))),
+        "truth in the set, clear effects": of(
+            lambda r: r.clear, lambda r, s: bool(r.allowed & set(s))
+        ),
+        "mean number of suspects, clear effects": float(np.mean(sizes)) if sizes else None,
+        "a single name, right, clear effects": of(
+            lambda r: r.clear, lambda r, s: len(s) == 1 and s[0] in r.allowed
+        ),
+        "at most two with the truth, clear effects": of(
+            lambda r: r.clear, lambda r, s: len(s) <= 2 and bool(r.allowed & set(s))
+        ),
+        "the likeliest is right, clear effects": of(
+            lambda r: r.clear, lambda r, s: s[0] in r.allowed
+        ),
+        "a single name, wrong, of records with effects": of(
+            lambda r: bool(r.effect), lambda r, s: len(s) == 1 and s[0] not in r.allowed
+        ),
+        "faultless, nothing is ruled out": share([out for r, _, out in both if not r.effect]),
+        "faultless, a single other name": of(
+            lambda r: not r.effect, lambda r, s: len(s) == 1 and s[0] != NOTHING
+        ),
+        "clear effects, nothing is ruled out": share([out for r, _, out in both if r.clear]),
+    }
+
+
+def report(rows: list[Row], also: list[Row]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The table, and the proof."""
+    refused = [r for r in rows if r.message]
+    rows, also = [r for r in rows if r.usable], [r for r in also if r.usable]
+    names = sorted({n for r in [*rows, *also] for n in (*r.names, r.truth)})
+    found = left_out(rows, also, names)
+    least = threshold((f.get(r.truth, 0.0) for r, f in zip(rows, found, strict=True)), 1 - COVERAGE)
+    of_none = threshold(
+        (f[NOTHING] for r, f in zip(rows, found, strict=True) if not r.effect), OF_FAULTLESS
+    )
+    weights = fitted([*rows, *also], names)
+    sets = [set_of(f, least) for f in found]
+    out = [f[NOTHING] < of_none for f in found]
+    worlds = {}
+    for world in sorted({r.world for r in rows}):
+        here = [k for k, r in enumerate(rows) if r.world == world]
+        worlds[world] = measured(*([part[k] for k in here] for part in (rows, sets, out)))
+    order = sorted(worlds, key=lambda w: worlds[w]["truth in the set"]["share"])
+    table = {
+        "weights": [round(float(w), 6) for w in weights.weights],
+        "constants": {n: round(c, 6) for n, c in weights.constants.items()},
+        "threshold": least,
+        "threshold_of_none": of_none,
+        "records": len(rows) + len(also),
+    }
+    proof = {
+        "records": len(rows),
+        "records that helped to fit the weights only": len(also),
+        "refused or unusable": len(refused),
+        "seconds, median": float(np.median([r.seconds for r in rows])),
+        "all worlds": measured(rows, sets, out),
+        "worlds, the worst first": {w: worlds[w] for w in order},
+    }
+    return table, proof
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--faultless", type=int, default=60, help="records of every world")
+    parser.add_argument("--effects", type=int, default=120, help="records of every world")
+    parser.add_argument("--first-seed", type=int, default=940000)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument(
+        "--rows", type=Path, default=ROWS, help="kept rows; those there are not drawn again"
+    )
+    parser.add_argument(
+        "--also",
+        type=Path,
+        help="rows of other seeds, for the weights and not for what is measured",
+    )
+    parser.add_argument("--only-fit", action="store_true", help="of the rows that are there")
+    options = parser.parse_args()
+    calibrated = tuple(w for w in WORLDS if w not in HELD_BACK)
+    rows = []
+    if options.rows.exists():
+        rows = [Row(**json.loads(line)) for line in options.rows.read_text().splitlines()]
+    if not options.only_fit:
+        have = {(r.world, r.effect, r.seed) for r in rows}
+        plan = plan_trials(0, options.first_seed, calibrated, (options.faultless, options.effects))
+        trials = [t for t in plan if (t.world, t.effect, t.seed) not in have]
+        options.rows.parent.mkdir(parents=True, exist_ok=True)
+        jobs = iter([(t.key, (t,)) for t in trials])
+        with options.rows.open("a", encoding="utf-8") as kept:
+            for done, (_, row) in enumerate(Processes(options.workers).map(row_of, jobs), 1):
+                rows.append(row)
+                kept.write(json.dumps(asdict(row)) + "\n")
+                kept.flush()
+                print(f"\r{done} of {len(trials)}", end="", file=sys.stderr)
+    also = []
+    if options.also:
+        also = [Row(**json.loads(line)) for line in options.also.read_text().splitlines()]
+    table, proof = report(rows, also)
+    seeds = sorted({r.seed for r in rows})
+    write_json(TABLE, table)
+    write_json(
+        TARGET,
+        {
+            "commit": git("rev-parse", "HEAD"),
+            "date": datetime.now(UTC).date().isoformat(),
+            "seeds": [seeds[0], seeds[-1]],
+            "coverage_asked": COVERAGE,
+            **proof,
+        },
+    )
+    print(json.dumps(proof["all worlds"], indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,224 @@
+"""Worlds after machines in use, wrong signals, and more records of a machine."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from worlds import HELD_BACK, SIGNALS, WORLDS, draw_case, effects_of, more_of, write_case
+from worlds import layout as at
+from worlds.machines import MACHINES, NO_MOTOR
+from worlds.records import make_record
+from worlds.signals import spoilt
+from worlds_trials import FAULTLESS, SIGNAL, plan_trials
+
+pytestmark = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
+
+HIDDEN = {
+    "heavy_friction": "parameter_error",
+    "slow_noise": "load_bias",
+    "jittered": "scale_of_x",
+    "one_way": "load_bias",
+    "geared_joint": "unmodelled_inertia",
+    "low_sampling": "direction_asymmetry",
+    "warming": "friction_drift",
+    "held_back_lead_screw": "sign_of_u",
+    "held_back_gantry": "time_shift",
+    "wrong_scales": "scale_of_i",
+}
+SEED = 1
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """A case of a world, faultless or with its effect, drawn once when it is first asked for."""
+    return functools.cache(lambda world, *effects: draw_case(world, effects, SEED))
+
+
+@pytest.fixture
+def hidden(drawn):
+    return lambda world: drawn(world, HIDDEN[world])
+
+
+def test_every_new_world_is_listed_and_two_are_held_back():
+    assert set(HIDDEN) == {*MACHINES, "wrong_scales"} == set(WORLDS) - set(list(WORLDS)[:5])
+    assert set(HELD_BACK) < set(MACHINES)
+    assert len(HELD_BACK) == 2
+
+
+@pytest.mark.parametrize("world", HIDDEN)
+def test_a_world_draws_a_faultless_case_in_which_nothing_is_seen(drawn, world):
+    case = drawn(world)
+    assert case.effects == case.sights == ()
+    assert max(case.law_ratio, case.tolerated_ratio) < 3
+    for record in case.records:
+        assert {len(column) for column in record.values()} == {len(record["x"])}
+        assert all(np.all(np.isfinite(column)) for column in record.values())
+        assert np.abs(record["x"]).max() < 1.2 * case.conditions.axis.travel
+        assert np.ptp(record["x"]) > 1e-4
+        assert np.ptp(record["u"]) > 0
+        assert np.all(np.diff(record["time"]) > 0)
+
+
+@pytest.mark.parametrize("world", HIDDEN)
+def test_a_world_draws_a_case_with_an_effect_that_is_weighed(hidden, world):
+    case = hidden(world)
+    (sight,) = case.sights
+    assert case.effects[0].name == HIDDEN[world]
+    assert 0 < sight.ratio < 1e6
+    assert set(sight.shared) == {n for n, left in sight.remaining.items() if left < 3}
+
+
+def test_what_the_first_worlds_draw_is_as_it_was():
+    sums = {
+        "fast_screw": -22.5493404141,
+        "heavy_screw": -53.2512530949,
+        "linear_drive": -39.1819692303,
+        "industrial": -17.2243201721,
+        "simulated": -54.1121809969,
+    }
+    for world, expected in sums.items():
+        conditions = WORLDS[world](np.random.default_rng(1))
+        values = [*conditions.axis.values.values()]
+        values += [
+            v for f in fields(conditions) if isinstance(v := getattr(conditions, f.name), float)
+        ]
+        assert sum(math.log(abs(v)) for v in values if v) == pytest.approx(expected, rel=1e-9), (
+            world
+        )
+    case = draw_case("linear_drive", ("presliding_hysteresis",), 8)
+    found = [np.std(column) for column in case.record.values()]
+    assert [*found, case.sights[0].ratio] == pytest.approx(
+        [4.754768133, 1.919025748, 0.06060848358, 1268.328825], rel=1e-6
+    )
+
+
+def test_all_records_of_a_case_are_written_and_the_same_ones_for_the_same_seed(drawn, tmp_path):
+    files = []
+    for name, case in (("a", drawn("one_way")), ("b", draw_case("one_way", (), SEED))):
+        (folder := tmp_path / name).mkdir()
+        paths, believed = write_case(case, folder)
+        assert [p.name for p in paths] == ["record.csv", "record_2.csv"]
+        files.append([p.read_bytes() for p in (*paths, believed)])
+    assert files[0] == files[1]
+
+
+def test_one_record_goes_forwards_and_one_backwards(hidden):
+    first, second = (record["x"] for record in hidden("one_way").records)
+    assert first[-1] - first[0] > 0.9 * np.ptp(first)
+    assert second[0] - second[-1] > 0.9 * np.ptp(second)
+
+
+def test_stamps_jitter_by_as_much_as_the_world_says(drawn):
+    case = drawn("jittered")
+    period, time = case.conditions.sampling, case.record["time"]
+    off = (time - np.arange(time.size) * period) / period
+    assert np.std(off) == pytest.approx(case.conditions.jitter, rel=0.1)
+    # where it moves fast, its speed is even by the stamps and not by the count
+    steps = np.diff(drawn("jittered").record["x"])
+    fast = np.abs(steps)[1:] > 0.5 * np.abs(steps).max()
+    by_stamps, by_count = (np.std(np.diff(steps / dt)[fast]) for dt in (np.diff(time), period))
+    assert by_stamps < 0.6 * by_count
+
+
+def test_records_of_another_rate_are_even_and_nearly_the_same(drawn):
+    case = drawn("jittered")
+    (scene,), c = case.scenes, case.conditions
+    brought = replace(scene, conditions=replace(c, jitter=0.0, resampled=1.25))
+    motion = scene.run({}, 0.0, clean=False)
+    record, errors = make_record(brought, motion, {})
+    true = motion.log[:: scene.per_sample, at.X][: record["x"].size]
+    assert np.diff(record["time"]) == pytest.approx(c.sampling)
+    assert np.std(record["x"] - true) < 2e-3 * np.ptp(true)
+    assert np.std(errors.u) > 0
+
+
+def test_friction_that_falls_unseen_falls_by_some_per_cent(drawn):
+    case = drawn("warming")
+    assert -0.1 <= case.scenes[0].tolerated[at.DRIFT] < -0.005
+    assert case.scenes[0].double[at.DRIFT] == 0
+
+
+def test_wrong_columns_are_the_right_ones_times_the_factor(hidden):
+    case = hidden("wrong_scales")
+    (scene,), factor = case.scenes, case.effects[0].truth["factor"]
+    right, _ = make_record(scene, scene.run({}, 0.0, clean=False), {})
+    assert case.record["i"] == pytest.approx(factor * right["i"])
+    assert np.array_equal(case.record["x"], right["x"])
+    rng, record = (
+        np.random.default_rng(4),
+        {n: np.arange(1.0, 101.0) for n in ("time", "u", "x", "i")},
+    )
+    for name, column in (("scale_of_u", "u"), ("scale_of_i", "i"), ("scale_of_x", "x"),
+                         ("sign_of_u", "u"), ("sign_of_x", "x")):  # fmt: skip
+        effect = SIGNALS[name](rng, None)
+        found = spoilt(record, (effect,))
+        assert found[column] == pytest.approx(effect.truth["factor"] * record[column])
+        assert all(np.array_equal(found[n], record[n]) for n in record if n != column)
+
+
+def test_a_late_command_stands_beside_later_positions(hidden):
+    record = {n: np.arange(1.0, 101.0) for n in ("time", "u", "x")}
+    shift = hidden("held_back_gantry").effects[0].shift
+    found = spoilt(record, hidden("held_back_gantry").effects)
+    assert 2 <= abs(shift) <= 20
+    assert np.all(found["x"] - found["u"] == shift)
+    assert found["time"][0] == 0
+    assert len(found["x"]) == 100 - abs(shift)
+
+
+def test_a_wrong_scale_of_the_command_is_a_wrong_gain_to_a_slide():
+    case = draw_case("heavy_friction", ("sign_of_u",), SEED)
+    assert {"parameter_error", "scale_of_u"} <= set(case.sights[0].shared)
+
+
+def test_no_scale_of_a_current_where_none_is_recorded():
+    assert all("scale_of_i" not in effects_of(world)[2] for world in (*NO_MOTOR, "linear_drive"))
+    assert effects_of("wrong_scales")[2] == tuple(SIGNALS)
+    with pytest.raises(ValueError, match="no current is recorded in heavy_friction"):
+        draw_case("heavy_friction", ("scale_of_i",), 0)
+
+
+@pytest.mark.parametrize("world", ["one_way", "held_back_gantry"])
+def test_the_same_machine_follows_another_motion(hidden, world):
+    case = hidden(world)
+    time, reach = np.arange(0, 4, 1e-3), 0.2 * case.conditions.axis.travel
+    speed = case.conditions.axis.fastest
+    wanted = reach + 0.5 * speed * (1 - np.cos(2 * math.pi * 0.25 * time)) / (math.pi / 2)
+    more = more_of(case, {"time": time, "x_d": wanted})
+    assert set(more) == set(case.record)
+    assert np.diff(more["time"]) == pytest.approx(case.conditions.sampling)
+    assert more["x"] == pytest.approx(
+        np.interp(more["time"], time, wanted), abs=0.2 * np.ptp(wanted)
+    )
+    again = more_of(case, {"time": time, "x_d": wanted})
+    assert np.array_equal(more["x"], again["x"])
+
+
+def test_a_command_may_be_given_instead_of_positions_and_else_it_is_refused(hidden):
+    case = hidden("one_way")
+    load = case.scenes[0].double[at.LOAD] + case.effects[0].changes[at.LOAD]
+    need = (3 * case.believed["Fc"] + abs(load)) / case.believed["gain"]
+    command = {"time": np.array([0.0, 0.1, 0.4]), "u": np.array([0.0, need, need])}
+    more = more_of(case, command)
+    assert more["x"][-1] > more["x"][0]
+    assert set(np.round(more["u"] / need, 9)) == {0.0, 1.0}
+    still = np.zeros(3)
+    for wrong in ({"time": np.arange(3.0)}, {"u": still}, {"time": still, "u": still}):
+        with pytest.raises(ValueError, match=r"expected time and|has to grow"):
+            more_of(case, wrong)
+
+
+def test_a_plan_has_at_least_as_many_trials_as_it_is_told():
+    for world in WORLDS:
+        plan = plan_trials(1, 0, (world,), at_least=(60, 120))
+        faultless = [t for t in plan if t.group == FAULTLESS]
+        assert len(faultless) == 60
+        assert len(plan) - 60 == 120
+        assert len({t.key for t in plan}) == len(plan)
+        counts = [sum(t.effect == name for t in plan) for name in SIGNALS]
+        assert any(t.group == SIGNAL for t in plan)
+        assert max(counts) <= 12
