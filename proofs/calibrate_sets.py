@@ -21,7 +21,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +34,7 @@ TABLE = ROOT / "diagnosis" / "sets.json"
 TARGET = ROOT / "docs" / "proof" / "diagnosis_sets.json"
 ROWS = ROOT / "out" / "diagnosis_sets.jsonl"
 
-from provenance import git  # noqa: E402
+from provenance import provenance  # noqa: E402
 from worlds import HELD_BACK, WORLDS, Unusable, draw_case, write_case  # noqa: E402
 from worlds import OUTSIDE as NOT_IN_CATALOGUE  # noqa: E402
 from worlds_trials import SYNONYMS, VISIBLE, Trial, plan_trials  # noqa: E402
@@ -267,6 +266,10 @@ def report(rows: list[Row], also: list[Row]) -> tuple[dict[str, Any], dict[str, 
         "seconds, median": float(np.median([r.seconds for r in rows])),
         "all worlds": measured(rows, sets, out),
         "worlds, the worst first": {w: worlds[w] for w in order},
+        "rows": [
+            {"world": r.world, "effect": r.effect, "seed": r.seed, "ratio": r.ratio, "set": s}
+            for r, s in zip(rows, sets, strict=True)
+        ],
     }
     return table, proof
 
@@ -314,8 +317,7 @@ def main() -> int:
     write_json(
         TARGET,
         {
-            "commit": git("rev-parse", "HEAD"),
-            "date": datetime.now(UTC).date().isoformat(),
+            **provenance("diagnosis_sets"),
             "seeds": [seeds[0], seeds[-1]],
             "coverage_asked": COVERAGE,
             **proof,
