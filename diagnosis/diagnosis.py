@@ -103,7 +103,8 @@ class SuspectFound:
         95 %, from leaving out one block of the records at a time.
     units : mapping of str to str
     force : float
-        What it does to the balance of forces, root mean square [N].
+        What it does to a balance, root mean square: of forces, or of voltages, told as the force
+        that a voltage holds [N].
     of_friction : float
         The same as a share of the friction.
     confirm : str

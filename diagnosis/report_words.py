@@ -16,6 +16,8 @@ from .diagnosis import (
     names_of,
 )
 
+_SCALED = {"scale_of_u": "command", "scale_of_i": "current", "scale_of_x": "position"}
+_TIMES = 2.0  # the friction, from where on a share is told as a multiple
 _FEW = 3  # suspects that a sentence lists
 DOES_NOT_HOLD = (
     "What was found does not hold on data held out: there it may be worse than the adjusted model, "
@@ -71,8 +73,8 @@ def suspect_lines(suspects: Sequence[SuspectFound]) -> list[str]:
     lines = [f"suspects ({SET}):"]
     for s in suspects:
         lines.append(
-            f"  {s.name}: {s.says}; {s.force:.3g} N rms, {percent(s.of_friction)} of the "
-            f"friction; probability {s.probability:.2f}"
+            f"  {s.name}: {s.says}; {s.force:.3g} N rms, {of_friction(s.of_friction)}; "
+            f"probability {s.probability:.2f}"
         )
         for name, (low, high) in s.intervals.items():
             unit = f" {s.units[name]}" if s.units[name] not in ("", "1") else ""
@@ -86,10 +88,23 @@ def suspicion_sentence(suspects: Sequence[SuspectFound]) -> str:
         return ""
     names = [s.name.replace("_", " ") for s in suspects]
     if len(names) == 1:
-        return f" The suspect is {names[0]}."
-    if len(names) > _FEW:
-        return f" There are {len(names)} suspects, the likeliest {names[0]}."
-    return f" It is one of {', '.join(names[:-1])} or {names[-1]}."
+        said = f" The suspect is {names[0]}."
+    elif len(names) > _FEW:
+        said = f" There are {len(names)} suspects, the likeliest {names[0]}."
+    else:
+        said = f" It is one of {', '.join(names[:-1])} or {names[-1]}."
+    first = suspects[0]
+    if first.name in _SCALED:
+        factor = first.parameters[first.name]
+        said += f" The {_SCALED[first.name]} fits with a factor of {factor:.3g}: look at its unit."
+    return said
+
+
+def of_friction(share: float) -> str:
+    """A force beside the friction."""
+    if share < _TIMES:
+        return f"{percent(share)} of the friction"
+    return f"{share:.3g} times the friction"
 
 
 def does_not_hold(diagnosis: Diagnosis) -> bool:

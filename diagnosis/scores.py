@@ -497,15 +497,15 @@ class Catalogue:
         return [f for f in out if f is not None]
 
     def force_of(self, suspect: Suspect) -> float:
-        """What a suspect does to the balance of forces, root mean square [N]."""
+        """What a suspect does to a balance, of forces or of voltages, root mean square [N]."""
         shape = suspect.form.shape
         if shape.freed:
-            parts = [b[:, :1, suspect.form.columns] for b in self.base]
+            parts = [b[:, :, suspect.form.columns] for b in self.base]
         else:
-            parts = [r[:, :1] for r in responses(self.study.courses, self.study.model, shape)]
-        force = np.concatenate([(p[:, 0] @ suspect.amplitude) for p in parts])
+            parts = responses(self.study.courses, self.study.model, shape)
+        each = np.concatenate([p @ suspect.amplitude for p in parts])
         moves = np.concatenate([c.resting == 0.0 for c in self.study.courses])
-        return float(np.sqrt(np.mean(force[moves] ** 2)))
+        return float(np.sqrt(np.mean(each[moves] ** 2, axis=0)).max())
 
     def _stated(self, forms: Sequence[Form]) -> Priors:
         """Of values and forms, shape (columns,)."""

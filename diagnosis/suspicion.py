@@ -106,6 +106,8 @@ def _values(
         off = min(off + wide * float(suspect.error[0]) + suspect.doubt, 3.0)
         for name, value in shape.values.items():
             values[name] = value
+            if value == 0.0:
+                continue  # a form without this, and no size
             ends = value * math.exp(-off), value * math.exp(off)
             intervals[name] = (min(ends), max(ends))
         return values, intervals

@@ -491,11 +491,19 @@ def test_suspects_are_told_with_size_force_and_what_would_confirm_them():
     changes = {"causes": (), "suspects": (scale, other)}
     said = text_of(report(found(verdict="unexplained", **changes), NO_LOOP))
     assert "It is one of scale of u or outside the catalogue." in said
-    for words in ("scale_of_u = 0.577", "0.57 to 0.59", "39 N", "750 %", "0.75", "with a meter"):
+    assert "The command fits with a factor of 0.577: look at its unit." in said
+    for words in (
+        "scale_of_u = 0.577",
+        "0.57 to 0.59",
+        "39 N",
+        "7.5 times",
+        "0.75",
+        "with a meter",
+    ):
         assert words in said
     lines = "\n".join(suspect_lines((scale, other)))
     assert "scale_of_u = 0.577  0.57 .. 0.59" in lines
-    assert "39 N rms, 750 % of the friction" in lines
+    assert "39 N rms, 7.5 times the friction" in lines
 
 
 @pytest.mark.parametrize("unnamed", [("at reversals",), ()])
