@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,8 @@ from .weak_form import averaged, lagged, rate, windows
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
+EXACT = 3e-3
+"""Of the friction: noise that is always there, laws are not exact."""
 _STEP = 1e-3  # of differences, relative to a value
 
 
@@ -113,6 +116,18 @@ def shown(
     return out
 
 
+class Leftovers(Protocol):
+    """`leftovers`, or what tells balances otherwise."""
+
+    def __call__(
+        self,
+        courses: Sequence[ModelledRecord],
+        model: DriveModel,
+        added: Added,
+        law: Sequence[Vector] | None = None,
+    ) -> list[Matrix]: ...
+
+
 def leftovers(
     courses: Sequence[ModelledRecord],
     model: DriveModel,
@@ -139,7 +154,10 @@ def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]
 
 
 def sensitivities(
-    courses: Sequence[ModelledRecord], model: DriveModel, added: Added
+    courses: Sequence[ModelledRecord],
+    model: DriveModel,
+    added: Added,
+    left: Leftovers = leftovers,
 ) -> list[Matrix]:
     """What values and calibrations take from the balances, (windows, channels, columns) a record.
 
@@ -150,15 +168,14 @@ def sensitivities(
     def of_value(name: str) -> list[Matrix]:
         law = None if name in model.law_parameters else usual
         low, high = (
-            leftovers(courses, model.changed({name: model.values[name] * (1 + s)}), added, law)
+            left(courses, model.changed({name: model.values[name] * (1 + s)}), added, law)
             for s in (-_STEP, _STEP)
         )
         return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
 
     def of_calibration(name: str) -> list[Matrix]:
         low, high = (
-            leftovers(recalibrated(courses, {name: s}), model, added, usual)
-            for s in (-_STEP, _STEP)
+            left(recalibrated(courses, {name: s}), model, added, usual) for s in (-_STEP, _STEP)
         )
         return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
 

@@ -20,7 +20,7 @@ from scipy.ndimage import binary_opening
 from scipy.signal.windows import tukey
 
 from ..identification.fitted_law import BRISTLES
-from .balance import Added, leftovers
+from .balance import EXACT, Added, leftovers
 from .drive_model import DriveModel
 from .modelled_record import ModelledRecord, carried, read_anew
 from .weak_form import averaged, windows
@@ -33,9 +33,6 @@ BLOCKS = 5
 
 EDGES = (0.0, 0.5, 2.0, 8.0, 32.0, 128.0, 512.0, np.inf)
 """Of the bands [Hz]: two octaves each, as noise of machines is much the same within that."""
-
-EXACT = 3e-3
-"""Of the friction: noise that is always there, laws are not exact."""
 
 TAPER = 0.1
 """Of a block, that the cosines of a Tukey window take."""

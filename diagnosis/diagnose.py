@@ -16,6 +16,7 @@ from ..records.bad_record import BadRecord
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.identifiable import check_identifiable
 from .acceptance import SWINGS, Accepted, accepted, taken_back
+from .balance import Added
 from .causes import CAUSES
 from .commanded import commanded
 from .contests import freest_beside
@@ -32,7 +33,6 @@ from .nonparametric import LIVES
 from .plausibility import at_ends
 from .prior_model import lead_of, prior_model_from, with_lead
 from .problem import Candidate, Problem, driven_by, values_alone
-from .regression import Added
 from .remaining import above_floor, below_floor, next_experiment, out_of_reach, where_residual_is
 from .residuals import Residual, after_the_start, residual, rms
 from .search import Found, Situation, added_by, adjusted, only_first, search, taking

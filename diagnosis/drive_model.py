@@ -32,6 +32,8 @@ MOTOR = ("kt", "ke", "R", "L", "m", "Jm")
 DIRECT = ("m", "gain", "offset")
 BEND = ("dF_low", "V_mismatch")  # of friction at low speed, N and m/s; see stribeck_mismatch
 _SLOWEST = 1e-5  # at which a curve is taken instead of at rest [m/s]
+_FREED = 0.3  # relative spread of a value that may be anything
+_MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
 _FINEST = 2.5e-4  # step of the law between two samples [s]
 
 
@@ -136,6 +138,10 @@ class DriveModel:
         if self.law == "bliman_sorine":
             return abs(v["f1"] - v["f2"])
         return float(abs(self.curve(np.zeros(1))[0]))
+
+    def free_spread(self, name: str) -> float:
+        """Relative spread of a value that may be anything, a mass most of all."""
+        return _MORE_MASS * self.inertia / self.values["m"] if name == "m" else _FREED
 
     def changed(self, values: Mapping[str, float]) -> DriveModel:
         return replace(self, values={**self.values, **values})

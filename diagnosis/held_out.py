@@ -9,11 +9,12 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from .balance import calibrated, recalibrated
 from .drive_model import DriveModel
 from .explanation import Explanation, amplitudes, restricted_to
 from .modelled_record import ModelledRecord
 from .problem import Problem
-from .regression import calibrated, ends_of_stretches, recalibrated, stretches
+from .regression import ends_of_stretches, stretches
 from .residuals import Residual, residual
 from .search import Situation, added_by
 

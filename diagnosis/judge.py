@@ -15,6 +15,7 @@ from ..records.bad_record import BadRecord
 from ..records.drive_record import CURRENT, DriveRecord, read_drive_records
 from ..records.identifiable import check_identifiable
 from ..solver.files import write_json
+from .balance import Added
 from .blocks import Blocks, Estimate
 from .causes import CAUSES
 from .commanded import by_current
@@ -23,7 +24,6 @@ from .drive_model import DriveModel
 from .modelled_record import ModelledRecord, lay_along, with_law_force
 from .motion_parts import PARTS, motion_parts
 from .prior_model import prior_model_from
-from .regression import Added
 from .residuals import AHEAD, Residual, check_motion, floor, residual
 
 PRIOR, ADJUSTED, CORRECTED = "prior", "adjusted", "corrected"

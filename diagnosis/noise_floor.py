@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .balance import EXACT
 from .diagnosis import Level
 from .drive_model import DriveModel
 from .modelled_record import ModelledRecord
-from .regression import EXACT, Noise
+from .regression import Noise
 from .residuals import Residual, at_samples, floor, repetition
 
 AT_FLOOR = 2.0  # times the floor: more is not explained

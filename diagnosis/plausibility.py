@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from .balance import calibrated
 from .causes import CAUSES
 from .causes.cause import engaged
 from .drive_model import DriveModel
@@ -14,7 +15,6 @@ from .explanation import OWN, Explanation, amplitudes, can_be, scores
 from .held_out import with_values
 from .modelled_record import ModelledRecord, calibration_priors, opposing
 from .problem import Problem
-from .regression import calibrated
 from .search import added_by
 
 Folds = npt.NDArray[np.int64]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from .balance import Added, calibrated
 from .causes import CAUSES
 from .causes.cause import Shape
 from .drive_model import DriveModel
@@ -16,9 +17,7 @@ from .evidence import Columns, Prior, conditioned, fit
 from .modelled_record import ModelledRecord
 from .nonparametric import nonparametric_alternatives
 from .regression import (
-    Added,
     Noise,
-    calibrated,
     edges,
     filters,
     fitted_noise,
@@ -32,8 +31,6 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 BESIDE = 0.02  # of the largest name's evidence, that a further one has to bring
-_FREED = 0.3  # relative spread of a value that may be anything
-_MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
 KEPT = 4  # sets of each size that are grown
 LOOKED_AT = 40  # sets of each size that are looked at closely
 _BESIDE_NOISE = 3  # causes that noise is sought beside
@@ -285,5 +282,4 @@ def free_range(name: str) -> tuple[float, float]:
 
 def free_spreads(model: DriveModel) -> Vector:
     """Relative spread of each adjustable value when it may be anything."""
-    mass = _MORE_MASS * model.inertia / model.values["m"]
-    return np.array([mass if n == "m" else _FREED for n in model.adjustable])
+    return np.array([model.free_spread(n) for n in model.adjustable])

@@ -8,19 +8,19 @@ made white by an autoregression, so that noise of any colour counts as what it i
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
+from .balance import EXACT, Added
+from .balance import sensitivities as sensitivities_of
 from .causes.cause import Shape
 from .drive_model import DriveModel
 from .modelled_record import (
-    CalibrationPrior,
     ModelledRecord,
-    calibration_priors,
     mean_current,
     sluggishness,
     true_current,
@@ -32,11 +32,8 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 STRETCH = 0.5  # what is weighed and held out together [s]
-_STEP = 1e-3  # of differences, relative to a value
 ORDER = 8  # of the autoregression: so many windows count for nothing at first
 _ROUNDS = 3
-EXACT = 3e-3
-"""Of the friction: noise that is always there, laws are not exact."""
 
 
 @dataclass(frozen=True)
@@ -56,28 +53,6 @@ class Noise:
     weights: Matrix
     sizes: Vector
     growth: float
-
-
-@dataclass(frozen=True)
-class Added:
-    """What is put into a model beside its own equations, one array per record, as in `Shape`."""
-
-    force: list[Vector]
-    command: list[Vector]
-
-    @classmethod
-    def nothing(cls, courses: Sequence[ModelledRecord]) -> Added:
-        return cls(*([np.zeros(len(c.x)) for c in courses] for _ in range(2)))
-
-    def more(self, shape: Shape, amplitudes: Vector) -> Added:
-        """With a cause of these amplitudes."""
-
-        def sums(before: list[Vector], parts: list[Matrix] | None) -> list[Vector]:
-            if parts is None:
-                return before
-            return [b + p @ amplitudes for b, p in zip(before, parts, strict=True)]
-
-        return Added(sums(self.force, shape.force), sums(self.command, shape.command))
 
 
 def law_forces(courses: Sequence[ModelledRecord], model: DriveModel) -> list[Vector]:
@@ -243,48 +218,11 @@ def whitened(made: Sequence[Filter], parts: Sequence[Matrix]) -> Matrix:
     return np.vstack([w.reshape(-1, w.shape[2]) for w in white])
 
 
-def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]:
-    """What the instruments of a study may be off by."""
-    return calibration_priors(courses[0])
-
-
 def sensitivities(
     courses: Sequence[ModelledRecord], model: DriveModel, added: Added
 ) -> list[Matrix]:
-    """What values and calibrations take from the balances, (windows, channels, columns) a record.
-
-    A relative change of each adjustable value, then a change of each of `calibrated`.
-    """
-    usual = law_forces(courses, model)
-
-    def of_value(name: str) -> list[Matrix]:
-        law = None if name in model.law_parameters else usual
-        low, high = (
-            leftovers(courses, model.changed({name: model.values[name] * (1 + s)}), added, law)
-            for s in (-_STEP, _STEP)
-        )
-        return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
-
-    def of_calibration(name: str) -> list[Matrix]:
-        low, high = (
-            leftovers(recalibrated(courses, {name: s}), model, added, usual)
-            for s in (-_STEP, _STEP)
-        )
-        return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
-
-    columns = [of_value(name) for name in model.adjustable]
-    columns += [of_calibration(name) for name in calibrated(courses)]
-    return [np.stack(record, axis=2) for record in zip(*columns, strict=True)]
-
-
-def recalibrated(
-    courses: Sequence[ModelledRecord], changes: Mapping[str, float]
-) -> list[ModelledRecord]:
-    """The courses with their calibration changed by so much."""
-    return [
-        replace(c, calibration={n: v + changes.get(n, 0.0) for n, v in c.calibration.items()})
-        for c in courses
-    ]
+    """As those of `balance.sensitivities`, of these balances."""
+    return sensitivities_of(courses, model, added, leftovers)
 
 
 def stretches(course: ModelledRecord) -> int:

@@ -11,9 +11,10 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from ..records.bad_record import BadRecord
+from .balance import Added
 from .drive_model import DriveModel
 from .modelled_record import ModelledRecord, read_anew, sluggishness, voltage_scale
-from .regression import ORDER, Added, balance, telling
+from .regression import ORDER, balance, telling
 from .weak_form import centres
 
 Vector = npt.NDArray[np.float64]

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +20,16 @@ import numpy.typing as npt
 
 from ..records.bad_record import BadRecord
 from ..records.drive_record import DriveRecord
-from .balance import Added, calibrated, leftovers, recalibrated, responses, sensitivities
-from .bands import EDGES, EXACT, Bands, cut, products
+from .balance import (
+    EXACT,
+    Added,
+    calibrated,
+    leftovers,
+    recalibrated,
+    responses,
+    sensitivities,
+)
+from .bands import EDGES, Bands, cut, products
 from .causes import CAUSES
 from .causes.cause import Shape
 from .drive_model import DriveModel
@@ -47,8 +56,6 @@ FREEDOM = 4.0
 _WEIGHINGS = 6  # of bands by what is left in them
 _WEIGHINGS_MORE = 4  # without one of the blocks
 _FLAT = 1e-9  # of a column's own square: an amplitude may be anything
-_FREED = 0.3  # relative spread of a value that may be anything
-_MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
 _IN_NEWTONS = ("unmodelled_inertia",)  # what `beyond` says of it is of accelerations
 _CURVES = 20  # functions of a free curve
 _WELL_BELOW = 0.8  # of the usual command, where a limit cuts off more than noise
@@ -292,19 +299,11 @@ def _moved(study: Study) -> tuple[Study, Fit]:
     fit = base_fit(study, columns)
     change = dict(zip(study.values, fit.amplitude[0].tolist(), strict=True))
     names, prior = study.model.adjustable, study.prior_model
-    model = study.model.changed(
-        {
-            n: prior.values[n]
-            * (
-                1.0
-                + _within(
-                    prior.tolerance[n],
-                    study.model.values[n] * (1.0 + change[n]) / prior.values[n] - 1.0,
-                )
-            )
-            for n in names
-        }
-    )
+    fitted_values = {n: study.model.values[n] * (1.0 + change[n]) for n in names}
+    off = {
+        n: _within(prior.tolerance[n], v / prior.values[n] - 1.0) for n, v in fitted_values.items()
+    }
+    model = study.model.changed({n: prior.values[n] * (1.0 + off[n]) for n in names})
     moved = recalibrated(study.courses, {n: c for n, c in change.items() if n not in names})
     courses = [with_law_force(c, model) for c in moved]
     left = leftovers(courses, model, Added.nothing(courses))
@@ -354,15 +353,12 @@ class Scored:
 
     Attributes
     ----------
-    count : float
-        Independent numbers in the bands that are used.
     beside : mapping of str to float
         Score of each suspect beside the first.
     """
 
     suspects: list[Suspect]
     base: Fit
-    count: float
     beside: dict[str, float]
 
 
@@ -379,9 +375,9 @@ class Catalogue:
         for cause in CAUSES.values():
             if cause.name in _IN_NEWTONS or not cause.beyond(courses, model):
                 for values in cause.grid(courses, model):
-                    shape = cause.at(courses, model, values)
                     if _cuts_noise(courses, values):
                         continue
+                    shape = cause.at(courses, model, values)
                     if len(shape.freed) < 2 or _goes_together(shape.freed):
                         self.add(cause.name, shape, cause.relative)
         for signal in SIGNALS.values():
@@ -394,30 +390,34 @@ class Catalogue:
         first = [[b[:, : self.values] for b in block] for block in self.lines]
         self.with_values = products(first, self.lines)
 
+    @cached_property
+    def alone(self) -> Fit:
+        """The model's own values without any form."""
+        return base_fit(self.study, self.base)
+
     def _lines(self, parts: Sequence[Sequence[Matrix]]) -> list[list[Matrix]]:
         together = [np.concatenate(each, axis=2) for each in zip(*parts, strict=True)]
         used = np.flatnonzero(self.study.bands.used)
         return [[block[k] for k in used] for block in self.study.bands.lines(together)]
 
-    def add(self, name: str, shape: Shape, relative: bool = False) -> Form | None:
+    def add(self, name: str, shape: Shape, relative: bool = False) -> None:
         """A form more."""
         study = self.study
         if shape.freed:
             if not set(shape.freed) <= set(study.values):
-                return None  # a value that is certain is no cause
+                return  # a value that is certain is no cause
             freed = [1 + study.values.index(n) for n in shape.freed]
             self.forms.append(Form(name, shape, np.array(freed)))
-            return self.forms[-1]
+            return
         part = responses(study.courses, study.model, shape)
         if shape.command is not None and relative:
             part = self._told_in_command(shape, part)
         if not all(np.isfinite(p).all() for p in part):
-            return None
+            return
         at = np.arange(self.count, self.count + len(shape.amplitudes))
         self.parts.append(part)
         self.count += len(at)
         self.forms.append(Form(name, shape, at))
-        return self.forms[-1]
 
     def _told_in_command(self, shape: Shape, part: list[Matrix]) -> list[Matrix]:
         """Columns of a command that is made smaller, as a balance of the recorded one has them.
@@ -516,7 +516,7 @@ class Catalogue:
         for form in forms:
             if form.freed:
                 for name, column in zip(form.freed, form.columns, strict=True):
-                    spread[column - 1] = max(free_spread(self.study, name), spread[column - 1])
+                    spread[column - 1] = max(self.study.model.free_spread(name), spread[column - 1])
                     most[column - 1] = np.inf
                 continue
             sure = form.shape.sure
@@ -542,13 +542,6 @@ def _goes_together(names: Sequence[str]) -> bool:
     return {n.partition("_")[0] for n in names} in ({"kt", "ke"}, {"Fc", "Fs"}, {"Fc"})
 
 
-def free_spread(study: Study, name: str) -> float:
-    """Relative spread of a value that may be anything."""
-    if name == "m":
-        return _MORE_MASS * study.model.inertia / study.model.values["m"]
-    return _FREED
-
-
 def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
     """Whether sizes are such as a machine can have."""
     if form.shape.sure is not None:
@@ -566,8 +559,7 @@ def _own(form: Form, values: int) -> slice | npt.NDArray[np.int64]:
 
 def scored(study: Study, catalogue: Catalogue) -> Scored:
     """Every suspect in its best form, the best first."""
-    base = base_fit(study, catalogue.base)
-    values = len(study.values)
+    base, values = catalogue.alone, len(study.values)
     fits = catalogue.fit(catalogue.forms)
     best: dict[str, Suspect] = {}
     for form, fit in zip(catalogue.forms, fits, strict=True):
@@ -583,8 +575,7 @@ def scored(study: Study, catalogue: Catalogue) -> Scored:
         own = catalogue.fit([first.form])[0]
         for form, fit in zip(forms, catalogue.fit(forms, [first.form]), strict=True):
             beside[form.name] = float(fit.held.sum() - own.held.sum() - fit.cost[0] + own.cost[0])
-    count = float(study.bands.counts[:, study.bands.used].sum())
-    return Scored(suspects, base, count, beside)
+    return Scored(suspects, base, beside)
 
 
 def _suspect(study: Study, form: Form, fit: Fit, base: Fit, values: int) -> Suspect | None:
@@ -632,7 +623,7 @@ def refined(study: Study, catalogue: Catalogue, suspect: Suspect) -> Suspect:
     if not len(near):
         return suspect
     step, best = float(near.min()), suspect
-    base = base_fit(study, catalogue.base)
+    base = catalogue.alone
     for _ in range(_REFINED):
         step *= 0.5
         known = len(catalogue.forms)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..records.drive_record import DriveRecord
+from .balance import Added, calibrated, recalibrated
 from .drive_model import DriveModel
 from .evidence import Prior, fit_within, volume
 from .explanation import Explanation, amplitudes, nothing_in, stands
@@ -31,14 +32,11 @@ from .problem import (
 )
 from .refinement import refine
 from .regression import (
-    Added,
     Noise,
-    calibrated,
     filters,
     fitted_noise,
     leftovers,
     likelihood,
-    recalibrated,
     sensitivities,
     whitened,
 )

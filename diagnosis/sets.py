@@ -112,23 +112,19 @@ def probabilities(
     return np.asarray(odds / odds.sum())
 
 
-def likely(scored: Scored) -> list[Likely]:
-    """The set of suspects, the likeliest first; the likeliest is always in it."""
+def likely(scored: Scored) -> tuple[list[Likely], bool]:
+    """The set, the likeliest first and always in it, and whether nothing being wrong is ruled out.
+
+    It is ruled out where it is less likely than of all but 2 % of faultless records.
+    """
     table = _table()
     names, rows = statistics(scored)
     found = probabilities(names, rows, np.array(table["weights"]), table["constants"])
     suspects = {s.name: s for s in scored.suspects}
     order = np.argsort(-found)
     kept = [k for j, k in enumerate(order) if j == 0 or found[k] >= table["threshold"]]
-    return [Likely(names[k], float(found[k]), suspects.get(names[k])) for k in kept]
-
-
-def none_is_ruled_out(scored: Scored) -> bool:
-    """Whether nothing being wrong is less likely than of all but 2 % of faultless records."""
-    table = _table()
-    names, rows = statistics(scored)
-    found = probabilities(names, rows, np.array(table["weights"]), table["constants"])
-    return bool(found[names.index(NOTHING)] < table["threshold_of_none"])
+    members = [Likely(names[k], float(found[k]), suspects.get(names[k])) for k in kept]
+    return members, bool(found[names.index(NOTHING)] < table["threshold_of_none"])
 
 
 @cache

@@ -19,7 +19,7 @@ from .found_cause import UNITS
 from .modelled_record import opposing
 from .residuals import rms
 from .scores import OUTSIDE, Catalogue, Study, Suspect, refined, scored, study_of
-from .sets import NOTHING, Likely, likely, none_is_ruled_out
+from .sets import NOTHING, Likely, likely
 from .signals import SIGNALS
 
 Vector = npt.NDArray[np.float64]
@@ -60,19 +60,19 @@ def suspicion(records: Sequence[DriveRecord], prior_model: DriveModel) -> Suspic
     except BadRecord as error:  # too short for blocks and bands; the search says whether at all
         return Suspicion((), True, False, f"no suspects are told: {error}")
     catalogue = Catalogue(study)
-    found = scored(study, catalogue)
-    members = likely(found)
+    members, ruled_out = likely(scored(study, catalogue))
     told = [m for m in members if m.name != NOTHING and m.suspect is not None]
     if members[0].name == NOTHING:
         told = []  # a list of what is possible all the same would be no answer
+    friction = rms(np.concatenate([opposing(c, study.model)[~c.rests] for c in study.courses]))
     return Suspicion(
-        tuple(_found(study, catalogue, m) for m in told),
+        tuple(_found(study, catalogue, m, friction) for m in told),
         any(m.name == NOTHING for m in members),
-        none_is_ruled_out(found),
+        ruled_out,
     )
 
 
-def _found(study: Study, catalogue: Catalogue, member: Likely) -> SuspectFound:
+def _found(study: Study, catalogue: Catalogue, member: Likely, friction: float) -> SuspectFound:
     assert member.suspect is not None
     if member.name == OUTSIDE:
         suspect, says, confirm = (
@@ -87,7 +87,6 @@ def _found(study: Study, catalogue: Catalogue, member: Likely) -> SuspectFound:
         says, confirm = entry.says, entry.confirm
         values = _values(study, suspect)
     force = catalogue.force_of(suspect)
-    friction = rms(np.concatenate([opposing(c, study.model)[~c.rests] for c in study.courses]))
     return SuspectFound(
         member.name, says, member.probability, *values, _units(member.name, values[0]),
         force, force / max(friction, 1e-300), confirm,

@@ -9,13 +9,13 @@ from axis_records import NOMINAL, TURN, friction_noise, moved, signals_of
 from diagnosed import nominal
 from worlds import layout as at
 
+from ballscrew.diagnosis.balance import Added
 from ballscrew.diagnosis.commanded import commanded, driven_by_current
 from ballscrew.diagnosis.corrected import corrected
 from ballscrew.diagnosis.diagnose import diagnose
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.judge import judge_records
 from ballscrew.diagnosis.modelled_record import lay_along
-from ballscrew.diagnosis.regression import Added
 from ballscrew.diagnosis.residuals import residual
 from ballscrew.orchestration.parameter_file import BadParameters
 from ballscrew.orchestration.parameter_reading import read_parameters

@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import layout as at
 
+from ballscrew.diagnosis.balance import Added
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.noise_floor import NoiseFloor
-from ballscrew.diagnosis.regression import Added
 from ballscrew.diagnosis.residuals import Residual, floor, residual, rms
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.drive_record import check_record
