@@ -274,10 +274,11 @@ def _diagnosis_table(
         low, high = c.gain_interval
         lines += [
             "",
-            f"{c.name}: {c.says}",
+            f"{c.name}: {c.says}{'' if c.certain else ' (the likeliest, not certain)'}",
             f"  gain {100 * c.gain_heldout:.3g} % of the mean square in force "
             f"({100 * low:.3g} to {100 * high:.3g} %"
-            f"{', all others given' if len(result.causes) > 1 else ''}), p = {c.p_value:.2g}",
+            f"{', all others given' if len(result.causes) > 1 else ''}), "
+            f"probability {c.probability:.2f}",
         ]
         for name, value in c.parameters.items():
             known = c.intervals.get(name)
@@ -285,7 +286,6 @@ def _diagnosis_table(
             unit = _SHARES.get(c.units.get(name, ""), c.units.get(name, ""))
             lines.append(f"  {name:<20}{value:>11.4g} {unit:<8}{between}".rstrip())
     lines += ["", *suspect_lines(result.suspects)]
-    lines += [f"not named: {n.name}: {n.because}" for n in result.not_named]
     lines += [f"without a name: structure that lives {where}" for where in result.unnamed]
     if result.out_of_reach:
         lines.append(f"out of reach: {', '.join(o.name for o in result.out_of_reach)}")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -116,18 +115,6 @@ def shown(
     return out
 
 
-class Leftovers(Protocol):
-    """`leftovers`, or what tells balances otherwise."""
-
-    def __call__(
-        self,
-        courses: Sequence[ModelledRecord],
-        model: DriveModel,
-        added: Added,
-        law: Sequence[Vector] | None = None,
-    ) -> list[Matrix]: ...
-
-
 def leftovers(
     courses: Sequence[ModelledRecord],
     model: DriveModel,
@@ -154,10 +141,7 @@ def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]
 
 
 def sensitivities(
-    courses: Sequence[ModelledRecord],
-    model: DriveModel,
-    added: Added,
-    left: Leftovers = leftovers,
+    courses: Sequence[ModelledRecord], model: DriveModel, added: Added
 ) -> list[Matrix]:
     """What values and calibrations take from the balances, (windows, channels, columns) a record.
 
@@ -168,14 +152,15 @@ def sensitivities(
     def of_value(name: str) -> list[Matrix]:
         law = None if name in model.law_parameters else usual
         low, high = (
-            left(courses, model.changed({name: model.values[name] * (1 + s)}), added, law)
+            leftovers(courses, model.changed({name: model.values[name] * (1 + s)}), added, law)
             for s in (-_STEP, _STEP)
         )
         return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
 
     def of_calibration(name: str) -> list[Matrix]:
         low, high = (
-            left(recalibrated(courses, {name: s}), model, added, usual) for s in (-_STEP, _STEP)
+            leftovers(recalibrated(courses, {name: s}), model, added, usual)
+            for s in (-_STEP, _STEP)
         )
         return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
 

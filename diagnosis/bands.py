@@ -140,8 +140,8 @@ def cut(courses: Sequence[ModelledRecord], model: DriveModel) -> Bands:
     for r, c in enumerate(courses):
         n = windows(len(c.x), c.width)
         ends = [n * k // per for k in range(per + 1)]
-        moves = _moves(c, model)
-        doubt = _doubt(c, model, exact)
+        moves = moving(c, model)
+        doubt = _doubt(c, model, exact, moves)
         for first, last in itertools.pairwise(ends):
             taper = tukey(last - first, TAPER) * moves[first:last]
             block = np.column_stack([taper * doubt[first:last], *[taper] * (len(c.channels) - 1)])
@@ -157,7 +157,7 @@ def cut(courses: Sequence[ModelledRecord], model: DriveModel) -> Bands:
     return Bands(parts, weights, _clear(courses, model, bands), bands.counts, steps, top)
 
 
-def _moves(course: ModelledRecord, model: DriveModel) -> Vector:
+def moving(course: ModelledRecord, model: DriveModel) -> Vector:
     """Windows that tell of forces, shape (windows,): none of a rest, around one, or at the start.
 
     A law without bristles has no force at rest, as soon as that is longer than a reversal. What
@@ -170,6 +170,8 @@ def _moves(course: ModelledRecord, model: DriveModel) -> Vector:
     rests = averaged(slow.astype(float), course.width) > 0.0
     near = np.convolve(rests, np.ones(2 * AROUND_REST + 1), mode="same") > 0.0
     near[: 2 * AROUND_REST] = True
+    if model.law not in BRISTLES:  # which way it brakes there is not known
+        near |= averaged((np.abs(course.v) < course.slowest).astype(float), course.width) > 0.0
     return np.asarray(1.0 - near)
 
 
@@ -179,9 +181,10 @@ def _top(course: ModelledRecord) -> float:
     return OF_CARRIED * known if known < 0.49 / course.step else math.inf
 
 
-def _doubt(course: ModelledRecord, model: DriveModel, exact: float) -> Vector:
+def _doubt(course: ModelledRecord, model: DriveModel, exact: float, moves: Vector) -> Vector:
     """Weight of the balance of forces by what the motion's error makes of the law, (windows,)."""
-    left = leftovers([course], model, Added.nothing([course]))[0][:, 0]
+    left = leftovers([course], model, Added.nothing([course]))[0][moves > 0.0, 0]
+    left = left if len(left) else np.zeros(1)
     size = max(1.48 * float(np.median(np.abs(left - np.median(left)))), exact)
     # when the law's force jumps, a sample does not tell when within its interval
     jumps = np.diff(course.bristle, append=course.bristle[-1:])

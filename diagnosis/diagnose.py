@@ -4,40 +4,47 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ..orchestration.parameter_file import ParameterFile
 from ..orchestration.parameter_reading import read_parameters
-from ..records.bad_record import BadRecord
 from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.identifiable import check_identifiable
-from .acceptance import SWINGS, Accepted, accepted, taken_back
 from .balance import Added
+from .building import explained
 from .causes import CAUSES
 from .commanded import commanded
-from .contests import freest_beside
-from .diagnosis import EXPLAINED, NONE, PARTLY, UNEXPLAINED, Curves, Diagnosis, holds
+from .diagnosis import (
+    EXPLAINED,
+    NONE,
+    PARTLY,
+    UNEXPLAINED,
+    Curves,
+    Diagnosis,
+    Level,
+    holds,
+)
 from .drive_model import DriveModel
-from .explanation import amplitudes, nothing_in
-from .faultless import RecordKind, p_value
-from .found_cause import found_cause, level
-from .held_out import HeldOut, gained, gained_ahead, judged, laps_of, parts_of, with_values
+from .explained import Explained, built, outside
+from .found_cause import found_cause, level, lives, suspect_found
+from .held_out import HeldOut, held_out
 from .load_cell import validation_signal
 from .modelled_record import ModelledRecord, opposing
-from .noise_floor import noise_floor
-from .nonparametric import LIVES
-from .plausibility import at_ends
+from .next_experiment import next_experiment
+from .noise_floor import AT_FLOOR, NoiseFloor, noise_floor
+from .out_of_reach import out_of_reach
 from .prior_model import lead_of, prior_model_from, with_lead
-from .problem import Candidate, Problem, driven_by, values_alone
-from .remaining import above_floor, below_floor, next_experiment, out_of_reach, where_residual_is
-from .residuals import Residual, after_the_start, residual, rms
-from .search import Found, Situation, added_by, adjusted, only_first, search, taking
-from .selection import strongest_alone
-from .suspicion import Suspicion, suspicion
+from .residuals import Residual, residual, rms
+from .scores import Form
+from .study import study_of
+
+Vector = npt.NDArray[np.float64]
+
+_TELLS = 0.5  # of the friction, that a fault may have and not show
 
 
 def diagnose(
@@ -92,272 +99,126 @@ def diagnose_records(
     began = time.perf_counter()
     records, prior_model, notes = commanded(records, prior_model)
     notes += check_identifiable(records)
-    progress("looking for suspects")
-    suspects = suspicion(records, prior_model)
-    notes += [suspects.because] if suspects.because else []
+    progress("fitting values")
+    study = study_of(records, prior_model)
     progress("looking for causes")
-    found = search(records, prior_model)
+    found = explained(study, take)
     progress("judging on data held out")
-    found, judgement = _standing(prior_model, found)
-    if take is not None:
-        found, judgement = _taken(prior_model, found, judgement, take)
-    return _concluded(records, prior_model, found, judgement, suspects, notes, began)
-
-
-class _Judgement(NamedTuple):
-    """What of an explanation data held out let stand."""
-
-    holds_up: Accepted
-    held: HeldOut
-    baseline: Residual
-    laps: list[float]
-
-
-def _taken(
-    prior_model: DriveModel, found: Found, before: _Judgement, name: str
-) -> tuple[Found, _Judgement]:
-    """The end of a search with this cause in it, and what it gains.
-
-    Raises
-    ------
-    BadRecord
-        If these records cannot show the cause.
-    """
-    after = taking(found, prior_model, (name,))
-    if after is None:
-        why = CAUSES[name].beyond(found.situation.courses, prior_model) or "no form of it fits"
-        raise BadRecord(f"these records cannot show {name}: {why}")
-    situation, problem, best = after.situation, after.problem, after.choice.best
-    laps = laps_of(situation.courses)
-    folds = parts_of(situation.courses, laps)
-    freest, _ = freest_beside(problem, best, folds)
-    refused = tuple(r for r in before.holds_up.refused if r.name != name)
-    holds_up = Accepted(best, refused, freest)
-    held = judged(situation, problem, best, folds, bool(laps))
-    baseline = residual(situation.courses, prior_model, Added.nothing(situation.courses))
-    return after, _Judgement(holds_up, held, baseline, laps)
-
-
-def _judgement(prior_model: DriveModel, found: Found) -> _Judgement:
-    """Take names back until what is left gains for certain, each of them and all together."""
-    situation, problem = found.situation, found.problem
-    courses = situation.courses
-    laps = laps_of(courses)
-    folds = parts_of(courses, laps)
-    holds_up = accepted(problem, found.choice.best, folds, courses)
-    held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
-    baseline = residual(courses, prior_model, Added.nothing(courses))
-    while held.order:
-        worse = [
-            n
-            for n in held.order
-            # nothing else looks like a swing, and one goes on all over the record
-            if not (held.gain(n).sure if n in SWINGS else held.gain(n).certain)
-            or not (n in SWINGS or held.gain_alone(n).certain)
-        ]
-        reason = "the force left on data held out may be no less with it, or with it alone"
-        no_less = [
-            domain
-            for domain, loses in (
-                ("force", held.all.force_rms >= baseline.force_rms),
-                ("position over a second", gained_ahead(baseline, held.all, held.limits).loses),
-            )
-            if loses
-        ]
-        if not worse and no_less:
-            worse = held.order
-            reason = (
-                f"the prior model leaves less {no_less[0]} than the one with it, on data held out"
-            )
-        if not worse:
-            break
-        holds_up = taken_back(problem, holds_up, worse[-1], reason, folds)
-        held = judged(situation, problem, holds_up.explanation, folds, bool(laps))
-    return _Judgement(holds_up, held, baseline, laps)
-
-
-def _concluded(
-    records: Sequence[DriveRecord],
-    prior_model: DriveModel,
-    found: Found,
-    judgement: _Judgement,
-    suspects: Suspicion,
-    notes: list[str],
-    began: float,
-) -> Diagnosis:
-    situation, problem = found.situation, found.problem
-    courses, noise = situation.courses, situation.noise
-    holds_up, held, baseline = judgement.holds_up, judgement.held, judgement.baseline
-    kind = _kind(situation, problem)
-    corrected = _corrected(situation, problem, holds_up)
-    if not held.order:  # values leave the least force then: nothing else is claimed of the model
-        situation, left = _least_force(prior_model, found, judgement)
-        courses, held = situation.courses, replace(held, none=left, all=left)
-        nothing = Added.nothing(courses)
-        baseline = residual(courses, prior_model, nothing)
-        found_at_last = residual(courses, situation.model, nothing)
-        corrected = corrected._replace(model=situation.model, residual=found_at_last)
-    causes = tuple(
-        found_cause(situation, problem, holds_up, held, kind, name) for name in held.order
-    )
-    whole = gained(held.none, held.all, held.limits)
+    held = held_out(found)
+    corrected = _corrected(found)
+    lowest = noise_floor(found, corrected.left)
+    friction = _friction(study.courses, study.model, held)
+    causes = tuple(found_cause(found, held, m, friction) for m in found.built)
+    suspects = tuple(suspect_found(found, m, friction) for m in found.suspects)
+    _, interval = held.gain(held.none, held.all)
     fitted, final = level(held.none), level(held.all)
-    model, free = corrected.model, corrected.free
-    lowest = noise_floor(
-        courses, situation.model, situation.noise, corrected.residual, judgement.laps
+    unseen, why = max(
+        (AT_FLOOR * lowest.force, "twice what noise makes"),
+        (held.all.force_rms, "all that is left"),
     )
-    at_floor = lowest.has(held.all)
-    better = holds(whole.interval, fitted, final)
-    verdict = _verdict(bool(causes), at_floor, better and not free)
-    if verdict == NONE and suspects.none_ruled_out:
-        verdict = UNEXPLAINED
+    # records that would not show a fault of half the friction clear nothing
+    at_floor = lowest.has_current(held.all) and unseen < _TELLS * friction
+    at_floor = at_floor and (lowest.has(held.all) or not lowest.repeated)
+    verdict = _verdict(found, at_floor, holds(interval, fitted, final))
+    unnamed = () if verdict in (NONE, EXPLAINED) else lives(outside(found))
+    notes += _notes(found, held, lowest)
+    if verdict == NONE:  # silence is not safety
         notes.append(
-            "what is left is within twice the noise, and yet not like noise: of faultless records "
-            "98 in 100 look more faultless than this"
+            f"not ruled out: a fault of up to {unseen:.3g} N ({100.0 * unseen / friction:.3g} % of "
+            f"the friction), which is {why}"
         )
-    notes += above_floor(held.all, lowest, bool(judgement.laps))
-    friction = _friction(courses, model, held)
-    if verdict == NONE:
-        notes.append(below_floor(lowest, friction, [LIVES[m.name] for m in free]))
-        free = []
-    unnamed = tuple(LIVES[m.name] for m in free)
-    notes += _of_the_fit(problem, holds_up, courses)
-    cell = validation_signal(courses, prior_model, model, corrected.on_block.force)
+    elif not found.built and unseen >= _TELLS * friction:
+        notes.append(
+            f"these records clear nothing: a fault of up to {unseen:.3g} N, {why}, would not show"
+        )
+    cell = validation_signal(study.courses, prior_model, corrected.model, corrected.on_block)
     if cell is None and any("force" in r.signals for r in records):
         notes.append("the load cell's `force` is not used: the model does not say where it sits")
-    strongest = strongest_alone(problem)
+    suspects = () if verdict == NONE else suspects
     return Diagnosis(
         verdict=verdict,
-        where=where_residual_is(found.first_alone, verdict, unnamed, level(baseline), lowest.level),
+        where=_where(level(held.prior), lowest.level, verdict),
         floor=lowest.level,
-        baseline_residual=level(baseline),
+        baseline_residual=level(held.prior),
         adjusted_residual=fitted,
         final_residual=final,
         left_of_friction=max(final.force, held.all.by_current_rms) / friction,
-        gain_interval=whole.interval,
+        gain_interval=interval,
         held_out=held.parts,
         causes=causes,
-        suspects=() if verdict == NONE else suspects.suspects,
-        not_named=holds_up.refused,
+        suspects=suspects,
         unnamed=unnamed,
-        out_of_reach=out_of_reach(courses, situation.model, problem, holds_up.explanation),
-        next_experiment=next_experiment(holds_up.refused, bool(free), courses, model),
+        out_of_reach=out_of_reach(found),
+        next_experiment=next_experiment(found) if verdict in (PARTLY, UNEXPLAINED) else None,
         prior=prior_model,
-        adjusted=_adjusted(prior_model, holds_up, corrected, courses),
-        corrected=model,
+        adjusted=_values(found, []),
+        corrected=corrected.model,
         command=records[0].command,
-        command_shift=courses[0].calibration["command_shift"],
-        adjustments={n: model.values[n] / prior_model.values[n] - 1.0 for n in problem.names},
-        noise={
-            f"{channel}_{unit}": float(size)
-            for channel, unit, size in zip(
-                courses[0].channels, ("N", "V"), noise.sizes, strict=False
-            )
+        command_shift=corrected.courses[0].calibration["command_shift"],
+        adjustments={
+            n: corrected.model.values[n] / prior_model.values[n] - 1.0
+            for n in prior_model.adjustable
         },
-        alone={n: float(g) for n, g in found.choice.alone.items() if n in CAUSES},
-        evidence=strongest,
-        kind=kind,
-        p_value=p_value(strongest, kind),
+        noise=lowest.told(study.courses[0].channels),
         load_cell=cell,
         records=tuple(r.name for r in records),
-        curves=_curves(courses, prior_model, baseline, corrected),
+        curves=_curves(study.courses, prior_model, held.prior, corrected),
         seconds=time.perf_counter() - began,
         notes=tuple(notes),
     )
 
 
-def _least_force(
-    prior_model: DriveModel, found: Found, judgement: _Judgement
-) -> tuple[Situation, Residual]:
-    """Values that leave the least force, and what those of other data leave of each part."""
-    before = found.situation
-    nothing = Added.nothing(before.courses)
-    after = adjusted(before.courses, before.model, prior_model, nothing, coloured=False)
-    problem = values_alone(found.problem, after.courses, after.model, driven_by(after.noise))
-    # values that no motion alike tells would be off by their tolerances, and that is no fault
-    folds = parts_of(after.courses, judgement.laps, mixed=True)
-    held = judged(after, problem, nothing_in(problem), folds, bool(judgement.laps))
-    return after, after_the_start(held.none, after.courses)
+def _verdict(found: Explained, at_floor: bool, better: bool) -> str:
+    """By what is certain, and whether more than noise is left.
+
+    Where laps of one motion tell what repeats, that is seen; elsewhere what is left is more than
+    noise where it does not look like that of faultless records.
+    """
+    rest = at_floor and not found.none_ruled_out
+    if not found.built:
+        return NONE if rest else UNEXPLAINED
+    certain = [m.certain for m in found.built]
+    if not any(certain):
+        return UNEXPLAINED
+    return EXPLAINED if better and rest and all(certain) else PARTLY
 
 
-def _standing(prior_model: DriveModel, found: Found) -> tuple[Found, _Judgement]:
-    """What was found as judged, or its first cause alone where nothing else is left."""
-    judgement = _judgement(prior_model, found)
-    single = None if judgement.held.order else only_first(found, prior_model)
-    if not single:
-        return found, judgement
-    # too many causes together may leave none; the first of them is judged alone then
-    first = _judgement(prior_model, single)
-    refused = judgement.holds_up.refused
-    # of a swing alone an error of the others' laws may be the source
-    unsure = {r.name for r in refused if r.like} | set(SWINGS)
-    if not first.held.order or unsure & set(first.held.order):
-        return found, judgement
-    more = [r for r in refused if r.name not in first.held.order]
-    kept = [r for r in first.holds_up.refused if r.name not in {m.name for m in more}]
-    holds_up = replace(first.holds_up, refused=(*more, *kept))
-    return single, first._replace(holds_up=holds_up)
+@dataclass(frozen=True)
+class _Corrected:
+    """The corrected model, what it leaves of all data, and the forces that the prior one lacks.
 
-
-class _Corrected(NamedTuple):
-    """The corrected model, what it leaves, and the forces in it that the prior one lacks.
-
-    `free` is the structure without a name; `on_block` is what a load cell feels of `named`.
+    `on_block` is what a load cell feels of `named`; `unnamed` is a free curve through what is left.
     """
 
+    courses: list[ModelledRecord]
     model: DriveModel
-    residual: Residual
+    left: Residual
     named: Added
-    on_block: Added
-    free: list[Candidate]
+    on_block: list[Vector]
     unnamed: Added
 
 
-def _corrected(situation: Situation, problem: Problem, holds_up: Accepted) -> _Corrected:
-    courses = situation.courses
-    fitted = amplitudes(problem, holds_up.explanation)
-    members = list(holds_up.explanation.members)
-    named = added_by(members, fitted, courses)
-    on_block = [m for m in members if not CAUSES[m.name].on_screw]
-    free = [m for m in holds_up.freest.members if m.is_rival]
-    model = with_values(problem, fitted)
-    return _Corrected(
-        model=model,
-        residual=residual(courses, model, named),
-        named=named,
-        on_block=added_by(on_block, fitted, courses),
-        free=free,
-        unnamed=added_by(free, amplitudes(problem, holds_up.freest), courses),
-    )
+def _corrected(found: Explained) -> _Corrected:
+    study, forms = found.study, found.forms
+    amplitude = found.fit.amplitude[0]
+    courses, model, named = built(study, forms, amplitude)
+    nothing = Added.nothing(courses)
+    on_block, at = nothing, len(study.values)
+    for form in forms:
+        if not form.freed:
+            mine = amplitude[at : at + len(form.columns)]
+            at += len(mine)
+            if form.name in CAUSES and not CAUSES[form.name].on_screw:
+                on_block = on_block.more(form.shape, mine)
+    free = outside(found)
+    unnamed = nothing.more(free.form.shape, free.amplitude) if free else nothing
+    left = residual(courses, model, named)
+    return _Corrected(courses, model, left, named, on_block.force, unnamed)
 
 
-def _of_the_fit(
-    problem: Problem, holds_up: Accepted, courses: Sequence[ModelledRecord]
-) -> list[str]:
-    """What to say of fitted offsets, and of values at the end of what they can be."""
-    notes = []
-    own = [f"{c.own_offset:+.3g} N in {c.record.name}" for c in courses if c.offset_name]
-    if own:
-        notes.append(f"offsets beyond that of {courses[0].record.name}: {', '.join(own)}")
-    ends = at_ends(problem, holds_up.explanation, courses)
-    if ends:
-        notes.append(
-            f"at the end of what they can be: {', '.join(ends)}. A tolerance is too narrow, or "
-            "something without a name is made up for"
-        )
-    return notes
-
-
-def _adjusted(
-    prior_model: DriveModel,
-    holds_up: Accepted,
-    corrected: _Corrected,
-    courses: list[ModelledRecord],
-) -> DriveModel:
-    """The prior model with its own values fitted, without any cause."""
-    if not holds_up.explanation.members:
-        return corrected.model
-    return adjusted(courses, prior_model, prior_model, Added.nothing(courses)).model
+def _values(found: Explained, forms: Sequence[Form]) -> DriveModel:
+    """The model with its values fitted beside these forms."""
+    return built(found.study, forms, found.catalogue.without(forms).amplitude[0])[1]
 
 
 def _curves(
@@ -375,9 +236,9 @@ def _curves(
         force=predicted + baseline.force,
         predicted=predicted,
         before=baseline.force,
-        after=corrected.residual.force,
+        after=corrected.left.force,
         position_before=baseline.position,
-        position_after=corrected.residual.position,
+        position_after=corrected.left.position,
         cause=np.concatenate(corrected.named.force),
         shape=np.concatenate(corrected.unnamed.force),
         telling=baseline.telling,
@@ -390,19 +251,50 @@ def _friction(courses: Sequence[ModelledRecord], model: DriveModel, held: HeldOu
     return max(rms(along[held.all.telling]), 1e-300)
 
 
-def _verdict(causes: bool, at_floor: bool, enough: bool) -> str:
-    """By whether there are causes, whether noise is all that is left, and whether they do."""
-    if not causes:
-        return NONE if at_floor else UNEXPLAINED
-    return EXPLAINED if enough and at_floor else PARTLY
+# -- sentences -------------------------------------------------------------------------------
 
 
-def _kind(situation: Situation, problem: Problem) -> RecordKind:
-    model, course = problem.model, situation.courses[0]
-    return RecordKind(
-        noise=float(situation.noise.sizes[0]) / model.friction_scale,
-        inertia=model.inertia,
-        step=course.step,
-        current=float(course.has_current),
-        classical=float(model.law == "classical"),
+def _where(baseline: Level, lowest: Level, verdict: str) -> str:
+    """How large the residual is, in one sentence."""
+    size = (
+        f"The prior model leaves {baseline.force:.3g} N rms in force (noise alone: "
+        f"{lowest.force:.3g} N) and {_length(baseline.position)} in position over a second "
+        f"({_length(lowest.position)})"
     )
+    if verdict == NONE:
+        return f"{size}; values within their tolerances leave no more than twice the noise."
+    return f"{size}."
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.3g} mm" if metres >= 1e-4 else f"{1e6 * metres:.3g} um"
+
+
+def _notes(found: Explained, held: HeldOut, lowest: NoiseFloor) -> list[str]:
+    study, left = found.study, held.all
+    notes = []
+    if lowest.repeated and left.force_rms > AT_FLOOR * lowest.force:
+        notes.append(
+            f"what is left, {left.force_rms:.3g} N, is more than twice {lowest.force:.3g} N, which "
+            "is what laps differ by and an uncertain motion makes: a part of it may have a cause"
+        )
+    elif found.none_ruled_out:
+        notes.append(
+            "what is left is not like noise: of faultless records 97 in 100 look more faultless"
+        )
+    if not lowest.has_current(left):
+        notes.append(
+            "the motor's force by the voltage and by the current differ by "
+            f"{left.by_current_rms:.3g} N, where noise makes {lowest.by_current:.3g} N: look at "
+            "the units and signs of u and i, at R and at ke"
+        )
+    own = [f"{c.own_offset:+.3g} N in {c.record.name}" for c in study.courses if c.offset_name]
+    if own:
+        notes.append(f"offsets beyond that of {study.courses[0].record.name}: {', '.join(own)}")
+    ends = study.at_ends(found.fit.amplitude[0])
+    if ends:
+        notes.append(
+            f"at the end of what they can be: {', '.join(ends)}. A tolerance is too narrow, or "
+            "something without a name is made up for"
+        )
+    return notes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..solver.files import write_atomically
+from .causes import CAUSES
 from .drive_model import DriveModel
 from .experiment_motions import Motion
-from .faultless import RecordKind
 from .load_cell import ValidationSignal
 
 Vector = npt.NDArray[np.float64]
@@ -52,45 +52,8 @@ def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bo
 
 
 @dataclass(frozen=True)
-class FoundCause:
-    """A cause that was named.
-
-    Attributes
-    ----------
-    parameters, intervals : mapping
-        Values, SI, and their 95 % intervals.
-    units : mapping of str to str
-    gain_heldout : float
-        Share of the mean square of the force residual that the cause takes away, on data that
-        neither its choice nor its fit has seen, all other causes given.
-    gain_interval : tuple of float
-        95 %, by drawing stretches of the record again.
-    gain_alone : float
-        The same share with no other cause given.
-    before, after : Level
-        The residual on those data without and with it.
-    evidence : float
-        Logarithm of the odds that it brings.
-    """
-
-    name: str
-    says: str
-    parameters: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float]]
-    units: Mapping[str, str]
-    gain_heldout: float
-    gain_interval: tuple[float, float]
-    gain_alone: float
-    before: Level
-    after: Level
-    evidence: float
-    p_value: float
-    confirm: str
-
-
-@dataclass(frozen=True)
 class SuspectFound:
-    """One member of the set.
+    """One member of a set.
 
     Attributes
     ----------
@@ -98,7 +61,7 @@ class SuspectFound:
     probability : float
         Among all that was looked at.
     parameters : mapping of str to float
-        Its size, SI; empty for what is outside the catalogue.
+        Its numbers, SI; empty of what is outside the catalogue.
     intervals : mapping of str to (float, float)
         95 %, from leaving out one block of the records at a time.
     units : mapping of str to str
@@ -123,19 +86,30 @@ class SuspectFound:
 
 
 @dataclass(frozen=True)
-class NotNamed:
-    """A cause that looked likely and is not named.
+class FoundCause(SuspectFound):
+    """A suspect that is built in.
 
     Attributes
     ----------
-    name, because : str
-    like : str
-        Another cause that does as well; empty if that is not why.
+    certain : bool
+        Whether it is named; else it is the likeliest only.
+    gain_heldout : float
+        Share of the mean square of the force residual that it takes away, on data that neither its
+        choice nor its fit has seen, all other names given.
+    gain_interval : tuple of float
+        95 %, by drawing seconds of the record again.
+    gain_alone : float
+        The same share with no other given.
+    before, after : Level
+        The residual on those data without and with it.
     """
 
-    name: str
-    because: str
-    like: str = ""
+    certain: bool
+    gain_heldout: float
+    gain_interval: tuple[float, float]
+    gain_alone: float
+    before: Level
+    after: Level
 
 
 @dataclass(frozen=True)
@@ -223,11 +197,11 @@ class Diagnosis:
     held_out : str
         What was held out, one at a time: "4 laps", "5 parts".
     causes : tuple of FoundCause
-        In order of gain.
+        What is built in: causes of the catalogue, and what a recorder does to a signal, in the
+        order in which they were found.
     suspects : tuple of SuspectFound
-        The smallest set that holds the truth of 95 of 100 records like those it was calibrated on,
-        the likeliest first; empty where nothing being wrong is the only one in it.
-    not_named : tuple of NotNamed
+        What is possible beside those or in their place, the likeliest first: with them, of 100
+        records like those of the calibration 95 have the truth in it.
     unnamed : tuple of str
         Where structure lives that no cause has.
     out_of_reach : tuple of OutOfReach
@@ -242,16 +216,8 @@ class Diagnosis:
     adjustments : mapping of str to float
         Relative changes of the prior values.
     noise : mapping of str to float
-        Of the instruments and the unmodelled force, as found.
-    alone : mapping of str to float
-        Evidence of every cause by itself.
-    evidence : float
-        Of the strongest cause by itself, in natural logarithms.
-    kind : RecordKind
-    p_value : float
-        Share of faultless records of most like kind whose strongest cause has as much evidence, see
-        `faultless.p_value`.
-    load_cell : Witness or None
+        What noise leaves of each balance, root mean square [N].
+    load_cell : ValidationSignal or None
         What the recorded ``force``, which takes no part, says of both models.
     notes : tuple of str
         Warnings.
@@ -268,7 +234,6 @@ class Diagnosis:
     held_out: str
     causes: tuple[FoundCause, ...]
     suspects: tuple[SuspectFound, ...]
-    not_named: tuple[NotNamed, ...]
     unnamed: tuple[str, ...]
     out_of_reach: tuple[OutOfReach, ...]
     next_experiment: NextExperiment | None
@@ -279,10 +244,6 @@ class Diagnosis:
     command_shift: float
     adjustments: Mapping[str, float]
     noise: Mapping[str, float]
-    alone: Mapping[str, float]
-    evidence: float
-    kind: RecordKind
-    p_value: float
     load_cell: ValidationSignal | None
     records: tuple[str, ...]
     curves: Curves
@@ -295,6 +256,19 @@ class Diagnosis:
         def level(value: Level) -> dict[str, float]:
             return {"force_N": value.force, "position_m": value.position}
 
+        def suspect(value: SuspectFound) -> dict[str, Any]:
+            return {
+                "name": value.name,
+                "says": value.says,
+                "probability": value.probability,
+                "parameters": dict(value.parameters),
+                "intervals": {n: list(v) for n, v in value.intervals.items()},
+                "units": dict(value.units),
+                "force": value.force,
+                "of_friction": value.of_friction,
+                "confirm": value.confirm,
+            }
+
         return {
             "verdict": self.verdict,
             "where": self.where,
@@ -306,28 +280,18 @@ class Diagnosis:
             "gain_interval": list(self.gain_interval),
             "held_out": self.held_out,
             "causes": [
-                {
-                    "name": c.name,
-                    "says": c.says,
-                    "parameters": dict(c.parameters),
-                    "intervals": {n: list(v) for n, v in c.intervals.items()},
-                    "units": dict(c.units),
+                suspect(c)
+                | {
+                    "certain": c.certain,
                     "gain_heldout": c.gain_heldout,
                     "gain_interval": list(c.gain_interval),
                     "gain_alone": c.gain_alone,
                     "before": level(c.before),
                     "after": level(c.after),
-                    "evidence": c.evidence,
-                    "p_value": c.p_value,
-                    "confirm": c.confirm,
                 }
                 for c in self.causes
             ],
-            "suspects": [
-                asdict(s) | {"intervals": {n: list(v) for n, v in s.intervals.items()}}
-                for s in self.suspects
-            ],
-            "not_named": [asdict(n) for n in self.not_named],
+            "suspects": [suspect(s) for s in self.suspects],
             "unnamed": list(self.unnamed),
             "out_of_reach": [{"name": o.name, "because": o.because} for o in self.out_of_reach],
             "next_experiment": None
@@ -339,10 +303,6 @@ class Diagnosis:
             },
             "adjustments": dict(self.adjustments),
             "noise": dict(self.noise),
-            "evidence_alone": dict(self.alone),
-            "evidence": self.evidence,
-            "kind": self.kind._asdict(),
-            "p_value": self.p_value,
             "load_cell": None
             if self.load_cell is None
             else {"prior_N": self.load_cell.prior, "corrected_N": self.load_cell.corrected},
@@ -352,8 +312,8 @@ class Diagnosis:
         }
 
     def found(self) -> list[tuple[str, dict[str, float]]]:
-        """Names and values, as `extended_plant` takes them."""
-        return [(c.name, dict(c.parameters)) for c in self.causes]
+        """Names and values of what is wrong with the plant, as `extended_plant` takes them."""
+        return [(c.name, dict(c.parameters)) for c in self.causes if c.name in CAUSES]
 
     def save(self, folder: Path) -> None:
         """Write ``diagnosis.json``, and the command file of the next experiment, if there is one.
@@ -370,6 +330,6 @@ class Diagnosis:
             self.next_experiment.motion.save(folder)
 
 
-def names_of(causes: Sequence[FoundCause]) -> str:
+def names_of(causes: Sequence[SuspectFound]) -> str:
     """For sentences."""
     return ", ".join(c.name for c in causes) or "no cause"

@@ -18,6 +18,7 @@ from .found_cause import UNITS
 from .page_pictures import plotly_figure
 from .report_words import (
     DOES_NOT_HOLD,
+    NAMED,
     SET,
     as_share,
     does_not_hold,
@@ -38,7 +39,7 @@ _NOT_SHOWN = 1e-9  # relative change of a value that is the prior one
 _KINDS = {"ball_screw": "ball screw with a motor", "drive": "drive whose command is a force"}
 _NOISE = {
     "force_N": ("balance of force, rms", "N"),
-    "voltage_V": ("balance of voltage, rms", "V"),
+    "voltage_N": ("balance of voltage as the force that it holds, rms", "N"),
 }
 
 
@@ -75,6 +76,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             loop=closed_loop,
             headline=verdict_sentence(diagnosis),
             coverage=SET,
+            naming=NAMED,
             unreliable=DOES_NOT_HOLD if does_not_hold(diagnosis) else "",
             named=names_of(diagnosis.causes),
             levels=(
@@ -83,7 +85,10 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
                 ("with everything that was found *", diagnosis.final_residual),
                 ("noise alone (floor)", diagnosis.floor),
             ),
-            mistaken_for={c.name: CAUSES[c.name].mistaken_for for c in diagnosis.causes},
+            mistaken_for={
+                c.name: CAUSES[c.name].mistaken_for if c.name in CAUSES else ()
+                for c in diagnosis.causes
+            },
             pictures=pictures,
             loop_pictures=loop_pictures,
             figures=[

@@ -21,10 +21,11 @@ from .causes import CAUSES
 from .commanded import by_current
 from .diagnosis import Level
 from .drive_model import DriveModel
+from .held_out import ends_of_seconds
 from .modelled_record import ModelledRecord, lay_along, with_law_force
 from .motion_parts import PARTS, motion_parts
 from .prior_model import prior_model_from
-from .residuals import AHEAD, Residual, check_motion, floor, residual
+from .residuals import Residual, check_motion, floor, residual
 
 PRIOR, ADJUSTED, CORRECTED = "prior", "adjusted", "corrected"
 _COMPARED = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))
@@ -170,7 +171,7 @@ def judge_records(records: Sequence[DriveRecord], file: ParameterFile) -> Judgem
     records = [_commanded(r, told) for r in records]
     notes = check_identifiable(records)
     courses = [_laid(r, models[PRIOR], told) for r in records]
-    check_motion(courses)
+    check_motion(courses, models[PRIOR])
     nothing = Added.nothing(courses)
     named = _named(courses, models[CORRECTED], file, told)
     left = {
@@ -180,7 +181,7 @@ def judge_records(records: Sequence[DriveRecord], file: ParameterFile) -> Judgem
     telling = left[PRIOR].telling
     parts = [motion_parts(c) for c in courses]
     masks = {name: np.concatenate([p[name] for p in parts]) & telling for name in PARTS}
-    squares = Blocks(_seconds(courses))
+    squares = Blocks(ends_of_seconds(courses))
     lowest = floor(courses, models[ADJUSTED])
     return Judgement(
         records=tuple(r.name for r in records),
@@ -298,13 +299,3 @@ def _named(
         forces += added.force
         commands += added.command
     return Added(forces, commands)
-
-
-def _seconds(courses: Sequence[ModelledRecord]) -> list[int]:
-    """Ends of the seconds over which positions are predicted, among all samples."""
-    ends = [0]
-    for c in courses:
-        every = max(2, round(AHEAD / c.step))
-        start, n = ends[-1], len(c.x)
-        ends += [start + k for k in (*range(every, n, every), n)]
-    return ends

@@ -16,7 +16,7 @@ from scipy.signal import savgol_filter, welch
 from ..records.drive_record import DriveRecord
 from ..records.resolution import fast_noise
 from .drive_model import DriveModel, midway
-from .weak_form import acceleration, averaged, between_samples, lagged, noise_gains
+from .weak_form import acceleration, averaged, between_samples, lagged
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -45,12 +45,8 @@ class ModelledRecord:
     record : DriveRecord
     width : int
         Spacing of the windows, and quarter of the length of one, in samples.
-    inertia, resistance : float
-        What an unforeseen way costs in force, see `sluggishness` [kg], and the resistance [Ohm], as
-        prior: balances are told in their terms.
-    current_share : float
-        Of the noise of the balance of voltages, in its variance, what the current's reading makes;
-        the rest is the velocity's.
+    resistance : float
+        As prior: balances are told in its terms [Ohm].
     x, v, i : ndarray, shape (n,)
         Smoothed motion and the current [m, m/s, A]; `i` is zero without a motor.
     bristle : ndarray, shape (n,)
@@ -77,7 +73,6 @@ class ModelledRecord:
 
     record: DriveRecord
     width: int
-    inertia: float
     resistance: float
     x: Vector
     v: Vector
@@ -85,7 +80,6 @@ class ModelledRecord:
     bristle: Vector
     unknown: Vector
     force_variance: Vector
-    current_share: float = 1.0
     calibration: Mapping[str, float] = field(default_factory=dict)
     by_current: bool = False
     offset_name: str = ""
@@ -240,14 +234,10 @@ def lay_along(record: DriveRecord, model: DriveModel) -> ModelledRecord:
     nothing = np.zeros(len(x))
     current = _current(record, v, model)
     resistance = model.values["R"] if model.has_motor else 0.0
-    course = ModelledRecord(
-        record, width, 0.0, resistance, x, v, current, nothing, nothing, nothing
-    )
+    course = ModelledRecord(record, width, resistance, x, v, current, nothing, nothing, nothing)
     course = replace(
         course,
-        inertia=sluggishness(course, model),
         per_command=model.per_command,
-        current_share=_current_share(course, model, noise),
         calibration=dict.fromkeys(calibration_priors(course), 0.0),
     )
     return replace(
@@ -282,41 +272,15 @@ def _rough(record: DriveRecord, width: int, model: DriveModel) -> float:
     return usual / (1.4 * math.sqrt(70.0) * model.friction_scale)
 
 
-def sluggishness(course: ModelledRecord, model: DriveModel) -> float:
-    """What holds a drive back within a window: mass, and half a window of what brakes it [kg]."""
-    braking = model.linear_friction + (0.0 if course.by_current else model.braking)
-    return model.inertia + 0.5 * course.width * course.step * braking
-
-
-def voltage_scale(course: ModelledRecord, model: DriveModel) -> float:
-    """By which a voltage left over is told in the noise that it has under the prior resistance.
-
-    Were it told in volts, a model with a small resistance would leave less of a noisy current; in
-    amperes, one with a large resistance less of a noisy velocity.
-    """
-    ratio = model.values["R"] / (course.resistance * (1.0 + course.calibration["current_gain"]))
-    return 1.0 / math.sqrt(1.0 + course.current_share * (ratio**2 - 1.0))
-
-
-def _current_share(course: ModelledRecord, model: DriveModel, noise: float) -> float:
-    if not course.has_current:
-        return 1.0
-    of_average, of_rate = noise_gains(course.width)
-    current = course.resistance * of_average * _current_noise(course)
-    velocity = model.back_emf * of_rate * noise / course.step
-    return current**2 / max(current**2 + velocity**2, 1e-300)
-
-
 def _current_noise(course: ModelledRecord) -> float:
     """Standard deviation of a current's reading [A]."""
     step = float(np.median(np.abs(np.diff(np.unique(course.i))))) if len(course.i) > 1 else 0.0
     return max(fast_noise(course.i), step / math.sqrt(12.0))
 
 
-def driven_by_current(course: ModelledRecord, model: DriveModel) -> ModelledRecord:
+def driven_by_current(course: ModelledRecord) -> ModelledRecord:
     """The course with the motor's force taken from the current."""
-    course = replace(course, by_current=True)
-    return replace(course, inertia=sluggishness(course, model))
+    return replace(course, by_current=True)
 
 
 def _force_variance(course: ModelledRecord, model: DriveModel, noise: float) -> Vector:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .balance import EXACT
+from .bands import EDGES
 from .diagnosis import Level
-from .drive_model import DriveModel
-from .modelled_record import ModelledRecord
-from .regression import Noise
+from .explained import Explained
+from .held_out import laps_of
 from .residuals import Residual, at_samples, floor, repetition
 
 AT_FLOOR = 2.0  # times the floor: more is not explained
@@ -28,15 +28,23 @@ class NoiseFloor:
         [N]
     position : float
         Over a second [m].
+    repeated : bool
+        Whether it is from laps of one motion.
     """
 
     force: float
     by_current: float
     position: float
+    repeated: bool
 
     @property
     def level(self) -> Level:
         return Level(self.force, self.position)
+
+    def told(self, channels: Sequence[str]) -> dict[str, float]:
+        """Root mean square of each balance that a record has, for `Diagnosis.noise`."""
+        of = {"force": ("force_N", self.force), "voltage": ("voltage_N", self.by_current)}
+        return dict(of[c] for c in channels)
 
     def has(self, left: Residual) -> bool:
         """Whether what is left, on data held out, is noise: at most twice the floor in newtons."""
@@ -47,33 +55,37 @@ class NoiseFloor:
         return left.by_current_rms <= AT_FLOOR * self.by_current
 
 
-def noise_floor(
-    courses: Sequence[ModelledRecord],
-    model: DriveModel,
-    noise: Noise,
-    left: Residual,
-    laps: Sequence[float],
-) -> NoiseFloor:
-    """What laps of one motion differ by, else the white part of the noise; no less than readings.
+def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
+    """What laps of one motion differ by, else what is left that is white; no less than readings.
 
     And the error of the law along a motion that is not known better.
 
     Parameters
     ----------
-    noise : Noise
-        Of what the model leaves; what drives it is its white part.
+    found : Explained
     left : Residual
-        What the model leaves.
-    laps : sequence of float
-        How long each record's laps take [s]; empty where there are none.
+        What the model with all that is named leaves.
     """
+    study = found.study
+    courses, model = study.courses, study.model
     read = floor(courses, model)
     along = np.concatenate([at_samples(c, c.force_variance) for c in courses])[left.telling]
-    law = math.sqrt(float(along.mean()))
+    law = math.sqrt(float(along.mean())) if len(along) else 0.0
+    white = _white(found)
+    laps = laps_of(courses)
     if laps:  # no law is just right
-        own = math.hypot(repetition(left, courses, laps), EXACT * model.friction_scale)
-    else:  # what grows with the speed is not in it: a fault does, too
-        own = float(noise.sizes[0])
-    white = max(own, read.force_rms)  # rounding may be the same in every lap
-    between = max([read.by_current_rms, *(model.per_command * noise.sizes[1:])])
-    return NoiseFloor(math.hypot(white, law), float(between), read.position_rms)
+        own = math.hypot(repetition(left, courses, laps), EXACT * study.prior_model.friction_scale)
+    else:  # slower noise is not in it: a fault is slow, too
+        own = max(white[0], EXACT * study.prior_model.friction_scale)
+    forces = max(own, read.force_rms)  # rounding may be the same in every lap
+    between = max([read.by_current_rms, *white[1:]])
+    return NoiseFloor(math.hypot(forces, law), between, read.position_rms, bool(laps))
+
+
+def _white(found: Explained) -> list[float]:
+    """Root mean square of what is left of each balance, were all bands as quiet as one [N]."""
+    bands = found.study.bands
+    squares = found.fit.squares[0].sum(axis=0)
+    levels = np.sqrt(squares / bands.counts[:, bands.used].sum(axis=0))
+    channel = np.flatnonzero(bands.used) // (len(EDGES) - 1)
+    return [float(levels[channel == c].min()) for c in np.unique(channel)]

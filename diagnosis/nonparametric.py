@@ -8,7 +8,6 @@ has, and the rival says where it lives.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -19,43 +18,13 @@ from .drive_model import DriveModel
 from .modelled_record import ModelledRecord
 
 Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 _TIME_KNOT = 0.35  # [s]
-_MOST = 40  # functions of one rival
 _PLACE_KNOT = 4e-4  # [m]
+_MOST = 20  # functions of one rival
 _SWINGS = 3
 _SLOWEST_SWING = 5.0  # [Hz]
 REVERSAL = 5e-6  # way back that makes a reversal [m]
-
-
-LIVES = {
-    "friction over time": "in time",
-    "force over time": "in time",
-    "friction over position": "with position",
-    "force over position": "with position",
-    "viscous friction over time": "in time",
-    "viscous friction over position": "with position",
-    "friction after reversals": "at reversals",
-    "friction over speed": "with speed",
-    "force over speed": "with speed and one direction",
-    "force swinging in time": "in time, swinging",
-}
-"""Where the structure of each lives, for a sentence."""
-
-
-@dataclass(frozen=True)
-class Rival:
-    """One of the shapeless explanations.
-
-    Attributes
-    ----------
-    shapes : list of Shape
-        The same at different fineness.
-    """
-
-    name: str
-    shapes: list[Shape]
 
 
 def way_since_reversal(x: Vector) -> Vector:
@@ -72,10 +41,8 @@ def way_since_reversal(x: Vector) -> Vector:
     return out
 
 
-def nonparametric_alternatives(
-    courses: Sequence[ModelledRecord], model: DriveModel, most: int | None = None
-) -> list[Rival]:
-    """All of them, for these records; each of `most` functions only, if that is given."""
+def rivals(courses: Sequence[ModelledRecord], model: DriveModel) -> list[tuple[str, Shape]]:
+    """Where the structure of each lives, for a sentence, and its shape along these records."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]
     pace = [c.middle_v for c in courses]
@@ -86,29 +53,26 @@ def nonparametric_alternatives(
     logway = [np.log(way_since_reversal(c.x) + 2e-6) for c in courses]
     speed = [np.log(np.abs(c.middle_v) + 1e-4) for c in courses]
     lasts, travel = float(begins[-1]), max(float(np.ptp(np.concatenate(place))), 1e-6)
-    in_time = [max(5, min(round(lasts / _TIME_KNOT), _MOST)), 12]
-    in_place = [max(6, min(round(travel / _PLACE_KNOT), 60)), 24, 10]
-    if most is not None:
-        in_time, in_place = [min(in_time[0], most)], [min(in_place[0], most)]
-    made = []
-    for name, signal, carrier, counts in (
-        ("friction over time", time, sign, in_time),
-        ("force over time", time, one, in_time),
-        ("friction over position", place, sign, in_place),
-        ("force over position", place, one, in_place),
-        ("viscous friction over time", time, pace, [12]),
-        ("viscous friction over position", place, pace, [10]),
-        ("friction after reversals", logway, sign, [10]),
-        ("friction over speed", speed, sign, [8]),
-        ("force over speed", speed, one, [8]),
-    ):
-        shapes = [_splines(signal, carrier, count) for count in sorted(set(counts))]
-        made.append(Rival(name, shapes))
-    made.append(Rival("force swinging in time", _swings(courses, time)))
-    return made
+    in_time = max(5, min(round(lasts / _TIME_KNOT), _MOST))
+    in_place = max(6, min(round(travel / _PLACE_KNOT), _MOST))
+    made = [
+        (lives, _splines(signal, carrier, count))
+        for lives, signal, carrier, count in (
+            ("in time", time, sign, in_time),
+            ("in time", time, one, in_time),
+            ("with position", place, sign, in_place),
+            ("with position", place, one, in_place),
+            ("in time", time, pace, 12),
+            ("with position", place, pace, 10),
+            ("at reversals", logway, sign, 10),
+            ("with speed", speed, sign, 8),
+            ("with speed and one direction", speed, one, 8),
+        )
+    ]
+    return [*made, ("in time, swinging", _swings(courses, time))]
 
 
-def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> list[Shape]:
+def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> Shape:
     """Sines in time of the strongest frequencies of what is unknown."""
     c = max(courses, key=lambda c: len(c.x))
     window = np.hanning(len(c.unknown))
@@ -125,7 +89,7 @@ def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> list[Shape
         np.column_stack([w(2 * np.pi * f * t) for f in best for w in (np.cos, np.sin)])
         for t in time
     ]
-    return [Shape(names, force=force)]
+    return Shape(names, force=force)
 
 
 def _splines(signal: list[Vector], carrier: list[Vector], count: int) -> Shape:

@@ -27,8 +27,10 @@ DOES_NOT_HOLD = (
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict, for a reader who reads nothing else."""
-    explain = "explain" if len(diagnosis.causes) > 1 else "explains"
-    named = f"{names_of(diagnosis.causes)} {explain}"
+    certain = [c for c in diagnosis.causes if c.certain]
+    likeliest = [c for c in diagnosis.causes if not c.certain]
+    explain = "explain" if len(certain) > 1 else "explains"
+    named = f"{names_of(certain)} {explain}"
     lives = " and ".join(diagnosis.unnamed)
     if diagnosis.verdict == NONE:
         return (
@@ -36,11 +38,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             "their tolerances it leaves no more than twice the noise."
         )
     if diagnosis.verdict == EXPLAINED:
-        return f"{named} what the model gets wrong; no structure beyond noise is left."
+        return (
+            f"{named} what the model gets wrong; no structure beyond noise is left."
+            f"{scale_sentence(certain)}"
+        )
     if diagnosis.verdict == PARTLY and diagnosis.unnamed:
         return (
             f"{named} part of what the model gets wrong; structure is left that no cause "
-            f"of the catalogue has: it lives {lives}."
+            f"of the catalogue has: it lives {lives}.{scale_sentence(certain)}"
+            f"{_built_in(likeliest)}"
         )
     if diagnosis.verdict == PARTLY and does_not_hold(diagnosis):
         return f"{named} the data best, and this does not hold: on data held out it may be worse."
@@ -50,8 +56,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{diagnosis.final_residual.force:.3g} N of "
             f"{diagnosis.adjusted_residual.force:.3g} N is left, more than twice "
             f"the {diagnosis.floor.force:.3g} N that is noise."
+            f"{scale_sentence(certain)}{_built_in(likeliest)}"
+            f"{suspicion_sentence(diagnosis.suspects)}"
         )
     lives = f" It lives {lives}." if lives else ""
+    if likeliest:
+        verb = "are" if len(likeliest) > 1 else "is"
+        lives += (
+            f" The likeliest, {names_of(likeliest)}, {verb} built in.{scale_sentence(likeliest)}"
+        )
     suspects = suspicion_sentence(diagnosis.suspects)
     return (
         f"{percent(diagnosis.left_of_friction)} of the friction is left, and no cause is "
@@ -61,9 +74,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 
 SET = (
-    "of 100 records like those of the calibration, 95 have the truth in this set; of others it is "
-    "not known"
+    "of 100 records like those of the calibration, 95 have the truth among these and the names; of "
+    "others it is not known"
 )
+NAMED = "of 100 records like those of the calibration, at most 2 get a wrong name"
 
 
 def suspect_lines(suspects: Sequence[SuspectFound]) -> list[str]:
@@ -93,11 +107,26 @@ def suspicion_sentence(suspects: Sequence[SuspectFound]) -> str:
         said = f" There are {len(names)} suspects, the likeliest {names[0]}."
     else:
         said = f" It is one of {', '.join(names[:-1])} or {names[-1]}."
-    first = suspects[0]
-    if first.name in _SCALED:
-        factor = first.parameters[first.name]
-        said += f" The {_SCALED[first.name]} fits with a factor of {factor:.3g}: look at its unit."
-    return said
+    return said + scale_sentence(suspects[:1])
+
+
+def _built_in(likeliest: Sequence[SuspectFound]) -> str:
+    """What is built in without being certain; empty without any."""
+    if not likeliest:
+        return ""
+    verb = "are" if len(likeliest) > 1 else "is"
+    said = f" The likeliest, {names_of(likeliest)}, {verb} built in."
+    return said + scale_sentence(likeliest)
+
+
+def scale_sentence(found: Sequence[SuspectFound]) -> str:
+    """By which factor signals fit, where that is what is found."""
+    return "".join(
+        f" The {_SCALED[s.name]} fits with a factor of {s.parameters[s.name]:.3g}: look at its "
+        "unit."
+        for s in found
+        if s.name in _SCALED
+    )
 
 
 def of_friction(share: float) -> str:

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 
 from ..records.bad_record import BadRecord
-from .balance import Added
+from .balance import Added, leftovers
+from .bands import moving
 from .drive_model import DriveModel
-from .modelled_record import ModelledRecord, read_anew, sluggishness, voltage_scale
-from .regression import ORDER, balance, telling
-from .weak_form import centres
+from .modelled_record import ModelledRecord, read_anew
+from .weak_form import averaged, centres
 
 Vector = npt.NDArray[np.float64]
 
-_FEWEST = 50  # windows in motion, that an autoregression and a model's values are fitted to
+_JUMP = 0.1  # of the friction, from one sample to the next
+_FEWEST = 50  # windows in motion, that a model is judged on
 AHEAD = 1.0  # over which a position is predicted from a known state [s]
 
 
@@ -63,7 +64,7 @@ def rms(values: Vector) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def check_motion(courses: Sequence[ModelledRecord]) -> None:
+def check_motion(courses: Sequence[ModelledRecord], model: DriveModel) -> None:
     """Refuse records that show next to no motion.
 
     Raises
@@ -71,7 +72,7 @@ def check_motion(courses: Sequence[ModelledRecord]) -> None:
     BadRecord
     """
     count, all_there = (
-        int(sum(telling(c).sum() for c in courses)),
+        int(sum(moving(c, model).sum() for c in courses)),
         sum(len(c.resting) for c in courses),
     )
     if count < _FEWEST:
@@ -85,6 +86,8 @@ def check_motion(courses: Sequence[ModelledRecord]) -> None:
 def residual(courses: Sequence[ModelledRecord], model: DriveModel, added: Added) -> Residual:
     """The unknown force that each record asks for, and what it does to a prediction.
 
+    Forces are told at the prior model's force per unit of the command, see `balance`.
+
     Parameters
     ----------
     model : DriveModel
@@ -93,26 +96,24 @@ def residual(courses: Sequence[ModelledRecord], model: DriveModel, added: Added)
         What is in the model beside its own equations.
     """
     parts = []
-    for c, force, command in zip(courses, added.force, added.command, strict=True):
-        law = model.friction(c.x, c.v, c.step)
-        left = balance(c, model, law, force, command)
-        # as a force, not as what it moves the prior model by
-        whole = left[:, 0] * sluggishness(c, model) / c.inertia
-        between = np.zeros(len(whole))
-        if c.has_current:
-            between = model.per_command * left[:, 1] / voltage_scale(c, model)
+    for c, left in zip(courses, leftovers(courses, model, added), strict=True):
+        whole = at_samples(c, left[:, 0])
+        between = at_samples(c, left[:, 1]) if c.has_current else np.zeros(len(whole))
         if c.by_current:  # a simulation is given the voltage
             whole = whole + between
-        found = at_samples(c, whole)
-        moves = at_samples(c, c.resting) == 0.0
-        parts.append((found, at_samples(c, between), _ahead(model, found, c.step), moves))
+        keep = at_samples(c, _telling(c, model)) == 1.0
+        parts.append((whole, between, _ahead(model, whole, c.step), keep))
     return Residual(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def after_the_start(found: Residual, courses: Sequence[ModelledRecord]) -> Residual:
-    """The residual without each record's start: what went on in the winding before is not known."""
-    known = [np.arange(len(c.x)) >= (ORDER + 2) * c.width for c in courses]
-    return replace(found, telling=found.telling & np.concatenate(known))
+def _telling(course: ModelledRecord, model: DriveModel) -> Vector:
+    """One for each window that tells of forces, shape (windows,).
+
+    Where the law's force jumps, no sample tells when within its interval.
+    """
+    jumps = np.abs(np.diff(course.bristle, append=course.bristle[-1:]))
+    steady = averaged(jumps, course.width) < _JUMP * model.friction_scale
+    return np.asarray(moving(course, model) * steady, dtype=float)
 
 
 def floor(courses: Sequence[ModelledRecord], model: DriveModel) -> Residual:

@@ -1,10 +1,7 @@
 """How well each suspect explains what a model leaves of records, on blocks that it has not seen.
 
 A suspect is a column beside those of the model's values, each of which costs what its tolerance
-says. Values, amplitudes and the noise of each band are fitted to all blocks but one, and the
-logarithm of the likelihood of that one is summed over the blocks (cross-validated predictive
-likelihood; S. Geisser and W. Eddy, JASA 74, 1979). The suspect's score is that sum less the sum
-without it.
+says. Its score is the logarithm of the likelihood of blocks held out, less that without it.
 """
 
 from __future__ import annotations
@@ -12,37 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ..records.bad_record import BadRecord
-from ..records.drive_record import DriveRecord
-from .balance import (
-    EXACT,
-    Added,
-    calibrated,
-    leftovers,
-    recalibrated,
-    responses,
-    sensitivities,
-)
-from .bands import EDGES, Bands, cut, products
+from .balance import EXACT, responses
+from .bands import EDGES, products
 from .causes import CAUSES
-from .causes.cause import Shape
-from .drive_model import DriveModel
-from .modelled_record import (
-    ModelledRecord,
-    driven_by_current,
-    lay_along,
-    with_law_force,
-    with_own_offsets,
-)
-from .nonparametric import nonparametric_alternatives
-from .residuals import at_samples
+from .causes.cause import Shape, Smaller
+from .modelled_record import ModelledRecord
+from .nonparametric import rivals
 from .signals import SIGNALS
+from .study import Fit, Priors, Study, base_columns, base_fit, fitted
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -50,267 +28,35 @@ Array = npt.NDArray[np.float64]
 
 OUTSIDE = "outside the catalogue"
 
-FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution, as is usual where noise has outliers."""
-
-_WEIGHINGS = 6  # of bands by what is left in them
-_WEIGHINGS_MORE = 4  # without one of the blocks
-_FLAT = 1e-9  # of a column's own square: an amplitude may be anything
-_IN_NEWTONS = ("unmodelled_inertia",)  # what `beyond` says of it is of accelerations
-_CURVES = 20  # functions of a free curve
-_WELL_BELOW = 0.8  # of the usual command, where a limit cuts off more than noise
-_MOST_LESS = 0.9  # of a command, that a shape takes away
+_OFTEN, _DEEP = 0.2, 1.25  # share of the samples, and of a limit, by which it cuts noise
+_LEAST = 1e-4  # of what is left, that is made smaller
 _AROUND_ONE, _SPREADS = 0.5, 10.0  # of the amplitude of a shape that has its size in its values
+_FEW = 20.0  # numbers of a band, up to which its share says little
+_AT_END = 0.99
 _REFINED = 3  # halvings of a grid's spacing
-_PINNINGS = 8  # rounds of the active set
-_PINNED = 1e14  # precision of a value that stays where it is
-
-
-@dataclass(frozen=True)
-class Study:
-    """Records laid along a model, and how they are cut.
-
-    Attributes
-    ----------
-    model : DriveModel
-        Around whose values everything is linear.
-    prior_model : DriveModel
-    bands : Bands
-    """
-
-    courses: list[ModelledRecord]
-    model: DriveModel
-    prior_model: DriveModel
-    bands: Bands
-
-    @property
-    def values(self) -> tuple[str, ...]:
-        """Names of the columns of values and calibrations."""
-        return (*self.model.adjustable, *calibrated(self.courses))
-
-    def prior(self) -> tuple[Vector, Vector]:
-        """Mean and spread of the change of each of `values`."""
-        names = self.model.adjustable
-        ratio = [self.prior_model.values[n] / self.model.values[n] - 1.0 for n in names]
-        known = calibrated(self.courses)
-        mean = np.array([*ratio, *(-self.courses[0].calibration[n] for n in known)])
-        spread = [self.prior_model.tolerance[n] / math.sqrt(3.0) for n in names]
-        return mean, np.array([*spread, *(p.spread for p in known.values())])
-
-    def most(self, spread: Vector) -> Vector:
-        """By how much each of `values` can change: tolerances, and what instruments can have."""
-        return np.asarray(math.sqrt(3.0) * spread)
 
 
 @dataclass(frozen=True)
 class Form:
-    """One shape of a suspect: columns of its own, or values that it sets free."""
+    """One shape of a suspect: columns of its own, or values that it sets free.
+
+    Attributes
+    ----------
+    smaller : function or None
+        As of a `Cause`.
+    lives : str
+        Where a free curve finds structure; empty of causes.
+    """
 
     name: str
     shape: Shape
     columns: npt.NDArray[np.int64]
+    smaller: Smaller | None
+    lives: str = ""
 
     @property
     def freed(self) -> tuple[str, ...]:
         return self.shape.freed
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Forms fitted side by side, N of them.
-
-    Attributes
-    ----------
-    held : ndarray, shape (N, blocks)
-        Logarithm of the likelihood of each block that was held out.
-    squares : ndarray, shape (N, blocks, channels * bands)
-        Of what is left of it [N^2].
-    amplitude, error : ndarray, shape (N, columns)
-        From all blocks; the standard error from leaving one out (jackknife).
-    cost : ndarray, shape (N,)
-        Of values that are not the prior ones: minus the logarithm of their prior's density.
-    """
-
-    held: Matrix
-    squares: Array
-    amplitude: Matrix
-    error: Matrix
-    cost: Vector
-
-
-class Priors(NamedTuple):
-    """Of columns, shape (N, columns): mean, one over the variance, and what no change exceeds."""
-
-    mean: Matrix
-    precision: Matrix
-    most: Matrix
-
-
-def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
-    """Fit and hold out.
-
-    Parameters
-    ----------
-    products : ndarray, shape (blocks, used bands, N, 1 + columns, 1 + columns)
-        Of columns, the signal first.
-    prior : Priors
-    exact : float
-        Noise that is always there [N].
-    """
-    counts = bands.counts[:, bands.used]
-    blocks = np.arange(len(products))
-    whole = products.sum(axis=0)
-    start = (whole[:, :, 0, 0] / counts.sum(axis=0)[:, None]).T + exact**2
-    amplitude, variance = _with_noise(products, counts, prior, exact, start, _WEIGHINGS)
-    held, squares, ways = [], [], []
-    for q in blocks:
-        rest = blocks != q
-        found, of_rest = _with_noise(
-            products[rest], counts[rest], prior, exact, variance, _WEIGHINGS_MORE
-        )
-        ways.append(found)
-        left = _left(products[q : q + 1], found)[0]
-        each = 0.5 * counts[q] * np.log(of_rest)
-        each += 0.5 * (FREEDOM + counts[q]) * np.log1p(left / (FREEDOM * of_rest))
-        held.append(-each.sum(axis=1))
-        squares.append(left)
-    each = np.array(ways)
-    count = len(blocks)
-    error = np.sqrt((count - 1) / count * np.sum((each - each.mean(axis=0)) ** 2, axis=0))
-    cost = 0.5 * np.sum(prior.precision * (amplitude - prior.mean) ** 2, axis=1)
-    return Fit(np.array(held).T, np.array(squares).transpose(1, 0, 2), amplitude, error, cost)
-
-
-def _with_noise(
-    products: Array,
-    counts: Matrix,
-    prior: Priors,
-    exact: float,
-    variance: Matrix,
-    times: int,
-) -> tuple[Matrix, Matrix]:
-    """Amplitudes (N, columns) and variances of the bands (N, channels * bands), in turn.
-
-    Noise is not the same all over a record: a block's variance is one of many around the band's
-    (Student's distribution; K. Lange, R. Little and J. Taylor, JASA 84, 1989).
-    """
-    left = products[:, :, :, 0, 0].transpose(0, 2, 1)
-    each = counts[:, None, :]
-    for _ in range(times):
-        weight = (FREEDOM + each) / (FREEDOM + left / variance)
-        inner = np.einsum("qbnij,qnb->nij", products, weight / variance)
-        amplitude = _within_most(inner, prior)
-        left = _left(products, amplitude)
-        weight = (FREEDOM + each) / (FREEDOM + left / variance)
-        variance = np.sum(weight * left, axis=0) / counts.sum(axis=0) + exact**2
-    return amplitude, variance
-
-
-def _within_most(inner: Array, prior: Priors) -> Matrix:
-    """Amplitudes of least squares that stay within their tolerances, by an active set.
-
-    A value that would leave its tolerance is put to its end, and let go where it would turn back
-    (P. Gill, W. Murray and M. Wright, "Practical Optimization", 1981, ch. 5).
-    """
-    mean, precision, most = prior
-    matrix = inner[:, 1:, 1:].copy()
-    at = np.arange(mean.shape[1])
-    matrix[:, at, at] += precision + _FLAT * (matrix[:, at, at] + 1e-30)
-    goal = inner[:, 1:, 0] + precision * mean
-    side = np.zeros(mean.shape)
-    for _ in range(_PINNINGS):
-        pinned = side != 0.0
-        ends = mean + np.where(pinned, side * np.where(np.isfinite(most), most, 0.0), 0.0)
-        held = matrix.copy()
-        held[:, at, at] += np.where(pinned, _PINNED, 0.0)
-        asked = goal + np.where(pinned, _PINNED * ends, 0.0)
-        amplitude = np.linalg.solve(held, asked[:, :, None])[:, :, 0]
-        slope = np.matmul(matrix, np.where(pinned, ends, amplitude)[:, :, None])[:, :, 0] - goal
-        turns = pinned & (side * slope > 0.0)
-        leaves = ~pinned & (np.abs(amplitude - mean) > 1.001 * most)
-        if not (turns.any() or leaves.any()):
-            break
-        side = np.where(turns, 0.0, np.where(leaves, np.sign(amplitude - mean), side))
-    return np.asarray(np.clip(amplitude - mean, -most, most) + mean)
-
-
-def _left(products: Array, amplitude: Matrix) -> Array:
-    """Squares of what amplitudes leave, shape (blocks, N, channels * bands)."""
-    signed = np.concatenate([np.ones((len(amplitude), 1)), -amplitude], axis=1)[:, :, None]
-    half = np.matmul(products, signed)
-    return np.asarray(np.maximum(np.sum(half * signed, axis=(3, 4)), 0.0).transpose(0, 2, 1))
-
-
-def study_of(records: Sequence[DriveRecord], prior_model: DriveModel) -> Study:
-    """Records laid along the model, with its values adjusted within their tolerances.
-
-    The motor's force is taken from the current or from the voltage, whichever leaves less.
-
-    Raises
-    ------
-    BadRecord
-        If records show next to no motion.
-    """
-    courses = with_own_offsets([lay_along(r, prior_model) for r in records], prior_model)
-    studies = [_adjusted(courses, prior_model)]
-    if all(c.has_current for c in courses):
-        studies.append(_adjusted([driven_by_current(c, prior_model) for c in courses], prior_model))
-    likely = [float(s[1].held.sum()) for s in studies]
-    return studies[int(np.argmax(likely))][0]
-
-
-def _adjusted(courses: list[ModelledRecord], prior_model: DriveModel) -> tuple[Study, Fit]:
-    bands = cut(courses, prior_model)
-    if not bands.used.any() or bands.counts[:, bands.used].sum() < 30.0:
-        names = ", ".join(c.record.name for c in courses)
-        raise BadRecord(f"{names}: next to no motion is shown: x rests, jumps or is noise")
-    study = Study(courses, prior_model, prior_model, bands)
-    for _ in range(2):  # Gauss-Newton
-        study, fit = _moved(study)
-    return study, fit
-
-
-def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
-    """The model's own values alone; `columns` are those of `base_columns`."""
-    mean, spread = study.prior()
-    lines = study.bands.lines(columns)
-    own = products(lines, lines)[:, study.bands.used][:, :, None]
-    exact = EXACT * study.prior_model.friction_scale
-    prior = Priors(mean[None], spread[None] ** -2.0, study.most(spread)[None])
-    return fitted(own, study.bands, prior, exact)
-
-
-def base_columns(study: Study) -> list[Matrix]:
-    """The signal and the columns of values, (windows, channels, 1 + columns) of each record."""
-    nothing = Added.nothing(study.courses)
-    left = leftovers(study.courses, study.model, nothing)
-    columns = sensitivities(study.courses, study.model, nothing)
-    return [np.concatenate([y[:, :, None], s], axis=2) for y, s in zip(left, columns, strict=True)]
-
-
-def _within(tolerance: float, change: float) -> float:
-    """A change that is no larger than the tolerance: shapes are taken around values that can be."""
-    return min(max(change, -tolerance), tolerance)
-
-
-def _moved(study: Study) -> tuple[Study, Fit]:
-    """The study around values that fit better, and the fit."""
-    columns = base_columns(study)
-    fit = base_fit(study, columns)
-    change = dict(zip(study.values, fit.amplitude[0].tolist(), strict=True))
-    names, prior = study.model.adjustable, study.prior_model
-    fitted_values = {n: study.model.values[n] * (1.0 + change[n]) for n in names}
-    off = {
-        n: _within(prior.tolerance[n], v / prior.values[n] - 1.0) for n, v in fitted_values.items()
-    }
-    model = study.model.changed({n: prior.values[n] * (1.0 + off[n]) for n in names})
-    moved = recalibrated(study.courses, {n: c for n, c in change.items() if n not in names})
-    courses = [with_law_force(c, model) for c in moved]
-    left = leftovers(courses, model, Added.nothing(courses))
-    courses = [
-        replace(c, unknown=at_samples(c, y[:, 0])) for c, y in zip(courses, left, strict=True)
-    ]
-    return replace(study, courses=courses, model=model), fit
 
 
 @dataclass(frozen=True)
@@ -330,6 +76,8 @@ class Suspect:
     share : float
         Of the squares left of a balance on blocks held out, that it takes away: of forces or of
         voltages, whichever is more.
+    band_share : float
+        The same of the band in which it takes away most.
     cost : float
         Of values that are not the prior ones.
     doubt : float
@@ -343,6 +91,7 @@ class Suspect:
     score: float
     by_block: Vector
     share: float
+    band_share: float
     cost: float
     doubt: float = 0.0
 
@@ -355,11 +104,15 @@ class Scored:
     ----------
     beside : mapping of str to float
         Score of each suspect beside the first.
+    unlike_noise : tuple of float
+        Of what is left without any suspect, as logarithms: its size as a share of the friction; the
+        most that a block has of the usual block's, of all bands; slow bands' over fast ones'.
     """
 
     suspects: list[Suspect]
     base: Fit
     beside: dict[str, float]
+    unlike_noise: tuple[float, float, float]
 
 
 class Catalogue:
@@ -373,69 +126,47 @@ class Catalogue:
         self.count = self.values = self.base[0].shape[2]
         courses, model = study.courses, study.model
         for cause in CAUSES.values():
-            if cause.name in _IN_NEWTONS or not cause.beyond(courses, model):
+            if not cause.beyond(courses, model):
                 for values in cause.grid(courses, model):
                     if _cuts_noise(courses, values):
                         continue
                     shape = cause.at(courses, model, values)
                     if len(shape.freed) < 2 or _goes_together(shape.freed):
-                        self.add(cause.name, shape, cause.relative)
+                        self.add(cause.name, shape, cause.smaller)
         for signal in SIGNALS.values():
             for values in signal.grid(courses, model):
-                self.add(signal.name, signal.at(courses, model, values), signal.relative)
-        for rival in nonparametric_alternatives(courses, model, _CURVES):
-            for shape in rival.shapes:
-                self.add(OUTSIDE, shape)
+                self.add(signal.name, signal.at(courses, model, values), signal.smaller)
+        for lives, shape in rivals(courses, model):
+            self.add(OUTSIDE, shape, lives=lives)
         self.lines = self._lines(self.parts)
         first = [[b[:, : self.values] for b in block] for block in self.lines]
         self.with_values = products(first, self.lines)
 
-    @cached_property
-    def alone(self) -> Fit:
-        """The model's own values without any form."""
-        return base_fit(self.study, self.base)
+    def without(self, forms: Sequence[Form]) -> Fit:
+        """The model's own values beside these forms only."""
+        return self.fit([forms[-1]], forms[:-1])[0] if forms else base_fit(self.study, self.base)
 
     def _lines(self, parts: Sequence[Sequence[Matrix]]) -> list[list[Matrix]]:
         together = [np.concatenate(each, axis=2) for each in zip(*parts, strict=True)]
         used = np.flatnonzero(self.study.bands.used)
         return [[block[k] for k in used] for block in self.study.bands.lines(together)]
 
-    def add(self, name: str, shape: Shape, relative: bool = False) -> None:
+    def add(self, name: str, shape: Shape, smaller: Smaller | None = None, lives: str = "") -> None:
         """A form more."""
         study = self.study
         if shape.freed:
             if not set(shape.freed) <= set(study.values):
                 return  # a value that is certain is no cause
             freed = [1 + study.values.index(n) for n in shape.freed]
-            self.forms.append(Form(name, shape, np.array(freed)))
+            self.forms.append(Form(name, shape, np.array(freed), None, lives))
             return
         part = responses(study.courses, study.model, shape)
-        if shape.command is not None and relative:
-            part = self._told_in_command(shape, part)
         if not all(np.isfinite(p).all() for p in part):
             return
         at = np.arange(self.count, self.count + len(shape.amplitudes))
         self.parts.append(part)
         self.count += len(at)
-        self.forms.append(Form(name, shape, at))
-
-    def _told_in_command(self, shape: Shape, part: list[Matrix]) -> list[Matrix]:
-        """Columns of a command that is made smaller, as a balance of the recorded one has them.
-
-        What makes a command smaller would make all that is left smaller with it. A scale is linear
-        in its amplitude; a shape that has its size in it has the amplitude one.
-        """
-        courses = self.study.courses
-        u = np.concatenate([c.u for c in courses])
-        change = np.concatenate([c[:, 0] for c in shape.command or []])
-        less = -float(change @ u) / max(float(u @ u), 1e-300)
-        whole = 1.0 if shape.sure is None else 1.0 - min(less, _MOST_LESS)
-        out = []
-        for c, p, first in zip(courses, part, self.base, strict=True):
-            told = 1 if c.by_current else 0  # the first balance by a voltage
-            p[:, told:] = (p[:, told:] - less * first[:, told:, :1]) / whole
-            out.append(p)
-        return out
+        self.forms.append(Form(name, shape, at, smaller, lives))
 
     def extend(self, forms: int) -> None:
         """Take up the forms that were added after the first `forms` into the products."""
@@ -487,14 +218,29 @@ class Catalogue:
                 own = self._products([forms[k] for k in some], beside)
                 fit = fitted(own, study.bands, prior, exact)
                 for j, k in enumerate(some):
-                    out[k] = Fit(
-                        fit.held[j : j + 1],
-                        fit.squares[j : j + 1],
-                        fit.amplitude[j : j + 1],
-                        fit.error[j : j + 1],
-                        fit.cost[j : j + 1],
-                    )
+                    out[k] = fit.one(j)
         return [f for f in out if f is not None]
+
+    def information(self, form: Form, squares: Vector) -> Vector:
+        """What records tell of each of a form's amplitudes, all values adjusted, shape (m,).
+
+        One over the variance of its estimate, where this much is left in each band.
+        """
+        bands = self.study.bands
+        variance = squares / bands.counts[:, bands.used].sum(axis=0)
+        variance = variance + (EXACT * self.study.prior_model.friction_scale) ** 2
+        products = self._products([form], ())[:, :, 0].sum(axis=0)
+        inner = np.einsum("bij,b->ij", products, 1.0 / variance)[1:, 1:]
+        priors = self._stated([form])
+        mine = _own(form)
+        chosen = np.arange(len(inner))[mine]
+        others = np.setdiff1d(np.arange(len(inner)), chosen)
+        at = np.arange(len(others))
+        free = inner[np.ix_(others, others)]
+        free[at, at] += priors.precision[others] + 1e-9 * (free[at, at] + 1e-30)
+        cross = inner[np.ix_(others, chosen)]
+        left = inner[np.ix_(chosen, chosen)] - cross.T @ np.linalg.solve(free, cross)
+        return np.asarray(np.maximum(np.diag(left), 0.0))
 
     def force_of(self, suspect: Suspect) -> float:
         """What a suspect does to a balance, of forces or of voltages, root mean square [N]."""
@@ -513,6 +259,7 @@ class Catalogue:
         most, spread = self.study.most(spread), spread.copy()
         own_mean: list[float] = []
         own_precision: list[float] = []
+        own_most: list[float] = []
         for form in forms:
             if form.freed:
                 for name, column in zip(form.freed, form.columns, strict=True):
@@ -522,19 +269,21 @@ class Catalogue:
             sure = form.shape.sure
             own_mean += [0.0 if sure is None else 1.0] * len(form.columns)
             own_precision += [0.0 if sure is None else sure**-2.0] * len(form.columns)
+            own_most += [np.inf if sure is None else _most_off(sure)] * len(form.columns)
         return Priors(
             np.append(mean, own_mean),
             np.append(spread**-2.0, own_precision),
-            np.append(most, np.full(len(own_mean), np.inf)),
+            np.append(most, own_most),
         )
 
 
 def _cuts_noise(courses: Sequence[ModelledRecord], values: Mapping[str, float]) -> bool:
-    """Whether a limit cuts little off most of a command: that is noise that it takes away."""
+    """Whether a limit cuts little off much of a command: that is noise that it takes away."""
     if "voltage_limit" not in values:
         return False
-    usual = float(np.median(np.abs(np.concatenate([c.u for c in courses]))))
-    return _WELL_BELOW * usual < values["voltage_limit"] < usual
+    asked = np.abs(np.concatenate([c.u for c in courses])) / values["voltage_limit"]
+    cut = asked > 1.0
+    return bool(cut.mean() > _OFTEN and np.median(asked[cut]) < _DEEP)
 
 
 def _goes_together(names: Sequence[str]) -> bool:
@@ -542,56 +291,161 @@ def _goes_together(names: Sequence[str]) -> bool:
     return {n.partition("_")[0] for n in names} in ({"kt", "ke"}, {"Fc", "Fs"}, {"Fc"})
 
 
+def _most_off(sure: float) -> float:
+    """By how much an amplitude of one can be another."""
+    return min(_AROUND_ONE, _SPREADS * sure)
+
+
 def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
     """Whether sizes are such as a machine can have."""
     if form.shape.sure is not None:
-        most = min(_AROUND_ONE, _SPREADS * form.shape.sure)
-        return bool(abs(amplitude[0] - 1.0) < most)
+        return bool(abs(amplitude[0] - 1.0) < _AT_END * _most_off(form.shape.sure))
+    if form.name in SIGNALS:
+        return bool(np.all(amplitude > -1.0))
     if form.freed:
         least = study.prior_model.tolerance["m"] if form.name == "unmodelled_inertia" else -0.9
         return bool(np.all(amplitude > least))
     return True
 
 
-def _own(form: Form, values: int) -> slice | npt.NDArray[np.int64]:
-    return form.columns - 1 if form.freed else slice(values, values + len(form.columns))
+def _own(form: Form) -> slice | npt.NDArray[np.int64]:
+    """Where a fit has a form's own amplitudes: the last, or those of the values it sets free."""
+    return form.columns - 1 if form.freed else slice(-len(form.columns), None)
 
 
-def scored(study: Study, catalogue: Catalogue) -> Scored:
-    """Every suspect in its best form, the best first."""
-    base, values = catalogue.alone, len(study.values)
-    fits = catalogue.fit(catalogue.forms)
-    best: dict[str, Suspect] = {}
-    for form, fit in zip(catalogue.forms, fits, strict=True):
-        suspect = _suspect(study, form, fit, base, values)
-        key = form.name
-        if suspect and (key not in best or suspect.score > best[key].score):
-            best[key] = suspect
+def scored(study: Study, catalogue: Catalogue, named: Sequence[Suspect] = ()) -> Scored:
+    """Every suspect in its best form beside those that are named already, the best first."""
+    known = [s.form for s in named]
+    base = catalogue.without(known)
+    others = {s.name for s in named}
+    best = _best(catalogue, [f for f in catalogue.forms if f.name not in others], known)
     suspects = sorted(best.values(), key=lambda s: -s.score)
     beside: dict[str, float] = {}
     first = next((s for s in suspects if s.name != OUTSIDE), None)
     if first:
         forms = [s.form for s in suspects if s is not first and s.name != OUTSIDE]
-        own = catalogue.fit([first.form])[0]
-        for form, fit in zip(forms, catalogue.fit(forms, [first.form]), strict=True):
+        own = catalogue.without([*known, first.form])
+        fits = catalogue.fit(forms, [*known, first.form])
+        for form, fit in zip(forms, fits, strict=True):
             beside[form.name] = float(fit.held.sum() - own.held.sum() - fit.cost[0] + own.cost[0])
-    return Scored(suspects, base, beside)
+    return Scored(suspects, base, beside, _unlike_noise(study, base))
 
 
-def _suspect(study: Study, form: Form, fit: Fit, base: Fit, values: int) -> Suspect | None:
-    own = _own(form, values)
+def in_best_form(catalogue: Catalogue, suspect: Suspect, beside: Sequence[Suspect]) -> Suspect:
+    """The suspect in the form that does best beside others."""
+    forms = [f for f in catalogue.forms if f.name == suspect.name]
+    return _best(catalogue, forms, [s.form for s in beside]).get(suspect.name, suspect)
+
+
+def _best(catalogue: Catalogue, forms: Sequence[Form], known: Sequence[Form]) -> dict[str, Suspect]:
+    """The best of the forms of each suspect, beside known ones."""
+    base = catalogue.without(known)
+    tried: dict[str, list[tuple[Form, Fit]]] = {}
+    for form, fit in zip(forms, catalogue.fit(forms, known), strict=True):
+        tried.setdefault(form.name, []).append((form, fit))
+    doubts = _between(catalogue, tried, known)
+    best: dict[str, Suspect] = {}
+    for name, pairs in tried.items():
+        for form, fit in pairs:
+            suspect = _suspect(catalogue.study, form, fit, base)
+            if suspect and (name not in best or suspect.score > best[name].score):
+                best[name] = replace(suspect, doubt=doubts.get(name, 0.0))
+    return best
+
+
+def _between(
+    catalogue: Catalogue, tried: dict[str, list[tuple[Form, Fit]]], known: Sequence[Form]
+) -> dict[str, float]:
+    """Try forms between the points of grids, by halving around the best; gives the last spacings.
+
+    A form that is a little off may have an amplitude that no machine has, see `_can_be`: where all
+    of them have, the best is of all.
+    """
+    study = catalogue.study
+
+    def rank(pair: tuple[Form, Fit]) -> tuple[bool, float]:
+        form, fit = pair
+        can_be = form.freed or _can_be(study, form, fit.amplitude[0][_own(form)])
+        return bool(can_be), float(fit.held.sum() - fit.cost[0])
+
+    best = {name: max(pairs, key=rank)[0] for name, pairs in tried.items()}
+    steps: dict[str, float] = {}
+    for name, form in best.items():
+        step = _spacing(form, [f for f, _ in tried[name]])
+        if step:
+            steps[name] = step
+    for _ in range(_REFINED):
+        before = len(catalogue.forms)
+        for name in steps:
+            steps[name] *= 0.5
+            cause, values = CAUSES[name], best[name].shape.values
+            key = cause.refined_of(values) or ""
+            for side in (-steps[name], steps[name]):
+                moved = {**values, key: values[key] * math.exp(side)}
+                if _cuts_noise(study.courses, moved):
+                    continue
+                shape = cause.at(study.courses, study.model, moved)
+                catalogue.add(name, shape, cause.smaller)
+        catalogue.extend(before)
+        new = catalogue.forms[before:]
+        for form, fit in zip(new, catalogue.fit(new, known), strict=True):
+            tried[form.name].append((form, fit))
+        best = {name: max(tried[name], key=rank)[0] for name in steps}
+    return steps
+
+
+def _spacing(form: Form, forms: Sequence[Form]) -> float:
+    """From a form to the nearest on its grid, as a logarithm; zero where none is between."""
+    cause = CAUSES.get(form.name)
+    name = cause.refined_of(form.shape.values) if cause else None
+    if name is None or form.shape.values[name] <= 0.0:
+        return 0.0
+    own = form.shape.values
+    alike = [f.shape.values for f in forms if f.shape.values.keys() == own.keys()]
+    alike = [v for v in alike if all(v[k] == w for k, w in own.items() if k != name)]
+    grid = np.array([float(v[name]) for v in alike])
+    near = np.abs(np.log(grid[(grid > 0.0) & (grid != own[name])] / own[name]))
+    return float(near.min(initial=np.inf)) if len(near) else 0.0
+
+
+def _unlike_noise(study: Study, base: Fit) -> tuple[float, float, float]:
+    own = _of_forces(study)
+    counts = study.bands.counts[:, study.bands.used][:, own]
+    exact = EXACT * study.prior_model.friction_scale
+    blocks = base.squares[0][:, own] / np.maximum(counts, 1.0) + exact**2
+    bands = np.average(blocks, axis=0, weights=np.maximum(counts[:, 0], 1e-9))
+    size = math.sqrt(float(base.squares[0][:, own].sum() / counts.sum())) + exact
+    worst = np.max(blocks / np.median(blocks, axis=0), axis=0)
+    return (
+        math.log(size / study.prior_model.friction_scale),
+        0.5 * float(np.log(worst.max())),
+        0.5 * float(np.log(bands[:-1].max() / bands[-1])) if len(bands) > 1 else 0.0,
+    )
+
+
+def _suspect(study: Study, form: Form, fit: Fit, base: Fit) -> Suspect | None:
+    own = _own(form)
     amplitude = fit.amplitude[0][own]
     if not np.isfinite(fit.held).all() or not _can_be(study, form, amplitude):
         return None
     by_block = fit.held[0] - base.held[0]
     of_force = _of_forces(study)
+    counts = study.bands.counts[:, study.bands.used]
+    squares = fit.squares[0]
+    if form.smaller:  # it is told in the recorded signals
+        smaller = max(form.smaller(study.courses, form.shape, amplitude), _LEAST)
+        told = ~of_force if study.courses[0].by_current else np.ones(len(of_force), dtype=bool)
+        by_block = by_block + np.sum(counts[:, told], axis=1) * math.log(smaller)
+        squares = np.where(told, squares / smaller**2, squares)
     channels = [of_force, ~of_force] if study.courses[0].has_current else [of_force]
     shares = [
-        1.0 - float(fit.squares[0][:, c].sum()) / max(float(base.squares[0][:, c].sum()), 1e-300)
+        1.0 - float(squares[:, c].sum()) / max(float(base.squares[0][:, c].sum()), 1e-300)
         for c in channels
     ]
     if max(shares) <= 0.0:
         return None  # in newtons it explains nothing: it only trusts other bands more
+    known = counts.sum(axis=0) > _FEW
+    left, before = (part.sum(axis=0)[known] for part in (squares, base.squares[0]))
     return Suspect(
         form.name,
         form,
@@ -600,6 +454,7 @@ def _suspect(study: Study, form: Form, fit: Fit, base: Fit, values: int) -> Susp
         float(by_block.sum() - fit.cost[0] + base.cost[0]),
         by_block,
         max(shares),
+        float(np.max(1.0 - left / np.maximum(before, 1e-300), initial=0.0)),
         float(fit.cost[0]),
     )
 
@@ -608,34 +463,3 @@ def _of_forces(study: Study) -> npt.NDArray[np.bool_]:
     """Which of the used bands are of the balance of forces."""
     of_force = np.arange(len(study.bands.used)) < len(EDGES) - 1
     return np.asarray(of_force[study.bands.used])
-
-
-def refined(study: Study, catalogue: Catalogue, suspect: Suspect) -> Suspect:
-    """The suspect with its value found between the points of the grid, by halving."""
-    cause = CAUSES.get(suspect.name)
-    name = cause.refined_of(suspect.form.shape.values) if cause else None
-    if cause is None or name is None:
-        return suspect
-    grid = np.unique([f.shape.values[name] for f in catalogue.forms
-                      if f.name == suspect.name and name in f.shape.values])  # fmt: skip
-    at = float(suspect.form.shape.values[name])
-    near = np.abs(np.log(grid[(grid > 0.0) & (grid != at)] / at)) if at > 0.0 else np.zeros(0)
-    if not len(near):
-        return suspect
-    step, best = float(near.min()), suspect
-    base = catalogue.alone
-    for _ in range(_REFINED):
-        step *= 0.5
-        known = len(catalogue.forms)
-        values = best.form.shape.values
-        for side in (-step, step):
-            moved = {**values, name: values[name] * math.exp(side)}
-            shape = cause.at(study.courses, study.model, moved)
-            catalogue.add(suspect.name, shape, cause.relative)
-        new = catalogue.forms[known:]
-        catalogue.extend(known)
-        for form, fit in zip(new, catalogue.fit(new), strict=True):
-            tried = _suspect(study, form, fit, base, len(study.values))
-            if tried and tried.score > best.score:
-                best = tried
-    return replace(best, doubt=step)

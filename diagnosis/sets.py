@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -32,8 +32,8 @@ EVERYONE = (*CAUSES, *SIGNALS, OUTSIDE)
 TABLE = Path(__file__).with_name("sets.json")
 
 _UNIT = 5.0  # a score that is noise's own [nats]
-_OF_SUSPECT = 8
-_OF_NOTHING = 4
+_OF_SUSPECT = 10
+_OF_NOTHING = 8
 STATISTICS = 2 * _OF_SUSPECT + _OF_NOTHING
 """Of a suspect of the catalogue, of `OUTSIDE`, of `NOTHING`."""
 
@@ -50,11 +50,14 @@ class Likely:
         Among all that was looked at.
     suspect : Suspect or None
         With its size; None of `NOTHING`.
+    certain : bool
+        Whether it is named: of calibration records 2 % at most got a wrong name.
     """
 
     name: str
     probability: float
     suspect: Suspect | None
+    certain: bool = False
 
 
 def statistics(scored: Scored) -> tuple[list[str], Matrix]:
@@ -67,14 +70,17 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
     suspects = scored.suspects
     best = max((s.score for s in suspects), default=0.0)
     second = max((s.score for s in suspects[1:]), default=0.0)
-    share = max((_share(s) for s in suspects), default=0.0)
+    share = max((_share(s.share) for s in suspects), default=0.0)
+    in_band = max((_share(s.band_share) for s in suspects), default=0.0)
     names, rows = [], []
     for k, s in enumerate(suspects):
         own = [
             _log(s.score),
             _log(best - max(s.score, 0.0)),
-            _share(s),
-            max(share, 0.0) - _share(s),
+            _share(s.share),
+            max(share, 0.0) - _share(s.share),
+            _share(s.band_share),
+            max(in_band, 0.0) - _share(s.band_share),
             _log(s.score - float(np.max(s.by_block))),
             float(np.log1p(s.cost)),
             _log(scored.beside.get(s.name, 0.0)) if k else 0.0,
@@ -90,6 +96,7 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
             row = np.zeros(STATISTICS)
             begin = _OF_SUSPECT if name == OUTSIDE else 0
             row[begin + 1], row[begin + 3] = _log(best), max(share, 0.0)
+            row[begin + 5] = max(in_band, 0.0)
             names.append(name)
             rows.append(row)
     outside = max((s.score for s in suspects if s.name == OUTSIDE), default=0.0)
@@ -99,6 +106,8 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
         max(share, 0.0),
         float(np.log1p(scored.base.cost[0])),
         _log(outside),
+        max(in_band, 0.0),
+        *scored.unlike_noise,
     ]
     return [*names, NOTHING], np.array([*rows, row])
 
@@ -112,19 +121,31 @@ def probabilities(
     return np.asarray(odds / odds.sum())
 
 
-def likely(scored: Scored) -> tuple[list[Likely], bool]:
-    """The set, the likeliest first and always in it, and whether nothing being wrong is ruled out.
+def likely(scored: Scored, something: bool = False) -> tuple[list[Likely], bool]:
+    """The set, the likeliest first, and whether there is something at all.
 
-    It is ruled out where it is less likely than of all but 2 % of faultless records.
+    `something` is what is known of that already.
+
+    The first is certain where it is so likely that of calibration records 2 % at most got a wrong
+    name (conformal risk control; A. Angelopoulos and others, 2022). That there is something is said
+    where nothing is less likely than of all but 3 % of faultless records.
     """
     table = _table()
     names, rows = statistics(scored)
     found = probabilities(names, rows, np.array(table["weights"]), table["constants"])
+    nothing = names.index(NOTHING)
+    something = something or bool(found[nothing] < table["threshold_of_none"])
+    if something:
+        found[nothing] = 0.0
+        found /= found.sum()
     suspects = {s.name: s for s in scored.suspects}
     order = np.argsort(-found)
     kept = [k for j, k in enumerate(order) if j == 0 or found[k] >= table["threshold"]]
     members = [Likely(names[k], float(found[k]), suspects.get(names[k])) for k in kept]
-    return members, bool(found[names.index(NOTHING)] < table["threshold_of_none"])
+    first = members[0]
+    if first.suspect and first.name != OUTSIDE and first.probability >= table["threshold_of_name"]:
+        members[0] = replace(first, certain=True)
+    return members, something
 
 
 @cache
@@ -132,8 +153,8 @@ def _table() -> dict[str, Any]:
     return dict(json.loads(TABLE.read_text(encoding="utf-8")))
 
 
-def _share(suspect: Suspect) -> float:
-    return min(max(suspect.share, -0.3), 1.0)
+def _share(share: float) -> float:
+    return min(max(share, -0.3), 1.0)
 
 
 def _log(score: float) -> float:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .causes.cause import Courses, Shape, Values, Vector
+from .causes.cause import Courses, Shape, Smaller, Values, Vector, of_command
 
 if TYPE_CHECKING:
     from .drive_model import DriveModel
@@ -38,8 +38,8 @@ class Signal:
     grid, at
         As of a `Cause`.
     confirm : str
-    relative : bool
-        Balances stay told in the recorded command: else one that is made small would leave less.
+    smaller
+        As of a `Cause`: else a signal that is made small would leave less.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Signal:
     grid: Callable[[Courses, DriveModel], list[Values]]
     at: Callable[[Courses, DriveModel, Values], Shape]
     confirm: str
-    relative: bool = False
+    smaller: Smaller | None = None
 
 
 def _inertial(course: ModelledRecord, model: DriveModel) -> Vector:
@@ -115,15 +115,13 @@ SIGNALS: dict[str, Signal] = {
             _once,
             _scale_of_u,
             "measure the voltage at the motor with a meter",
-            relative=True,
+            smaller=of_command,
         ),
         Signal(
             "scale_of_i",
             "the recorded current has another scale",
             _with_current,
-            lambda courses, model, values: Shape(
-                ("scale_of_i",), values=values, freed=(CURRENT_GAIN,)
-            ),
+            _scale_of_i,
             "measure the current with a clamp",
         ),
         Signal(
@@ -132,6 +130,7 @@ SIGNALS: dict[str, Signal] = {
             _once,
             _scale_of_x,
             "move by a way that is known and read the position",
+            smaller=lambda courses, shape, amplitudes: min(abs(1.0 + float(amplitudes[0])), 1.0),
         ),
         Signal(
             "sign_of_u",

@@ -47,14 +47,6 @@ def _bell(width: int) -> Matrix:
     return np.concatenate([[0.0], bell, [0.0]]).reshape(4, width)
 
 
-def noise_gains(width: int) -> tuple[float, float]:
-    """What white noise of the samples is in an average, and in a rate of change times the step."""
-    bell = _bell(width).ravel()
-    return float(np.linalg.norm(bell)), float(
-        np.linalg.norm(np.diff(bell, prepend=0.0, append=0.0))
-    )
-
-
 def averaged(values: Matrix, width: int) -> Matrix:
     """Averages of interval values under each bell.
 

@@ -27,7 +27,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import binomtest
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "diagnosis" / "sets.json"
@@ -36,20 +35,29 @@ ROWS = ROOT / "out" / "diagnosis_sets.jsonl"
 
 from provenance import provenance  # noqa: E402
 from worlds import HELD_BACK, WORLDS, Unusable, draw_case, write_case  # noqa: E402
-from worlds import OUTSIDE as NOT_IN_CATALOGUE  # noqa: E402
-from worlds_trials import SYNONYMS, VISIBLE, Trial, plan_trials  # noqa: E402
+from worlds_trials import (  # noqa: E402
+    VISIBLE,
+    Trial,
+    plan_trials,
+    right_names,
+    share,
+    truth_of,
+)
 
 from ballscrew.diagnosis.commanded import commanded  # noqa: E402
 from ballscrew.diagnosis.prior_model import read_prior_model  # noqa: E402
-from ballscrew.diagnosis.scores import OUTSIDE, Catalogue, scored, study_of  # noqa: E402
+from ballscrew.diagnosis.scores import OUTSIDE, Catalogue, scored  # noqa: E402
 from ballscrew.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
+from ballscrew.diagnosis.study import study_of  # noqa: E402
 from ballscrew.orchestration.workers import Processes  # noqa: E402
 from ballscrew.records.drive_record import read_drive_records  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 
 COVERAGE = 0.95
-OF_FAULTLESS = 0.02
+OF_FAULTLESS = 0.03
 """Share of faultless records that may be called something else."""
+OF_NAMES = 0.02
+"""Share of records, faultless or not, that may get a wrong name."""
 FOLDS = 5
 RIDGE, RIDGE_OF_CONSTANTS = 0.05, 0.5  # of standardised weights; of each name's own constant
 
@@ -73,9 +81,7 @@ class Row:
     @property
     def truth(self) -> str:
         """What has to be in the set."""
-        if not self.effect:
-            return NOTHING
-        return OUTSIDE if self.effect in NOT_IN_CATALOGUE else self.effect
+        return truth_of(self.effect) if self.effect else NOTHING
 
     @property
     def usable(self) -> bool:
@@ -90,8 +96,7 @@ class Row:
     @property
     def allowed(self) -> set[str]:
         """The truth, and what has its shape in this record."""
-        same = {"parameter_error"} if self.truth in SYNONYMS.values() else set()
-        return {self.truth, *self.shared, *same}
+        return right_names(self.effect, self.shared) if self.effect else {NOTHING}
 
 
 def row_of(trial: Trial) -> Row:
@@ -185,27 +190,43 @@ def threshold(truths: Iterable[float], share: float) -> float:
     return ordered[max(int(np.floor(share * (len(ordered) + 1))) - 1, 0)]
 
 
+def threshold_of_name(rows: list[Row], found: list[dict[str, float]]) -> float:
+    """Probability from which on the likeliest is named (conformal risk control).
+
+    Of records with effects and of faultless ones alike, few get a wrong name.
+    """
+    wrong: dict[bool, list[float]] = {True: [], False: []}
+    for r, f in zip(rows, found, strict=True):
+        first = max(f, key=lambda n: f[n])
+        counts = first not in (NOTHING, OUTSIDE) and first not in r.allowed
+        wrong[bool(r.effect)].append(f[first] if counts else 0.0)
+    return max(_beyond(each) for each in wrong.values())
+
+
+def _beyond(values: list[float]) -> float:
+    ordered = sorted(values, reverse=True)
+    allowed = int(np.floor(OF_NAMES * (len(ordered) + 1))) - 1
+    return ordered[max(allowed, 0)] + 1e-9
+
+
 def set_of(found: dict[str, float], least: float) -> list[str]:
     """Names of a set, the likeliest first."""
     ordered = sorted(found, key=lambda n: -found[n])
     return [n for k, n in enumerate(ordered) if k == 0 or found[n] >= least]
 
 
-def share(hits: list[bool]) -> dict[str, Any]:
-    """A share and Wilson's bounds."""
-    if not hits:
-        return {"records": 0}
-    interval = binomtest(sum(hits), len(hits)).proportion_ci(method="wilson")
-    bounds = [float(interval.low), float(interval.high)]
-    return {"records": len(hits), "share": sum(hits) / len(hits), "wilson_95": bounds}
-
-
-def measured(rows: list[Row], sets: list[list[str]], ruled_out: list[bool]) -> dict[str, Any]:
-    """What sets hold."""
+def measured(
+    rows: list[Row], sets: list[list[str]], ruled_out: list[bool], names: list[str]
+) -> dict[str, Any]:
+    """What sets hold, and what is named; a name is empty where there is none."""
     both = list(zip(rows, sets, ruled_out, strict=True))
 
     def of(which: Callable[[Row], bool], hit: Callable[[Row, list[str]], bool]) -> dict[str, Any]:
         return share([hit(r, s) for r, s, _ in both if which(r)])
+
+    def named(which: Callable[[Row], bool], right: bool) -> dict[str, Any]:
+        some = [(r, n) for r, n in zip(rows, names, strict=True) if which(r)]
+        return share([bool(n) and (n in r.allowed) == right for r, n in some])
 
     sizes = [len(s) for r, s, _ in both if r.clear]
     return {
@@ -214,22 +235,16 @@ def measured(rows: list[Row], sets: list[list[str]], ruled_out: list[bool]) -> d
             lambda r: r.clear, lambda r, s: bool(r.allowed & set(s))
         ),
         "mean number of suspects, clear effects": float(np.mean(sizes)) if sizes else None,
-        "a single name, right, clear effects": of(
-            lambda r: r.clear, lambda r, s: len(s) == 1 and s[0] in r.allowed
-        ),
+        "named rightly, clear effects": named(lambda r: r.clear, True),
+        "named wrongly, of records with effects": named(lambda r: bool(r.effect), False),
+        "named wrongly, faultless": named(lambda r: not r.effect, False),
         "at most two with the truth, clear effects": of(
             lambda r: r.clear, lambda r, s: len(s) <= 2 and bool(r.allowed & set(s))
         ),
         "the likeliest is right, clear effects": of(
             lambda r: r.clear, lambda r, s: s[0] in r.allowed
         ),
-        "a single name, wrong, of records with effects": of(
-            lambda r: bool(r.effect), lambda r, s: len(s) == 1 and s[0] not in r.allowed
-        ),
         "faultless, nothing is ruled out": share([out for r, _, out in both if not r.effect]),
-        "faultless, a single other name": of(
-            lambda r: not r.effect, lambda r, s: len(s) == 1 and s[0] != NOTHING
-        ),
         "clear effects, nothing is ruled out": share([out for r, _, out in both if r.clear]),
     }
 
@@ -244,19 +259,26 @@ def report(rows: list[Row], also: list[Row]) -> tuple[dict[str, Any], dict[str, 
     of_none = threshold(
         (f[NOTHING] for r, f in zip(rows, found, strict=True) if not r.effect), OF_FAULTLESS
     )
+    of_name = threshold_of_name(rows, found)
     weights = fitted([*rows, *also], names)
+    firsts = [max(f, key=lambda n, f=f: f[n]) for f in found]
+    said = [
+        n if n not in (NOTHING, OUTSIDE) and f[n] >= of_name else ""
+        for n, f in zip(firsts, found, strict=True)
+    ]
     sets = [set_of(f, least) for f in found]
     out = [f[NOTHING] < of_none for f in found]
     worlds = {}
     for world in sorted({r.world for r in rows}):
         here = [k for k, r in enumerate(rows) if r.world == world]
-        worlds[world] = measured(*([part[k] for k in here] for part in (rows, sets, out)))
+        worlds[world] = measured(*([part[k] for k in here] for part in (rows, sets, out, said)))
     order = sorted(worlds, key=lambda w: worlds[w]["truth in the set"]["share"])
     table = {
         "weights": [round(float(w), 6) for w in weights.weights],
         "constants": {n: round(c, 6) for n, c in weights.constants.items()},
         "threshold": least,
         "threshold_of_none": of_none,
+        "threshold_of_name": of_name,
         "records": len(rows) + len(also),
     }
     proof = {
@@ -264,11 +286,18 @@ def report(rows: list[Row], also: list[Row]) -> tuple[dict[str, Any], dict[str, 
         "records that helped to fit the weights only": len(also),
         "refused or unusable": len(refused),
         "seconds, median": float(np.median([r.seconds for r in rows])),
-        "all worlds": measured(rows, sets, out),
+        "all worlds": measured(rows, sets, out, said),
         "worlds, the worst first": {w: worlds[w] for w in order},
         "rows": [
-            {"world": r.world, "effect": r.effect, "seed": r.seed, "ratio": r.ratio, "set": s}
-            for r, s in zip(rows, sets, strict=True)
+            {
+                "world": r.world,
+                "effect": r.effect,
+                "seed": r.seed,
+                "ratio": r.ratio,
+                "named": n,
+                "set": s,
+            }
+            for r, s, n in zip(rows, sets, said, strict=True)
         ],
     }
     return table, proof

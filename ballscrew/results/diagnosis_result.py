@@ -35,6 +35,8 @@ class DiagnosisResult(Result, Diagnosis):
         return f"{self.verdict}: {verdict_sentence(self)}"
 
     def facts(self) -> Iterable[tuple[str, str]]:
+        from ..diagnosis.report_words import of_friction
+
         rows = (
             ("residual of the prior model, rms", self.baseline_residual),
             ("residual with values adjusted, rms", self.adjusted_residual),
@@ -46,9 +48,15 @@ class DiagnosisResult(Result, Diagnosis):
         for cause in self.causes:
             low, high = cause.gain_interval
             yield (
-                cause.name,
+                cause.name if cause.certain else f"{cause.name} (likeliest, not certain)",
                 f"takes {100 * cause.gain_heldout:.3g} % of the mean square on data held out "
                 f"[{100 * low:.3g}, {100 * high:.3g}]",
+            )
+        for suspect in self.suspects:
+            told = of_friction(suspect.of_friction)
+            yield (
+                f"possible: {suspect.name}",
+                f"probability {suspect.probability:.2f}, {suspect.force:.3g} N rms, {told}",
             )
 
     def extended_plant(self) -> Component:
@@ -64,14 +72,18 @@ class DiagnosisResult(Result, Diagnosis):
         return extended_plant(self.corrected, self.found())
 
     def to_pandas(self) -> Any:
-        """A row for each named cause's parameter: value, 95 % interval, unit, gain held out."""
+        """A row for each parameter of what is built in: value, interval, unit, gain held out.
+
+        A number that only tells the form has no interval (NaN).
+        """
+        unknown = (float("nan"), float("nan"))
         rows = [
             {
                 "cause": c.name,
                 "parameter": n,
                 "value": value,
-                "low": c.intervals[n][0],
-                "high": c.intervals[n][1],
+                "low": c.intervals.get(n, unknown)[0],
+                "high": c.intervals.get(n, unknown)[1],
                 "unit": c.units[n],
                 "gain_heldout": c.gain_heldout,
             }

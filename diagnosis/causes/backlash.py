@@ -50,6 +50,5 @@ CAUSE = Cause(
     _extend,
     confirm="reverse slowly with the current recorded: it falls to nothing until the gap is closed",
     refined=("gap",),
-    way=lambda model, values: values["gap"],
     mistaken_for=("compliance", "parameter_error", "unexplained"),
 )

@@ -66,6 +66,20 @@ class Shape:
 
 Courses = Sequence["ModelledRecord"]
 Values = Mapping[str, float]
+Smaller = Callable[[Courses, Shape, Vector], float]
+
+_SOME = 1e-3  # of the largest command, from which on a share of it means anything
+_LEAST = 1e-3  # of a command, that a shape leaves
+
+
+def of_command(courses: Courses, shape: Shape, amplitudes: Vector) -> float:
+    """By how much a shape makes a command smaller, as a geometric mean; at most one."""
+    logs = []
+    for c, change in zip(courses, shape.command or [], strict=True):
+        given, asked = np.abs(c.u + change @ amplitudes), np.abs(c.u)
+        some = asked > _SOME * float(np.max(asked))
+        logs.append(np.log(np.maximum(given[some] / asked[some], _LEAST)))
+    return min(float(np.exp(np.mean(np.concatenate(logs)))), 1.0)
 
 
 @dataclass(frozen=True)
@@ -93,18 +107,10 @@ class Cause:
         Those of `values` that are found between the grid's points; of each form one at most.
     beyond : function of (courses, model) to str or None
         Why these records cannot show it at all.
-    when : tuple of str
-        Those of `values` that are times within a record.
-    of_friction : bool
-        Its force is a part of the friction, which can only brake.
     on_screw : bool
         Its force acts on the screw's side, where a load cell before the block does not feel it.
-    late : mapping of str to float
-        By how much of these `values` the command is late, as a recorder may be, too.
-    way : function of (model, values) to a number, optional
-        For what shows after reversals: the way that it takes until all of it has shown [m].
-    relative : bool
-        It makes the command smaller, and all that is left with it: see `Catalogue`.
+    smaller : function of (courses, shape, amplitudes) to a number, optional
+        By how much it makes all that is left smaller, were that noise, such as `of_command`.
     """
 
     name: str
@@ -117,19 +123,15 @@ class Cause:
     mistaken_for: tuple[str, ...] = ()
     refined: tuple[str, ...] = ()
     beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
-    when: tuple[str, ...] = ()
-    of_friction: bool = False
     on_screw: bool = False
-    late: Mapping[str, float] = field(default_factory=dict)
-    way: Callable[[DriveModel, Values], float] | None = None
-    relative: bool = False
+    smaller: Smaller | None = None
 
     def refined_of(self, values: Values) -> str | None:
         """Which of these values is found between the grid's points, if any."""
         return next((n for n in self.refined if n in values), None)
 
 
-def of_forms(first: Cause, *others: Cause, of_friction: bool = False) -> Cause:
+def of_forms(first: Cause, *others: Cause) -> Cause:
     """One cause that machines have in several forms, told by the names of their values.
 
     Name and wording are those of the first.
@@ -155,9 +157,6 @@ def of_forms(first: Cause, *others: Cause, of_friction: bool = False) -> Cause:
         extend=extend,
         parameters=tuple(dict.fromkeys(p for f in forms for p in f.parameters)),
         refined=tuple(dict.fromkeys(n for f in forms for n in f.refined)),
-        when=tuple(dict.fromkeys(n for f in forms for n in f.when)),
-        of_friction=of_friction,
-        late={n: share for f in forms for n, share in f.late.items()},
     )
 
 

@@ -74,11 +74,6 @@ def _load_extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     return with_load_on_spring(plant)
 
 
-def _way(model: DriveModel, values: Values) -> float:
-    """Over which the friction behind a spring comes up; one before it needs none."""
-    return 2.0 * model.friction_scale / values["stiffness"] if "stiffness" in values else math.inf
-
-
 _FRICTION_BEHIND = Cause(
     "compliance",
     "something elastic lies between the encoder and the block",
@@ -88,7 +83,6 @@ _FRICTION_BEHIND = Cause(
     _extend,
     confirm="a sensor on the block beside the encoder: the two part when the force reverses",
     refined=("stiffness",),
-    way=_way,
     mistaken_for=("parameter_error", "backlash"),
 )
 _FRICTION_BEFORE = Cause(

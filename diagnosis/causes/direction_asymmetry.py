@@ -49,4 +49,4 @@ _APART = force_cause(
         (parameter(_SPEED, "m/s", "speed at which that force is told", 1.0),), _fast
     ),
 )
-CAUSE = of_forms(_ALIKE, _APART, of_friction=True)
+CAUSE = of_forms(_ALIKE, _APART)

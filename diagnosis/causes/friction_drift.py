@@ -34,7 +34,7 @@ _CONFIRM = "the same motion again and again, with a thermometer: friction follow
 
 
 def _form(how: InTime) -> Cause:
-    cause = force_cause(
+    return force_cause(
         _NAME,
         _SAYS,
         {parameter(how.change, "1", "share by which friction grows"): changing(_SHARE, how.course)},
@@ -46,7 +46,6 @@ def _form(how: InTime) -> Cause:
             refined=how.refined,
         ),
     )
-    return replace(cause, when=how.refined)
 
 
 def _temperature(course: ModelledRecord) -> Vector | None:
@@ -95,5 +94,4 @@ _WITH_TEMPERATURE = replace(
 CAUSE = of_forms(
     *(_form(how) for how in in_time("friction", "drift_time")),
     _WITH_TEMPERATURE,
-    of_friction=True,
 )

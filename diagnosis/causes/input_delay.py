@@ -65,11 +65,10 @@ def _filtered(u: Vector, time_constant: float, step: float, filters: int) -> Vec
 def _form(
     name: str,
     meaning: str,
-    share: float,
     arrives: Callable[[Vector, float, float], Vector],
     built: Callable[[Component, Parameter], Component],
 ) -> Cause:
-    """A form that is told by one time, by a share of which the command is late on average."""
+    """A form that is told by one time."""
     time = parameter(name, "s", meaning, 1e-4)
 
     def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
@@ -90,7 +89,6 @@ def _form(
         extend,
         confirm="a step of the command with the current recorded: the current begins late",
         refined=(name,),
-        late={name: share},
         mistaken_for=("unmodelled_inertia",),
     )
 
@@ -103,25 +101,22 @@ def _behind(
 
 
 CAUSE = of_forms(
-    _form("delay", "by which the command arrives late", 1.0, late, with_late_command),
+    _form("delay", "by which the command arrives late", late, with_late_command),
     _form(
         "command_lag",
         "time constant of the command's filter",
-        1.0,
         partial(_filtered, filters=1),
         _behind(lambda time: (time,)),
     ),
     _form(
         "command_lag_twice",
         "time constant of each of the command's two filters",
-        2.0,
         partial(_filtered, filters=2),
         _behind(lambda time: (2 * time, time**2)),
     ),
     _form(
         "command_window",
         "time over which the command is averaged",
-        0.5,
         smeared,
         # Pade's approximation of a mean over a window, with a numerator of degree zero
         _behind(lambda time: (time / 2, time**2 / 12)),

@@ -69,4 +69,4 @@ _THINNING = force_cause(
         _changes,
     ),
 )
-CAUSE = of_forms(_QUADRATIC, _POWER, _THINNING, of_friction=True)
+CAUSE = of_forms(_QUADRATIC, _POWER, _THINNING)

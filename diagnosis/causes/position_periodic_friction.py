@@ -48,5 +48,4 @@ def _form(swings: str, harmonics: tuple[tuple[int, str], ...]) -> Cause:
 CAUSE = of_forms(
     _form("periods_per_metre", ((1, ""),)),
     _form("double_periods_per_metre", ((1, "_1"), (2, "_2"))),
-    of_friction=True,
 )

@@ -93,4 +93,4 @@ _END = force_cause(
         _ends,
     ),
 )
-CAUSE = of_forms(_SLOPE, _BOW, _END, of_friction=True)
+CAUSE = of_forms(_SLOPE, _BOW, _END)

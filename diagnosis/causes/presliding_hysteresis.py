@@ -62,7 +62,6 @@ _DAMPED = Cause(
     _extend,
     confirm="small slow movements to and fro: force over position is a loop",
     refined=("sigma0",),
-    way=lambda model, values: 2.0 * model.friction_scale / values["sigma0"],
     mistaken_for=("compliance", "backlash"),
     beyond=_beyond,
 )

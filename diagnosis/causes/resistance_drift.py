@@ -47,7 +47,6 @@ def _form(how: InTime) -> Cause:
         confirm="record the current: voltage over current at standstill, before and after",
         mistaken_for=("friction_drift",),
         refined=how.refined,
-        when=how.refined,
         beyond=lambda courses, model: None if model.has_motor else "the model has no motor",
     )
 

@@ -84,4 +84,4 @@ _EXPONENTIAL = force_cause(
     ),
 )
 
-CAUSE = of_forms(replace(_ADDED, at=_at, extend=_extend), _EXPONENTIAL, of_friction=True)
+CAUSE = of_forms(replace(_ADDED, at=_at, extend=_extend), _EXPONENTIAL)

@@ -15,13 +15,15 @@ from .cause import DRY, FRICTION, RELAXATION, Courses, Values, Vector, parameter
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
+    from ..modelled_record import ModelledRecord
 
 _FEWEST_PERIODS = 2  # in the travel
 _MOST_PERIODS = 250
 _SHORTEST_PERIOD = 5e-5  # m; shorter ones are an encoder's own error
 _FINER = 5  # periods that are tried, to each whole one in the travel
 _CELLS = 4096  # of the travel: 16 in the shortest period
-_PEAKS = 6
+_PEAKS = 6  # of most power over what lies around them
+_STRONGEST = 3  # of most power: what is swift may hide between its own multiples
 _AROUND = 75  # fifths of a period of the travel
 
 
@@ -79,18 +81,28 @@ def periods(
     swings = tried / (_FINER * way)
     power = np.zeros(len(swings))
     for c in courses:
-        force = c.unknown * (np.sign(c.v) if flips else 1.0)
-        power += _power((c.x - low) / way, force - force.mean())[tried]
+        power += _power((c.x - low) / way, _along_way(c, flips))[tried]
     # peaks over what lies around them: slow structure has more power at few periods
     rises = power / median_filter(power, _AROUND, mode="nearest")
     rises[swings > 1.0 / _SHORTEST_PERIOD] = 0.0
     inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
-    best = inner[np.argsort(-rises[inner])][:_PEAKS]
+    power[swings > 1.0 / _SHORTEST_PERIOD] = 0.0
+    best = np.union1d(
+        inner[np.argsort(-rises[inner])][:_PEAKS], inner[np.argsort(-power[inner])][:_STRONGEST]
+    )
     apart = 1.0 / (_FINER * way)  # closer ones are the same
-    for k in np.sort(best):
+    for k in best:
         if all(abs(swings[k] - f) > apart for f in found):
             found.append(_peak(courses, float(swings[k]), apart, flips))
     return [{name: f} for f in found]
+
+
+def _along_way(course: ModelledRecord, flips: bool) -> Vector:
+    """What is unknown, per way and not per time: a rest has none, shape (n,)."""
+    speed = course.v if flips else np.abs(course.v)
+    whole = float(np.sum(np.abs(speed)))
+    mean = float(course.unknown @ speed) / max(whole, 1e-300)
+    return np.asarray(course.unknown * speed - mean * np.abs(speed))
 
 
 def _power(place: Vector, force: Vector) -> Vector:
@@ -104,7 +116,7 @@ def _peak(courses: Courses, swings: float, apart: float, flips: bool) -> float:
     """Where around there the record has most power [1/m]."""
 
     # what is unknown is told once in a window
-    forces = [(c.unknown * (np.sign(c.v) if flips else 1.0))[:: c.width] for c in courses]
+    forces = [_along_way(c, flips)[:: c.width] for c in courses]
     places = [2j * np.pi * c.x[:: c.width] for c in courses]
 
     def power(tried: float) -> float:

@@ -10,17 +10,19 @@ import sympy as sp
 
 from ...instruments.amplifier import clip
 from ...solver.component import Component, symbol
-from .cause import Cause, Courses, Shape, Values, Vector, of_forms, parameter
+from .cause import Cause, Courses, Shape, Values, Vector, of_command, of_forms, parameter
 
 if TYPE_CHECKING:
     from ..drive_model import DriveModel
     from ..modelled_record import ModelledRecord
 
 # of the largest command; the last cuts nothing off, as an end for what is sought between them
-_LEVELS = 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)
+_LEVELS = np.concatenate(
+    [np.geomspace(0.02, 0.36, 12), 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)]
+)
 
 _SAGS = (0.1, 0.3, 1.0)  # resistance of a supply, of the motor's
-_SCALES = np.geomspace(0.6, 12.0, 10)  # of the largest command; a bend, not a limit
+_SCALES = np.geomspace(0.02, 12.0, 17)  # of the largest command; a bend, not a limit
 
 
 def _grid(courses: Courses, model: DriveModel) -> list[Values]:
@@ -68,7 +70,7 @@ def _sagging_grid(courses: Courses, model: DriveModel) -> list[Values]:
     return [
         {"voltage_limit": float(level), "supply_resistance": share * model.values["R"]}
         for share in _SAGS
-        for level in largest * _LEVELS[::2]
+        for level in largest * _LEVELS[::3]
     ]
 
 
@@ -109,7 +111,7 @@ _CLIP = Cause(
     confirm="measure the motor's voltage at the largest command",
     refined=("voltage_limit",),
     mistaken_for=("nonlinear_viscous", "resistance_drift"),
-    relative=True,
+    smaller=of_command,
 )
 _BEND = replace(
     _CLIP,

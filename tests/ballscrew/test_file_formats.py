@@ -102,8 +102,8 @@ def test_every_file_is_as_its_schema_says(written, name):
 def test_the_diagnoses_have_what_is_not_always_there(written):
     told = json.loads((written / "unexplained" / "diagnosis.json").read_text("utf-8"))
     assert told["next_experiment"]["motion"]["speeds_m_per_s"]
-    assert told["not_named"]
-    assert set(told["noise"]) == {"force_N", "voltage_V"}
+    assert told["suspects"]
+    assert set(told["noise"]) == {"force_N", "voltage_N"}
     assert json.loads((written / "diagnose" / "diagnosis.json").read_text("utf-8"))["causes"]
 
 

@@ -29,11 +29,9 @@ from ballscrew.diagnosis.diagnosis_pictures import binned, end_to_end, pictures_
 from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.experiment_motions import Motion
-from ballscrew.diagnosis.faultless import RecordKind
 from ballscrew.diagnosis.load_cell import ValidationSignal
 from ballscrew.diagnosis.next_experiment import TRIALS_FOR
 from ballscrew.diagnosis.page_pictures import MOST, plotly_figure, thinned
-from ballscrew.diagnosis.remaining import where_residual_is
 from ballscrew.diagnosis.report_words import rig_command, suspect_lines
 
 pytestmark = pytest.mark.xdist_group("diagnosis")
@@ -326,13 +324,15 @@ def found(**changes) -> Diagnosis:
         parameters={"gap": 1.234e-5},
         intervals={"gap": (1.1e-5, 1.4e-5)},
         units={"gap": "m"},
+        probability=0.97,
+        force=0.66,
+        of_friction=0.5,
+        certain=changes.pop("certain", True),
         gain_heldout=0.4321,
         gain_interval=(0.4, 0.46),
         gain_alone=0.4321,
         before=Level(1.0, 2e-6),
         after=Level(0.75, 1e-6),
-        evidence=50.0,
-        p_value=1e-9,
         confirm="slow reversals",
     )
     model = DriveModel("ball_screw", "modified_lugre", {"Fc": 1.25, "Jm": 4e-7}, {"Fc": 0.03})
@@ -348,7 +348,6 @@ def found(**changes) -> Diagnosis:
         "held_out": "5 parts",
         "causes": (cause,),
         "suspects": (),
-        "not_named": (),
         "unnamed": (),
         "out_of_reach": (),
         "next_experiment": NextExperiment(
@@ -360,11 +359,7 @@ def found(**changes) -> Diagnosis:
         "command": "voltage",
         "command_shift": 0.0,
         "adjustments": {"Fc": 0.02},
-        "noise": {"force_N": 0.1, "voltage_V": 0.02},
-        "alone": {},
-        "evidence": 12.0,
-        "kind": RecordKind(0.01, 4.0, 1e-3, 1.0, 0.0),
-        "p_value": 0.5,
+        "noise": {"force_N": 0.1, "voltage_N": 0.02},
         "load_cell": None,
         "records": ("run.csv",),
         "curves": curves,
@@ -410,7 +405,8 @@ def test_a_cause_is_told_with_size_gain_doubt_and_what_would_confirm_it():
         "1.234e-05 1.1e-05 to 1.4e-05 m",
         "43.2 % of the mean square in force (40 % to 46 %)",
         "75 % in position",
-        "p = 1e-09: the share of like faultless records with as much",
+        "probability 0.97; of 100 records like those of the calibration, at most 2",
+        "0.66 N rms, 50 % of the friction",
         "would confirm it slow reversals",
         "For this machine: strokes of 1 mm to and fro. Command file: next_experiment.csv",
         "ballscrew rig 2.4/1 --out",
@@ -435,7 +431,7 @@ def test_the_next_experiments_command_file_stands_beside_the_diagnosis(tmp_path)
 def test_noise_is_told_in_words_with_its_units():
     said = text_of(report(found(), NO_LOOP))
     assert "balance of force, rms 0.1 N" in said
-    assert "balance of voltage, rms 0.02 V" in said
+    assert "balance of voltage as the force that it holds, rms 0.02 N" in said
 
 
 def test_before_and_after_stand_against_the_floor():
@@ -506,12 +502,11 @@ def test_suspects_are_told_with_size_force_and_what_would_confirm_them():
     assert "39 N rms, 7.5 times the friction" in lines
 
 
-@pytest.mark.parametrize("unnamed", [("at reversals",), ()])
-def test_where_the_residual_lives_is_said_once(unnamed):
-    alone, level = {"friction over speed": 1.0}, Level(1.0, 1e-6)
-    said = where_residual_is(alone, "partly", unnamed, level, level)
-    assert ("it lives with speed" in said) == (not unnamed)
-    assert "reversals" not in said  # the verdict says that
+def test_what_is_built_in_and_not_certain_is_no_name():
+    said = text_of(report(found(verdict="unexplained", certain=False), NO_LOOP))
+    assert "no cause is certain" in said
+    assert "The likeliest, backlash, is built in" in said
+    assert "backlash explains" not in said
 
 
 def test_structure_without_a_name_has_its_shape_shown():

@@ -1,19 +1,22 @@
-"""What is held out, and in which order causes are told."""
+"""What is held out, and what is left of it."""
 
 import numpy as np
 import pytest
 from axis_records import strong_record
 from diagnosed import nominal
+from worlds import layout as at
 
-from ballscrew.diagnosis.held_out import lap, parts_of
-from ballscrew.diagnosis.modelled_record import lay_along
+from ballscrew.diagnosis.building import explained
+from ballscrew.diagnosis.held_out import held_out, lap
+from ballscrew.diagnosis.study import study_of
+from ballscrew.records.drive_record import check_record
 
 STEP = 1e-3
 TIME = np.arange(0.0, 20.0, STEP)
 
 
 @pytest.mark.parametrize("laps", [3, 4, 6])
-def test_a_motion_that_repeats_is_held_out_by_laps(laps):
+def test_a_motion_that_repeats_has_laps(laps):
     length = 20.0 / laps
     x = np.sin(2 * np.pi * TIME / length) + 0.4 * np.cos(6 * np.pi * TIME / length + 1.0)
     noisy = x + 1e-3 * np.random.default_rng(1).standard_normal(len(x))
@@ -40,16 +43,30 @@ def test_a_motion_that_does_not_repeat_has_no_laps(x):
     assert lap(x, STEP) == 0.0
 
 
-def test_many_short_laps_are_held_out_together():
-    """Of a sine of a second twenty laps; those held out are a whole number of them."""
+def test_many_short_laps_are_taken_together():
+    """Of a sine of a second twenty laps; a lap is a whole number of them."""
     length = lap(np.sin(2 * np.pi * TIME), STEP)
     assert length == pytest.approx(round(length), abs=2 * STEP)
     assert 20.0 / 7 <= length <= 20.0 / 3
 
 
-def test_mixed_parts_leave_next_to_each_stretch_one_to_learn_from():
-    course = lay_along(strong_record({}, samples=6_000), nominal())
-    in_time, mixed = (parts_of([course], [], mixed=m) for m in (False, True))
-    assert np.all(np.diff(in_time) >= 0)
-    assert np.all(np.diff(mixed) != 0)
-    assert sorted(set(mixed)) == sorted(set(in_time)) == list(range(5))
+def test_what_is_left_of_a_block_does_not_know_the_block():
+    """A load on the last fifth only: of that block all of it is left, whatever is fitted."""
+    record = strong_record({}, samples=10_000)
+    late = np.arange(10_000) >= 8_000
+    model = nominal()
+    u = record.signals["u"] + late * 0.3 / model.per_command
+    found = held_out(explained(study_of([check_record("made", record.signals | {"u": u})], model)))
+    ends = found.none.force[8_200:9_800]
+    assert abs(np.mean(ends)) == pytest.approx(0.3, rel=0.2)
+    assert abs(np.mean(found.none.force[2_200:5_800])) < 0.1
+
+
+def test_the_gain_of_what_is_built_in_is_measured_on_data_held_out():
+    found = explained(study_of([strong_record({at.LOAD: 0.4})], nominal()))
+    held = held_out(found)
+    gain, (low, high) = held.gain(held.none, held.all)
+    assert 0.5 < low < gain < high <= 1.0
+    assert held.parts == "5 parts"
+    squares = [np.sum(r.force[r.telling] ** 2) for r in (held.all, held.none)]
+    assert gain == pytest.approx(1.0 - squares[0] / squares[1])

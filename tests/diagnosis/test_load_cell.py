@@ -47,7 +47,8 @@ def record_of(hidden, with_cell=True):
 def test_the_corrected_model_foretells_what_the_cell_reads(cause):
     found = found_with_cell(cause)
     (cause,) = found.causes
-    floor = math.hypot(NOISE, STEP / math.sqrt(12), 0.02 * NOMINAL["Fc"])
+    # each value is fitted within 3 %
+    floor = math.hypot(NOISE, STEP / math.sqrt(12), 0.03 * NOMINAL["Fc"])
     assert found.load_cell.corrected < 1.25 * floor
     if cause.name == "load_bias":
         assert found.load_cell.prior > 0.28

@@ -1,6 +1,5 @@
 """The next experiment stays within what the machine was seen to do, and is what is said of it."""
 
-import json
 import math
 import re
 
@@ -11,13 +10,11 @@ from diagnosed import nominal
 from worlds import layout as at
 
 from ballscrew.diagnosis.causes import CAUSES
-from ballscrew.diagnosis.diagnosis import NotNamed
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.experiment_motions import COMMAND_FILE, UNNAMED
 from ballscrew.diagnosis.machine_reach import Reach, reach_of
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.next_experiment import motion_for, trial_for
-from ballscrew.diagnosis.remaining import next_experiment
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.records.drive_record import check_record
 
@@ -125,29 +122,6 @@ def test_the_command_file_is_a_reference_that_a_loop_can_follow(tmp_path):
     step = motion_for("input_delay", reach, model)
     step.save(tmp_path)
     assert (tmp_path / COMMAND_FILE).read_text().startswith("time,u\n")
-
-
-def asked_for(not_named, structure):
-    time = 1e-3 * np.arange(4000)
-    x = 0.01 * np.sin(2 * math.pi * time)
-    record = check_record("made", {"time": time, "u": np.cos(2 * math.pi * time), "x": x})
-    course = lay_along(record, nominal())
-    return next_experiment(not_named, structure, [course], nominal()), course
-
-
-def test_a_diagnosis_asks_for_what_its_records_cannot_tell():
-    doubted = NotNamed("backlash", "compliance predicts as much", like="compliance")
-    assert asked_for((NotNamed("load_bias", "it gains nothing"),), False)[0] is None
-    wanted, course = asked_for((doubted,), True)
-    assert wanted.says.startswith("backlash cannot be told from compliance here (")
-    assert wanted.trial == "2.4/1"
-    assert wanted.motion.kind == "slow reversals"
-    assert course.x.min() < wanted.motion.values.min()
-    assert wanted.motion.values.max() < course.x.max()
-    json.dumps(wanted.motion.to_dict(), allow_nan=False)
-    wanted, _ = asked_for((), True)
-    assert wanted.says == "structure is left that no cause has"
-    assert wanted.motion.kind == "constant speeds"
 
 
 def test_every_cause_has_a_motion_and_a_trial_of_its_own():

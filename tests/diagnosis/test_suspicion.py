@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import layout as at
 
+from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.prior_model import lead_of, prior_model_from, read_prior_model, with_lead
 from ballscrew.diagnosis.sets import probabilities
-from ballscrew.diagnosis.suspicion import suspicion
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.drive_record import check_record, read_drive_records
 
@@ -25,7 +25,7 @@ LEAD = 0.001
 
 @cache
 def found_in(*changes):
-    return suspicion([strong_record(dict(changes))], nominal())
+    return diagnose_records([strong_record(dict(changes))], nominal())
 
 
 @settings(max_examples=50, deadline=None)
@@ -41,8 +41,7 @@ def test_probabilities_are_shares_of_one(count, seed):
 
 def test_of_a_record_without_a_fault_nothing_is_ruled_out():
     found = found_in()
-    assert found.none_likely
-    assert not found.none_ruled_out
+    assert found.verdict == "none"
     assert found.suspects == ()
 
 
@@ -55,8 +54,8 @@ def test_of_a_record_without_a_fault_nothing_is_ruled_out():
 )
 def test_a_strong_effect_is_in_the_set_with_its_size(changes, name, value, size):
     found = found_in(*changes)
-    assert found.none_ruled_out
-    (one,) = (s for s in found.suspects if s.name == name)
+    assert found.verdict != "none"
+    (one,) = (s for s in (*found.causes, *found.suspects) if s.name == name)
     low, high = one.intervals[value]
     assert 0.9 * low <= size <= 1.1 * high
     assert one.parameters[value] == pytest.approx(size, rel=0.15)
@@ -70,8 +69,8 @@ def test_a_voltage_at_another_scale_is_a_suspect_with_its_factor(tmp_path, facto
     told = with_lead(read_parameters(folder / "axis.toml"), LEAD)
     (record,) = read_drive_records([folder / "right.csv"], lead=lead_of(told, LEAD))
     signals = {**record.signals, "u": factor * record.signals["u"]}
-    found = suspicion([check_record("scaled", signals)], prior_model_from(told, None))
-    scale = found.suspects[0]
+    found = diagnose_records([check_record("scaled", signals)], prior_model_from(told, None))
+    scale = (*found.causes, *found.suspects)[0]
     assert scale.name == "scale_of_u"
     assert scale.parameters["scale_of_u"] == pytest.approx(1 / factor, rel=0.1)
 
@@ -80,9 +79,10 @@ def test_a_voltage_at_another_scale_is_a_suspect_with_its_factor(tmp_path, facto
 def test_noise_under_a_heavy_friction_is_no_mass(tmp_path, rate):
     folder = case("heavy_friction_names_inertia", tmp_path)
     records = read_drive_records([folder / f"f_m25_{rate}Hz.csv"])
-    found = suspicion(records, read_prior_model(folder / "p25.toml"))
+    found = diagnose_records(records, read_prior_model(folder / "p25.toml"))
+    assert found.causes == ()
     assert "unmodelled_inertia" not in {s.name for s in found.suspects}
-    assert not found.none_ruled_out
+    assert found.verdict == "none"
 
 
 def test_a_cause_is_built_in_that_the_user_takes(tmp_path):
@@ -90,7 +90,7 @@ def test_a_cause_is_built_in_that_the_user_takes(tmp_path):
     given = ("diagnose", record, "--params", believed, "--out", tmp_path / "out")
     code, printed, _ = run(*given, "--take", "direction_asymmetry")
     told = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert [c["name"] for c in told["causes"]] == ["direction_asymmetry"]
+    assert "direction_asymmetry" in [c["name"] for c in told["causes"]]
     assert (tmp_path / "out" / "extended_plant.fmu").is_file()
     assert "direction_asymmetry: " in printed
     assert code in (0, 1)

@@ -15,8 +15,6 @@ from ballscrew.diagnosis.weak_form import (
     between_samples,
     centres,
     lagged,
-    noise_gains,
-    rate,
     windows,
 )
 
@@ -43,12 +41,9 @@ def test_an_average_of_a_constant_is_the_constant(width):
 
 
 @pytest.mark.parametrize("width", [1, 3, 10])
-def test_noise_of_the_readings_is_what_is_said(width):
+def test_the_noise_of_the_readings_is_averaged(width):
     random = np.random.default_rng(1)
     noise = random.standard_normal(400_000)
-    of_average, of_rate = noise_gains(width)
-    assert np.std(averaged(noise, width)) == pytest.approx(of_average, rel=0.02)
-    assert np.std(rate(noise, 1.0, width)) == pytest.approx(of_rate, rel=0.02)
     # of the second difference, three bare readings would make sqrt(6)
     quieter = np.std(acceleration(noise, 1.0, width)) * width**2 / np.sqrt(6.0)
     assert quieter < 1.01 * (1.0 if width == 1 else 0.85 / np.sqrt(width))

@@ -1,0 +1,94 @@
+"""What is built into a model, and the sets of what else is possible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from .balance import Added, recalibrated
+from .drive_model import DriveModel
+from .modelled_record import ModelledRecord
+from .scores import OUTSIDE, Catalogue, Form, Suspect
+from .sets import NOTHING, Likely
+from .study import Fit, Study
+
+Vector = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What is built in, and what is possible beside it.
+
+    Attributes
+    ----------
+    built : list of Likely
+        In the order in which they were found.
+    sets : list of list of Likely
+        The set before each of them, and the last.
+    none_ruled_out : bool
+        Whether something is wrong beside what is built in: of a hundred faultless records at most
+        three look like this.
+    """
+
+    study: Study
+    catalogue: Catalogue
+    built: list[Likely] = field(default_factory=list)
+    sets: list[list[Likely]] = field(default_factory=list)
+    none_ruled_out: bool = False
+
+    @property
+    def forms(self) -> list[Form]:
+        return [m.suspect.form for m in self.built if m.suspect]
+
+    @property
+    def fit(self) -> Fit:
+        return self.catalogue.without(self.forms)
+
+    @property
+    def suspects(self) -> list[Likely]:
+        """What the truth may be beside what is built in or in its place, the likeliest first.
+
+        Where nothing else is the likeliest, a list of what is possible all the same would be no
+        answer.
+        """
+        names = {m.name for m in self.built}
+        kept: dict[str, Likely] = {}
+        for members in self.sets:
+            if members[0].name == NOTHING:
+                continue
+            for m in members:
+                if m.suspect is not None and m.name not in names:
+                    kept[m.name] = m
+        return sorted(kept.values(), key=lambda m: -m.probability)
+
+
+def outside(found: Explained) -> Suspect | None:
+    """The free curve that follows what is left, where that is the likeliest; None elsewhere."""
+    first = found.sets[-1][0]
+    return first.suspect if first.name == OUTSIDE else None
+
+
+def built(
+    study: Study, forms: Sequence[Form], amplitude: Vector
+) -> tuple[list[ModelledRecord], DriveModel, Added]:
+    """Courses, model and what is beside it, as the amplitudes of a fit of these forms say.
+
+    Parameters
+    ----------
+    amplitude : ndarray, shape (columns,)
+        Of values, then of each form's own columns.
+    """
+    model, names = study.model, study.values
+    change = dict(zip(names, amplitude.tolist(), strict=False))
+    values = {n: model.values[n] * (1.0 + change[n]) for n in model.adjustable}
+    off = {n: c for n, c in change.items() if n not in values}
+    courses = recalibrated(study.courses, off)
+    added, at = Added.nothing(courses), len(names)
+    for form in forms:
+        if not form.freed:
+            mine = amplitude[at : at + len(form.columns)]
+            added, at = added.more(form.shape, mine), at + len(mine)
+    return courses, model.changed(values), added

@@ -1,0 +1,57 @@
+"""Causes that records could not have shown."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from .balance import responses
+from .causes import CAUSES
+from .diagnosis import OutOfReach
+from .explained import Explained
+from .scores import Form
+
+Vector = npt.NDArray[np.float64]
+
+SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
+SEEN = 5.0  # standard deviations
+FREED = 0.1  # of a value that may be wrong
+
+
+def out_of_reach(found: Explained) -> tuple[OutOfReach, ...]:
+    """Causes that would not have shown had they been as large as a twentieth of the friction."""
+    study = found.study
+    named = {m.name for m in found.built}
+    out = []
+    for cause in CAUSES.values():
+        if cause.name in named:
+            continue
+        because = cause.beyond(study.courses, study.model)
+        if because:
+            out.append(OutOfReach(cause.name, because))
+            continue
+        mine = [f for f in found.catalogue.forms if f.name == cause.name]
+        shown = max((_shows(found, f) for f in mine), default=0.0)
+        if shown == 0.0:
+            out.append(OutOfReach(cause.name, "the motion gives it nothing to show at"))
+        elif shown < SEEN:
+            out.append(
+                OutOfReach(
+                    cause.name,
+                    f"at {100 * SMALLEST:.0f} % of the friction it would stand out by "
+                    f"{shown:.2g} standard deviations only, and {SEEN:g} are asked for",
+                )
+            )
+    return tuple(out)
+
+
+def _shows(found: Explained, form: Form) -> float:
+    """Standard deviations by which a form of this size stands out beside the model's values."""
+    information = found.catalogue.information(form, found.fit.squares[0].sum(axis=0))
+    if form.freed:
+        return float(FREED * np.sqrt(information.max(initial=0.0)))
+    study = found.study
+    parts = np.concatenate(responses(study.courses, study.model, form.shape))
+    size = np.sqrt(np.mean(parts**2, axis=0)).max(axis=0)
+    amplitude = SMALLEST * study.model.friction_scale / np.maximum(size, 1e-300)
+    return float(np.max(amplitude * np.sqrt(information) * (size > 0.0), initial=0.0))
