@@ -78,7 +78,8 @@ def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
     else:  # slower noise is not in it: a fault is slow, too
         own = max(white[0], EXACT * study.prior_model.friction_scale)
     forces = max(own, read.force_rms)  # rounding may be the same in every lap
-    between = max([read.by_current_rms, *white[1:]])
+    exact = EXACT * study.prior_model.friction_scale
+    between = max([exact, read.by_current_rms, *white[1:]])
     return NoiseFloor(math.hypot(forces, law), between, read.position_rms, bool(laps))
 
 

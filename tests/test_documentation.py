@@ -29,7 +29,7 @@ def test_each_word_of_the_glossary_leads_to_a_file_that_is_there(word, file):
         ("Stribeck curve", "stribeck"),
         ("interface-Jacobian coupling", "interface-jacobian"),
         ("saltation matrix", "saltation matrix"),
-        ("evidence of a cause", "evidence"),
+        ("score of a suspect", "score"),
         ("doStep of an FMU", "def do_step"),
     ],
 )
