@@ -29,8 +29,8 @@ from .diagnosis import (
     holds,
 )
 from .drive_model import DriveModel
-from .explained import Explained, built, outside
-from .found_cause import found_cause, level, lives, suspect_found
+from .explained import Explained, added_by, built, outside
+from .found_cause import found_cause, level, suspect_found
 from .held_out import HeldOut, held_out
 from .load_cell import validation_signal
 from .modelled_record import ModelledRecord, opposing
@@ -39,7 +39,6 @@ from .noise_floor import AT_FLOOR, NoiseFloor, noise_floor
 from .out_of_reach import out_of_reach
 from .prior_model import lead_of, prior_model_from, with_lead
 from .residuals import Residual, residual, rms
-from .scores import Form
 from .study import study_of
 
 Vector = npt.NDArray[np.float64]
@@ -120,7 +119,7 @@ def diagnose_records(
     at_floor = lowest.has_current(held.all) and unseen < _TELLS * friction
     at_floor = at_floor and (lowest.has(held.all) or not lowest.repeated)
     verdict = _verdict(found, at_floor, holds(interval, fitted, final))
-    unnamed = () if verdict in (NONE, EXPLAINED) else lives(outside(found))
+    free = outside(found) if verdict in (PARTLY, UNEXPLAINED) else None
     notes += _notes(found, held, lowest)
     if verdict == NONE:  # silence is not safety
         notes.append(
@@ -147,11 +146,11 @@ def diagnose_records(
         held_out=held.parts,
         causes=causes,
         suspects=suspects,
-        unnamed=unnamed,
+        unnamed=(free.form.lives,) if free else (),
         out_of_reach=out_of_reach(found),
         next_experiment=next_experiment(found) if verdict in (PARTLY, UNEXPLAINED) else None,
         prior=prior_model,
-        adjusted=_values(found, []),
+        adjusted=built(study, [], found.catalogue.without([]).amplitude[0])[1],
         corrected=corrected.model,
         command=records[0].command,
         command_shift=corrected.courses[0].calibration["command_shift"],
@@ -202,23 +201,13 @@ def _corrected(found: Explained) -> _Corrected:
     study, forms = found.study, found.forms
     amplitude = found.fit.amplitude[0]
     courses, model, named = built(study, forms, amplitude)
-    nothing = Added.nothing(courses)
-    on_block, at = nothing, len(study.values)
-    for form in forms:
-        if not form.freed:
-            mine = amplitude[at : at + len(form.columns)]
-            at += len(mine)
-            if form.name in CAUSES and not CAUSES[form.name].on_screw:
-                on_block = on_block.more(form.shape, mine)
-    free = outside(found)
+    on_block = added_by(
+        study, forms, amplitude, lambda f: f.name in CAUSES and not CAUSES[f.name].on_screw
+    )
+    free, nothing = outside(found), Added.nothing(courses)
     unnamed = nothing.more(free.form.shape, free.amplitude) if free else nothing
     left = residual(courses, model, named)
     return _Corrected(courses, model, left, named, on_block.force, unnamed)
-
-
-def _values(found: Explained, forms: Sequence[Form]) -> DriveModel:
-    """The model with its values fitted beside these forms."""
-    return built(found.study, forms, found.catalogue.without(forms).amplitude[0])[1]
 
 
 def _curves(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -86,9 +86,20 @@ def built(
     values = {n: model.values[n] * (1.0 + change[n]) for n in model.adjustable}
     off = {n: c for n, c in change.items() if n not in values}
     courses = recalibrated(study.courses, off)
-    added, at = Added.nothing(courses), len(names)
+    return courses, model.changed(values), added_by(study, forms, amplitude)
+
+
+def added_by(
+    study: Study,
+    forms: Sequence[Form],
+    amplitude: Vector,
+    counts: Callable[[Form], bool] = lambda form: True,
+) -> Added:
+    """What those of the forms that count add to the model, by the amplitudes of a fit of all."""
+    added, at = Added.nothing(study.courses), len(study.values)
     for form in forms:
         if not form.freed:
             mine = amplitude[at : at + len(form.columns)]
-            added, at = added.more(form.shape, mine), at + len(mine)
-    return courses, model.changed(values), added
+            at += len(mine)
+            added = added.more(form.shape, mine) if counts(form) else added
+    return added

@@ -16,7 +16,7 @@ from .diagnosis import FoundCause, Level, SuspectFound
 from .explained import Explained
 from .held_out import HeldOut
 from .residuals import Residual
-from .scores import OUTSIDE, Suspect
+from .scores import Suspect, own_columns
 from .sets import Likely
 from .signals import SIGNALS
 from .study import Study
@@ -83,7 +83,7 @@ def _as_fitted(found: Explained, member: Likely) -> Likely:
     assert suspect is not None
     form = suspect.form
     fit = found.catalogue.without([f for f in forms if f is not form] + [form])
-    own = form.columns - 1 if form.freed else slice(-len(form.columns), None)
+    own = own_columns(form)
     amplitude, error = fit.amplitude[0][own], fit.error[0][own]
     changed = Suspect(**{**vars(suspect), "amplitude": amplitude, "error": error})
     return Likely(member.name, member.probability, changed)
@@ -136,8 +136,3 @@ def _units(name: str, values: Mapping[str, float]) -> dict[str, str]:
         return dict.fromkeys(values, "1")
     known = {p.name: p.unit for p in CAUSES[name].parameters}
     return {n: known.get(n.partition(".")[0], UNITS.get(n, "1")) for n in values}
-
-
-def lives(suspect: Suspect | None) -> tuple[str, ...]:
-    """Where structure lives that no cause has."""
-    return (suspect.form.lives,) if suspect and suspect.name == OUTSIDE else ()

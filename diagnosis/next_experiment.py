@@ -13,7 +13,6 @@ import numpy.typing as npt
 from ..records.drive_record import DriveRecord
 from .balance import EXACT, responses
 from .bands import cut, products
-from .causes import CAUSES
 from .diagnosis import NextExperiment
 from .drive_model import DriveModel
 from .experiment_motions import MOTIONS, POSITION, UNNAMED, Motion, constant_speeds
@@ -22,7 +21,7 @@ from .machine_reach import Reach, reach_of
 from .modelled_record import lay_along, with_own_offsets
 from .scores import OUTSIDE
 from .sets import Likely
-from .signals import SIGNALS
+from .signals import entry
 from .study import Study, base_columns
 
 Vector = npt.NDArray[np.float64]
@@ -43,7 +42,7 @@ def next_experiment(found: Explained) -> NextExperiment:
         name = told[0].name if told else UNNAMED
         says = "structure is left that no cause has"
         if told:
-            says = f"what would confirm {name}: {(CAUSES.get(name) or SIGNALS[name]).confirm}"
+            says = f"what would confirm {name}: {entry(name).confirm}"
         return NextExperiment(says, motion_for(name, reach, model), trial_for(name))
     sizes: dict[str, tuple[str, float, Motion]] = {}
     for m in told:
@@ -122,8 +121,7 @@ def _columns(study: Study, base: Sequence[Matrix], member: Likely) -> Matrix:
     if shape.freed:
         at = [1 + study.values.index(n) for n in shape.freed]
         return base[0][:, :, at]
-    entry = CAUSES.get(member.name) or SIGNALS[member.name]
-    made = entry.at(study.courses, study.model, shape.values)
+    made = entry(member.name).at(study.courses, study.model, shape.values)
     columns = responses(study.courses, study.model, made)[0]
     # a phase that each record has for itself is the last one's
     return columns[:, :, -len(member.suspect.amplitude) :]

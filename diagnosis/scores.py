@@ -232,7 +232,7 @@ class Catalogue:
         products = self._products([form], ())[:, :, 0].sum(axis=0)
         inner = np.einsum("bij,b->ij", products, 1.0 / variance)[1:, 1:]
         priors = self._stated([form])
-        mine = _own(form)
+        mine = own_columns(form)
         chosen = np.arange(len(inner))[mine]
         others = np.setdiff1d(np.arange(len(inner)), chosen)
         at = np.arange(len(others))
@@ -308,7 +308,7 @@ def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
     return True
 
 
-def _own(form: Form) -> slice | npt.NDArray[np.int64]:
+def own_columns(form: Form) -> slice | npt.NDArray[np.int64]:
     """Where a fit has a form's own amplitudes: the last, or those of the values it sets free."""
     return form.columns - 1 if form.freed else slice(-len(form.columns), None)
 
@@ -318,7 +318,7 @@ def scored(study: Study, catalogue: Catalogue, named: Sequence[Suspect] = ()) ->
     known = [s.form for s in named]
     base = catalogue.without(known)
     others = {s.name for s in named}
-    best = _best(catalogue, [f for f in catalogue.forms if f.name not in others], known)
+    best = _best(catalogue, [f for f in catalogue.forms if f.name not in others], known, base)
     suspects = sorted(best.values(), key=lambda s: -s.score)
     beside: dict[str, float] = {}
     first = next((s for s in suspects if s.name != OUTSIDE), None)
@@ -334,12 +334,15 @@ def scored(study: Study, catalogue: Catalogue, named: Sequence[Suspect] = ()) ->
 def in_best_form(catalogue: Catalogue, suspect: Suspect, beside: Sequence[Suspect]) -> Suspect:
     """The suspect in the form that does best beside others."""
     forms = [f for f in catalogue.forms if f.name == suspect.name]
-    return _best(catalogue, forms, [s.form for s in beside]).get(suspect.name, suspect)
+    known = [s.form for s in beside]
+    best = _best(catalogue, forms, known, catalogue.without(known))
+    return best.get(suspect.name, suspect)
 
 
-def _best(catalogue: Catalogue, forms: Sequence[Form], known: Sequence[Form]) -> dict[str, Suspect]:
-    """The best of the forms of each suspect, beside known ones."""
-    base = catalogue.without(known)
+def _best(
+    catalogue: Catalogue, forms: Sequence[Form], known: Sequence[Form], base: Fit
+) -> dict[str, Suspect]:
+    """The best of the forms of each suspect, beside known ones, whose fit is `base`."""
     tried: dict[str, list[tuple[Form, Fit]]] = {}
     for form, fit in zip(forms, catalogue.fit(forms, known), strict=True):
         tried.setdefault(form.name, []).append((form, fit))
@@ -365,7 +368,7 @@ def _between(
 
     def rank(pair: tuple[Form, Fit]) -> tuple[bool, float]:
         form, fit = pair
-        can_be = form.freed or _can_be(study, form, fit.amplitude[0][_own(form)])
+        can_be = form.freed or _can_be(study, form, fit.amplitude[0][own_columns(form)])
         return bool(can_be), float(fit.held.sum() - fit.cost[0])
 
     best = {name: max(pairs, key=rank)[0] for name, pairs in tried.items()}
@@ -424,7 +427,7 @@ def _unlike_noise(study: Study, base: Fit) -> tuple[float, float, float]:
 
 
 def _suspect(study: Study, form: Form, fit: Fit, base: Fit) -> Suspect | None:
-    own = _own(form)
+    own = own_columns(form)
     amplitude = fit.amplitude[0][own]
     if not np.isfinite(fit.held).all() or not _can_be(study, form, amplitude):
         return None

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .causes.cause import Courses, Shape, Smaller, Values, Vector, of_command
+from .causes import CAUSES
+from .causes.cause import Cause, Courses, Shape, Smaller, Values, Vector, of_command
 
 if TYPE_CHECKING:
     from .drive_model import DriveModel
@@ -104,6 +105,11 @@ def _once(courses: Courses, model: DriveModel) -> list[Values]:
 
 def _with_current(courses: Courses, model: DriveModel) -> list[Values]:
     return [{}] if all(c.has_current for c in courses) else []
+
+
+def entry(name: str) -> Cause | Signal:
+    """The cause or the signal of this name."""
+    return CAUSES.get(name) or SIGNALS[name]
 
 
 SIGNALS: dict[str, Signal] = {
