@@ -73,6 +73,8 @@ def balance(
     u = course.u + course.calibration["command_shift"] * course.next_change + command
     opposed = averaged(friction + force + model.linear_friction * v, width)
     opposed += course.own_offset + model.inertia * course.measured_a
+    if "fast_speed" in course.calibration:
+        opposed += course.calibration["fast_speed"] * model.inertia * course.inner_a
     if not model.has_motor:
         driven = model.values["gain"] * averaged(u, width)
         return (course.per_command / model.values["gain"] * (driven - opposed))[:, None]
@@ -141,13 +143,17 @@ def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]
 
 
 def sensitivities(
-    courses: Sequence[ModelledRecord], model: DriveModel, added: Added
+    courses: Sequence[ModelledRecord],
+    model: DriveModel,
+    added: Added,
+    usual: Sequence[Vector],
+    of_law: bool = True,
 ) -> list[Matrix]:
     """What values and calibrations take from the balances, (windows, channels, columns) a record.
 
-    A relative change of each adjustable value, then a change of each of `calibrated`.
+    A relative change of each adjustable value, then a change of each of `calibrated`. `usual` is
+    the law along the records; without `of_law` its values take nothing.
     """
-    usual = [model.friction(c.x, c.v, c.step) for c in courses]
 
     def of_value(name: str) -> list[Matrix]:
         law = None if name in model.law_parameters else usual
@@ -164,7 +170,9 @@ def sensitivities(
         )
         return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
 
-    columns = [of_value(name) for name in model.adjustable]
+    fixed = () if of_law else model.law_parameters
+    nothing = [np.zeros((windows(len(c.x), c.width), len(c.channels))) for c in courses]
+    columns = [nothing if name in fixed else of_value(name) for name in model.adjustable]
     columns += [of_calibration(name) for name in calibrated(courses)]
     return [np.stack(record, axis=2) for record in zip(*columns, strict=True)]
 

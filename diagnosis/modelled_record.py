@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
-from scipy.signal import savgol_filter, welch
+from scipy.signal import lfilter, savgol_filter, welch
 
 from ..records.drive_record import DriveRecord
 from ..records.resolution import fast_noise
@@ -33,6 +33,7 @@ _LONGEST_REST = 0.05  # beyond which samples tell nothing [s]
 _SLOW = 3e-3  # of the record's fast speeds: slower is rest
 _OFFSET = 0.1  # of its root mean square: a current sensor's standard deviation
 _OFFSETS = "offset."  # names of the records' own
+_ANSWERS = 1.0  # time constants in an interval, from which on samples hide how a speed answers
 _OWN_OFFSET = 0.5  # of the friction, that a record's own offset may be
 
 
@@ -59,7 +60,11 @@ class ModelledRecord:
     calibration : mapping of str to float
         What the instruments are off by, as far as it is known: ``command_shift`` in sampling
         intervals, ``current_offset`` [A] and ``current_gain`` of what is read, and
-        ``current_jump``, the share of a voltage's jump that a sample at its time has already.
+        ``current_jump``, the share of a voltage's jump that a sample at its time has already;
+        ``fast_speed``, whether the speed follows a held command within an interval, see `inner_a`.
+    answers : float
+        By how much the drive's speed is faster than the sampling, as prior: the interval over the
+        speed's time constant.
     offset_name : str
         Under which `calibration` has the force [N] by which this record's offset is another than
         the first record's; empty where all have one.
@@ -84,6 +89,7 @@ class ModelledRecord:
     by_current: bool = False
     offset_name: str = ""
     per_command: float = 1.0
+    answers: float = 0.0
 
     @property
     def step(self) -> float:
@@ -138,6 +144,23 @@ class ModelledRecord:
         return acceleration(self.record.x, self.step, self.width)
 
     @cached_property
+    def inner_a(self) -> Vector:
+        """What a speed that answers within an interval adds to `measured_a`, shape (windows,).
+
+        Forces are averages over an interval, and so count as if they were the same all over it;
+        then the acceleration is the difference of the speeds at the interval's ends. Where the
+        command is held, the speed goes exponentially to its end, and the mean speed tells it.
+        """
+        kept = math.exp(-self.answers)
+        mean = (1.0 - kept) / self.answers
+        back = kept - (1.0 - kept) * mean / (1.0 - mean)
+        moved = self.moved_v
+        gain = (1.0 - kept) / (1.0 - mean)
+        end, _ = lfilter([gain], [1.0, -back], moved, zi=[back * moved[0]])
+        change = np.diff(end, prepend=moved[0]) / self.step
+        return np.asarray(averaged(change, self.width) - self.measured_a)
+
+    @cached_property
     def next_change(self) -> Vector:
         """By how much the next sample's command is another one, shape (n,)."""
         return np.append(self.u[1:], self.u[-1]) - self.u
@@ -188,6 +211,8 @@ def calibration_priors(course: ModelledRecord) -> dict[str, CalibrationPrior]:
     the voltage, a sample of the current at its time has nothing yet, or all.
     """
     found = {"command_shift": CalibrationPrior(0.4, -0.6, 0.6)}
+    if course.answers > _ANSWERS:
+        found["fast_speed"] = CalibrationPrior(0.7, -0.2, 1.4)
     if course.has_current:
         offset = _OFFSET * float(np.sqrt(np.nanmean(course.record.signals["i"] ** 2)))
         found["current_offset"] = CalibrationPrior(offset, -3.0 * offset, 3.0 * offset)
@@ -235,6 +260,7 @@ def lay_along(record: DriveRecord, model: DriveModel) -> ModelledRecord:
     current = _current(record, v, model)
     resistance = model.values["R"] if model.has_motor else 0.0
     course = ModelledRecord(record, width, resistance, x, v, current, nothing, nothing, nothing)
+    course = replace(course, answers=record.step * model.damping / model.inertia)
     course = replace(
         course,
         per_command=model.per_command,

@@ -20,7 +20,7 @@ from .causes.cause import Shape, Smaller
 from .modelled_record import ModelledRecord
 from .nonparametric import rivals
 from .signals import SIGNALS
-from .study import Fit, Priors, Study, base_columns, base_fit, fitted
+from .study import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -141,6 +141,8 @@ class Catalogue:
         self.lines = self._lines(self.parts)
         first = [[b[:, : self.values] for b in block] for block in self.lines]
         self.with_values = products(first, self.lines)
+        own = self.with_values[..., : self.values]
+        own -= noise_products(study, self.base, own)
 
     def without(self, forms: Sequence[Form]) -> Fit:
         """The model's own values beside these forms only."""

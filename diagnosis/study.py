@@ -24,6 +24,7 @@ from .modelled_record import (
     ModelledRecord,
     driven_by_current,
     lay_along,
+    read_anew,
     with_law_force,
     with_own_offsets,
 )
@@ -36,12 +37,17 @@ Array = npt.NDArray[np.float64]
 FREEDOM = 4.0
 """Degrees of freedom of Student's distribution, as is usual where noise has outliers."""
 
+COARSE = 100.0
+"""Numbers of a block's band from which on more of them tell little more: a model is right to a
+share only (coarsened posterior; J. Miller and D. Dunson, JASA 114, 2019)."""
+
 _WEIGHINGS = 6  # of bands by what is left in them
 _WEIGHINGS_MORE = 4  # without one of the blocks
 _FLAT = 1e-9  # of a column's own square: an amplitude may be anything
-_PINNINGS = 8  # rounds of the active set
+_STEPS = 4  # of the active set, to each amplitude
+_NO_SLOPE = 1e-9
 _NEARLY = 0.999
-_PINNED = 1e14  # precision of a value that stays where it is
+_AT_MOST = 0.9  # of a column, that is noise
 
 
 @dataclass(frozen=True)
@@ -137,6 +143,13 @@ class Priors(NamedTuple):
     most: Matrix
 
 
+class Bounded(NamedTuple):
+    """Amplitudes, shape (N, columns), and at which end each of them is: -1, 1, or 0 at none."""
+
+    amplitude: Matrix
+    side: Matrix
+
+
 def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
     """Fit and hold out.
 
@@ -149,22 +162,26 @@ def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
         Noise that is always there [N].
     """
     counts = bands.counts[:, bands.used]
+    trusted = 1.0 / (1.0 + counts / COARSE)
+    counts, products = counts * trusted, products * trusted[:, :, None, None, None]
     blocks = np.arange(len(products))
     whole = products.sum(axis=0)
     start = (whole[:, :, 0, 0] / counts.sum(axis=0)[:, None]).T + exact**2
-    amplitude, variance = _with_noise(products, counts, prior, exact, start, _WEIGHINGS)
+    whole, variance = _with_noise(products, counts, prior, exact, (None, start), _WEIGHINGS)
+    amplitude = whole.amplitude
     held, squares, ways = [], [], []
     for q in blocks:
         rest = blocks != q
         found, of_rest = _with_noise(
-            products[rest], counts[rest], prior, exact, variance, _WEIGHINGS_MORE
+            products[rest], counts[rest], prior, exact, (whole, variance), _WEIGHINGS_MORE
         )
-        ways.append(found)
-        left = _left(products[q : q + 1], found)[0]
+        ways.append(found.amplitude)
+        left = _left(products[q : q + 1], found.amplitude)[0]
         each = 0.5 * counts[q] * np.log(of_rest)
-        each += 0.5 * (FREEDOM + counts[q]) * np.log1p(left / (FREEDOM * of_rest))
+        known = _floored(left, counts[q], exact)
+        each += 0.5 * (FREEDOM + counts[q]) * np.log1p(known / (FREEDOM * of_rest))
         held.append(-each.sum(axis=1))
-        squares.append(left)
+        squares.append(left / trusted[q])
     each = np.array(ways)
     count = len(blocks)
     error = np.sqrt((count - 1) / count * np.sum((each - each.mean(axis=0)) ** 2, axis=0))
@@ -177,52 +194,78 @@ def _with_noise(
     counts: Matrix,
     prior: Priors,
     exact: float,
-    variance: Matrix,
+    start: tuple[Bounded | None, Matrix],
     times: int,
-) -> tuple[Matrix, Matrix]:
-    """Amplitudes (N, columns) and variances of the bands (N, channels * bands), in turn.
+) -> tuple[Bounded, Matrix]:
+    """Amplitudes and variances of the bands, shape (N, channels * bands), in turn.
 
     Noise is not the same all over a record: a block's variance is one of many around the band's
     (Student's distribution; K. Lange, R. Little and J. Taylor, JASA 84, 1989).
     """
-    left = products[:, :, :, 0, 0].transpose(0, 2, 1)
+    found, variance = start
     each = counts[:, None, :]
+    left = _left(products, found.amplitude) if found else products[:, :, :, 0, 0].transpose(0, 2, 1)
+    left = _floored(left, each, exact)
     for _ in range(times):
         weight = (FREEDOM + each) / (FREEDOM + left / variance)
         inner = np.einsum("qbnij,qnb->nij", products, weight / variance)
-        amplitude = _within_most(inner, prior)
-        left = _left(products, amplitude)
+        found = within_most(inner, prior, found)
+        left = _floored(_left(products, found.amplitude), each, exact)
         weight = (FREEDOM + each) / (FREEDOM + left / variance)
-        variance = np.sum(weight * left, axis=0) / counts.sum(axis=0) + exact**2
-    return amplitude, variance
+        variance = np.sum(weight * left, axis=0) / counts.sum(axis=0)
+    assert found
+    return found, variance
 
 
-def _within_most(inner: Array, prior: Priors) -> Matrix:
-    """Amplitudes of least squares that stay within their tolerances, by an active set.
+def within_most(inner: Array, prior: Priors, start: Bounded | None = None) -> Bounded:
+    """Amplitudes of least squares that stay within their tolerances.
 
-    A value that would leave its tolerance is put to its end, and let go where it would turn back
-    (P. Gill, W. Murray and M. Wright, "Practical Optimization", 1981, ch. 5).
+    On the way to the best amplitudes of those that are free, the first that comes to an end stays
+    there; one that is at an end and would turn back is let go once the others have arrived. What is
+    left falls with every step, so that no set comes twice (J. Nocedal and S. Wright, "Numerical
+    Optimization", 2006, ch. 16.5).
     """
     mean, precision, most = prior
     matrix = inner[:, 1:, 1:].copy()
     at = np.arange(mean.shape[1])
     matrix[:, at, at] += precision + _FLAT * (matrix[:, at, at] + 1e-30)
     goal = inner[:, 1:, 0] + precision * mean
-    side = np.zeros(mean.shape)
-    for _ in range(_PINNINGS):
-        pinned = side != 0.0
-        ends = mean + np.where(pinned, side * np.where(np.isfinite(most), most, 0.0), 0.0)
-        held = matrix.copy()
-        held[:, at, at] += np.where(pinned, _PINNED, 0.0)
-        asked = goal + np.where(pinned, _PINNED * ends, 0.0)
-        amplitude = np.linalg.solve(held, asked[:, :, None])[:, :, 0]
-        slope = np.matmul(matrix, np.where(pinned, ends, amplitude)[:, :, None])[:, :, 0] - goal
-        turns = pinned & (side * slope > 0.0)
-        leaves = ~pinned & (np.abs(amplitude - mean) > 1.001 * most)
-        if not (turns.any() or leaves.any()):
+    amplitude, side = (part.copy() for part in start or (mean, np.zeros(mean.shape)))
+    going = np.arange(len(mean))
+    for _ in range(_STEPS * mean.shape[1]):
+        now, held, low = matrix[going], side[going] != 0.0, amplitude[going]
+        fixed = np.where(held, low, 0.0)
+        # a value that stays has a row of its own
+        free = np.where(held[:, :, None] | held[:, None, :], 0.0, now)
+        free[:, at, at] += held
+        asked = goal[going] - np.matmul(now, fixed[:, :, None])[:, :, 0]
+        step = np.linalg.solve(free, np.where(held, low, asked)[:, :, None])[:, :, 0] - low
+        end = mean[going] + np.copysign(most[going], step)
+        moves = ~held & (step != 0.0)
+        room = np.divide(end - low, step, out=np.full(step.shape, np.inf), where=moves)
+        first = np.argmin(room, axis=1)
+        rows = np.arange(len(going))
+        share = np.minimum(room[rows, first], 1.0)
+        stops = share < 1.0
+        amplitude[going] = np.where(held, low, low + share[:, None] * step)
+        some, which = going[stops], first[stops]
+        side[some, which] = np.sign(step[stops, which])
+        amplitude[some, which] = end[stops, which]
+        slope = np.matmul(now, amplitude[going][:, :, None])[:, :, 0] - goal[going]
+        back = np.where(held, side[going] * slope, 0.0)
+        turns = np.argmax(back, axis=1)
+        size = np.abs(goal[going]) + np.abs(slope)
+        let_go = ~stops & (back[rows, turns] > _NO_SLOPE * size[rows, turns])
+        side[going[let_go], turns[let_go]] = 0.0
+        going = going[stops | let_go]
+        if not len(going):
             break
-        side = np.where(turns, 0.0, np.where(leaves, np.sign(amplitude - mean), side))
-    return np.asarray(np.clip(amplitude - mean, -most, most) + mean)
+    return Bounded(amplitude, side)
+
+
+def _floored(left: Array, counts: Matrix, exact: float) -> Array:
+    """Squares with those of noise that is always there: what is below it is no gain."""
+    return np.hypot(left, counts * exact**2)
 
 
 def _left(products: Array, amplitude: Matrix) -> Array:
@@ -266,18 +309,51 @@ def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
     """The model's own values alone; `columns` are those of `base_columns`."""
     mean, spread = study.prior()
     lines = study.bands.lines(columns)
-    own = products(lines, lines)[:, study.bands.used][:, :, None]
+    own = products(lines, lines)[:, study.bands.used]
+    own = (own - noise_products(study, columns, own))[:, :, None]
     exact = EXACT * study.prior_model.friction_scale
     prior = Priors(mean[None], spread[None] ** -2.0, study.most(spread)[None])
     return fitted(own, study.bands, prior, exact)
 
 
-def base_columns(study: Study) -> list[Matrix]:
-    """The signal and the columns of values, (windows, channels, 1 + columns) of each record."""
+def base_columns(study: Study, of_law: bool = True) -> list[Matrix]:
+    """The signal and the columns of values, (windows, channels, 1 + columns) of each record.
+
+    Those of the friction's values are zero without `of_law`.
+    """
     nothing = Added.nothing(study.courses)
-    left = leftovers(study.courses, study.model, nothing)
-    columns = sensitivities(study.courses, study.model, nothing)
+    usual = [study.model.friction(c.x, c.v, c.step) for c in study.courses]
+    left = leftovers(study.courses, study.model, nothing, usual)
+    columns = sensitivities(study.courses, study.model, nothing, usual, of_law)
     return [np.concatenate([y[:, :, None], s], axis=2) for y, s in zip(left, columns, strict=True)]
+
+
+def noise_products(study: Study, columns: Sequence[Matrix], own: Array) -> Array:
+    """What noise of the instruments has in products of `base_columns`, that of the signal apart.
+
+    The signal and the columns have the same noise, and so a fit would make a mass or a current
+    smaller only to make its noise smaller (errors in variables; W. Fuller, "Measurement Error
+    Models", 1987). Less this, only what was measured tells a value. Shape as `own`, of `columns`.
+    """
+    random = np.random.default_rng(0)
+    again = [read_anew(c, study.model, random) for c in study.courses]
+    read = base_columns(replace(study, courses=again), of_law=False)
+    of_law = [
+        1 + study.values.index(n) for n in study.model.adjustable if n in study.model.law_parameters
+    ]
+    changes = []
+    for after, before in zip(read, columns, strict=True):
+        change = after - before
+        change[:, :, of_law] = 0.0  # they are along the smoothed motion, which stays
+        changes.append(change)
+    lines = study.bands.lines(changes)
+    noise = products(lines, lines)[:, study.bands.used]
+    most = _AT_MOST * np.diagonal(own, axis1=2, axis2=3)
+    size = np.diagonal(noise, axis1=2, axis2=3)
+    room = np.divide(most, size, out=np.ones(size.shape), where=size > most)
+    noise *= np.min(room[:, :, 1:], axis=2)[:, :, None, None]
+    noise[:, :, 0, 0] = 0.0
+    return np.asarray(noise)
 
 
 def _within(tolerance: float, change: float) -> float:

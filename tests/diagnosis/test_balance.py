@@ -50,7 +50,8 @@ def test_a_cause_of_its_size_takes_away_what_is_left(course):
 
 def test_columns_of_values_are_the_slopes_of_what_is_left(course):
     model = nominal()
-    (columns,) = sensitivities([course], model, Added.nothing([course]))
+    law = [model.friction(course.x, course.v, course.step)]
+    (columns,) = sensitivities([course], model, Added.nothing([course]), law)
     step = 1e-2
     for k, name in enumerate(model.adjustable):
         high, low = (
