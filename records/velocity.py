@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
-from .table import Table
+from .csv_table import Table
 
 Vector = npt.NDArray[np.float64]
 
