@@ -111,7 +111,6 @@ def rename(
     mapping: Mapping[str, str],
     known: Sequence[str],
     needed: Sequence[Sequence[str]],
-    if_unequal: str,
 ) -> Table:
     """Columns under our names, in the order of ours, all of one length.
 
@@ -124,8 +123,6 @@ def rename(
         Our names.
     needed : sequence of sequences of str
         One name at least of each has to be there.
-    if_unequal : str
-        What to say where lengths differ.
 
     Raises
     ------
@@ -161,7 +158,10 @@ def rename(
     lengths = {n: len(v) for n, v in named.items()}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{n} {k}" for n, k in lengths.items())
-        raise BadRecord(f"{path}: columns of different length ({said} samples){if_unequal}")
+        raise BadRecord(
+            f"{path}: columns of different length ({said} samples): recorded at different rates? "
+            "Bring them to one rate first"
+        )
     units = {n: table.units[t] for n, t in theirs_of.items() if t in table.units}
     return Table(path, named, units, table.lines)
 

@@ -13,7 +13,6 @@ from .csv_table import Table
 Vector = npt.NDArray[np.float64]
 
 VELOCITY = "v"
-QUANTITIES = ("velocity", "angular velocity")
 INTEGRATED = (
     "x is the integral of v: where the motion began is not known, and errors of v add up, so that "
     "nothing is to be told by the place"
