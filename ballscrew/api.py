@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
     from .orchestration.parts import PartLike
     from .orchestration.workers import Processes
-    from .records.drive_record import DriveRecord
-    from .records.force_record import Record
+    from .records.record import Record
     from .results.comparison import Comparison
     from .results.diagnosis_result import DiagnosisResult
     from .results.exponents import Exponents
@@ -640,9 +639,9 @@ def read_force_records(
     BadRecord
         With one line that says what cannot be used and why.
     """
-    from .records.force_record import read_records
+    from .records.reading import read_force_records as read
 
-    return read_records(_paths(paths), mapping, units, mass, lead)
+    return read(_paths(paths), mapping, units, mass, lead)
 
 
 def read_drive_records(
@@ -650,7 +649,7 @@ def read_drive_records(
     mapping: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     lead: float | None = None,
-) -> list[DriveRecord]:
+) -> list[Record]:
     """Read records of a drive's command and position, for `diagnose`.
 
     Parameters
@@ -662,14 +661,14 @@ def read_drive_records(
 
     Returns
     -------
-    list of DriveRecord
+    list of Record
 
     Raises
     ------
     BadRecord
         With one line that says what cannot be used and why.
     """
-    from .records.drive_record import read_drive_records as read
+    from .records.reading import read_drive_records as read
 
     return read(_paths(paths), mapping, units, lead)
 

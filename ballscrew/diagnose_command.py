@@ -131,7 +131,7 @@ def _records(options: argparse.Namespace) -> int:
     from .diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
     from .orchestration.parameter_file import ParameterFile
     from .records.bad_record import BadRecord
-    from .records.drive_record import read_drive_records
+    from .records.reading import read_drive_records
 
     told = columns.with_lead(read_params(options))
     with bad_parameters():

@@ -94,7 +94,7 @@ def _identify(options: argparse.Namespace) -> int:
     mass = None if options.mass is None else read_number("--mass", options.mass)
     from .diagnosis.prior_model import prior_model_from
     from .records.bad_record import BadRecord
-    from .records.force_record import read_records
+    from .records.reading import read_force_records
 
     told = columns.with_lead(read_params(options))
     if told is not None:
@@ -110,7 +110,7 @@ def _identify(options: argparse.Namespace) -> int:
     except CannotHold as error:
         raise BadRequest(f"--fix, --offset: {error}") from error
     try:
-        records = read_records(
+        records = read_force_records(
             options.data, columns.mapping, columns.units, mass, columns.lead_with(told)
         )
     except BadRecord as error:

@@ -40,7 +40,7 @@ def judge_models(options: argparse.Namespace) -> int:
     from .diagnosis.judge import judge_records
     from .orchestration.parameter_reading import read_parameters
     from .records.bad_record import BadRecord
-    from .records.drive_record import read_drive_records
+    from .records.reading import read_drive_records
     from .solver.files import finite_or_null
 
     with bad_parameters():

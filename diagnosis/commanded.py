@@ -10,13 +10,13 @@ import numpy as np
 from ..plant.direct_drive import bare_direct_drive
 from ..plant.law import law
 from ..records.bad_record import BadRecord
-from ..records.drive_record import CURRENT, VOLTAGE, DriveRecord
+from ..records.record import CURRENT, VOLTAGE, Record
 from .drive_model import DriveModel
 
 
 def commanded(
-    records: Sequence[DriveRecord], model: DriveModel
-) -> tuple[list[DriveRecord], DriveModel, list[str]]:
+    records: Sequence[Record], model: DriveModel
+) -> tuple[list[Record], DriveModel, list[str]]:
     """Records with a command that the model takes, the model, and notes of what was done.
 
     A ball screw of which only the current is known becomes a drive, see `driven_by_current`. The
@@ -72,7 +72,7 @@ def driven_by_current(model: DriveModel) -> DriveModel:
     return DriveModel("drive", model.law, values, tolerance)
 
 
-def by_current(record: DriveRecord) -> DriveRecord | None:
+def by_current(record: Record) -> Record | None:
     """The record with its current as the command; None where that is not known throughout."""
     told = not record.current_alone and record.command == CURRENT
     if not told and not np.isfinite(record.signals.get("i", np.array([np.nan]))).all():
@@ -81,5 +81,5 @@ def by_current(record: DriveRecord) -> DriveRecord | None:
     return _without_current(replace(record, signals=signals, command=CURRENT))
 
 
-def _without_current(record: DriveRecord) -> DriveRecord:
+def _without_current(record: Record) -> Record:
     return replace(record, signals={n: s for n, s in record.signals.items() if n != "i"})

@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from ..orchestration.parameter_file import ParameterFile
 from ..orchestration.parameter_reading import read_parameters
-from ..records.drive_record import DriveRecord, read_drive_records
 from ..records.identifiable import check_identifiable
+from ..records.reading import read_drive_records
+from ..records.record import Record
 from .balance import Added
 from .building import explained
 from .causes import CAUSES
@@ -89,7 +90,7 @@ def diagnose(
 
 
 def diagnose_records(
-    records: Sequence[DriveRecord],
+    records: Sequence[Record],
     prior_model: DriveModel,
     progress: Callable[[str], None] = lambda doing: None,
     take: str | None = None,

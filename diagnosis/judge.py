@@ -12,8 +12,9 @@ import numpy as np
 from ..orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
 from ..orchestration.parameter_reading import read_parameters
 from ..records.bad_record import BadRecord
-from ..records.drive_record import CURRENT, DriveRecord, read_drive_records
 from ..records.identifiable import check_identifiable
+from ..records.reading import read_drive_records
+from ..records.record import CURRENT, Record
 from ..solver.files import write_json
 from .balance import Added
 from .blocks import Blocks, Estimate
@@ -164,7 +165,7 @@ def judge(
     return judge_records(read_drive_records(data, mapping, units, lead), file)
 
 
-def judge_records(records: Sequence[DriveRecord], file: ParameterFile) -> Judgement:
+def judge_records(records: Sequence[Record], file: ParameterFile) -> Judgement:
     """As `judge`, of records and a parameter file in memory."""
     told = _told(file)
     models = _models(file, told)
@@ -245,7 +246,7 @@ def _models(file: ParameterFile, told: Diagnosed) -> dict[str, DriveModel]:
     }
 
 
-def _commanded(record: DriveRecord, told: Diagnosed) -> DriveRecord:
+def _commanded(record: Record, told: Diagnosed) -> Record:
     """The record with the command that the models take."""
     current = by_current(record) if told.command == CURRENT else None
     if current is not None:
@@ -263,7 +264,7 @@ def _commanded(record: DriveRecord, told: Diagnosed) -> DriveRecord:
     return record
 
 
-def _laid(record: DriveRecord, model: DriveModel, told: Diagnosed) -> ModelledRecord:
+def _laid(record: Record, model: DriveModel, told: Diagnosed) -> ModelledRecord:
     """The record with its motion; the command acts when it did where the models come from."""
     course = lay_along(record, model)
     return replace(course, calibration={**course.calibration, "command_shift": told.command_shift})

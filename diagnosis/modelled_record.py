@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
 from scipy.signal import lfilter, savgol_filter, welch
 
-from ..records.drive_record import DriveRecord
+from ..records.record import Record
 from ..records.resolution import fast_noise
 from .drive_model import DriveModel, midway
 from .weak_form import acceleration, averaged, between_samples, lagged
@@ -43,7 +43,7 @@ class ModelledRecord:
 
     Attributes
     ----------
-    record : DriveRecord
+    record : Record
     width : int
         Spacing of the windows, and quarter of the length of one, in samples.
     resistance : float
@@ -76,7 +76,7 @@ class ModelledRecord:
         currents in between.
     """
 
-    record: DriveRecord
+    record: Record
     width: int
     resistance: float
     x: Vector
@@ -191,7 +191,7 @@ class ModelledRecord:
         return self.record.u
 
 
-def position_noise(record: DriveRecord) -> float:
+def position_noise(record: Record) -> float:
     """Standard deviation of a position's reading [m]."""
     return max(record.resolution / math.sqrt(12.0), fast_noise(record.x), 1e-12)
 
@@ -240,7 +240,7 @@ def with_own_offsets(courses: Sequence[ModelledRecord], model: DriveModel) -> li
     ]
 
 
-def lay_along(record: DriveRecord, model: DriveModel) -> ModelledRecord:
+def lay_along(record: Record, model: DriveModel) -> ModelledRecord:
     """Smooth the motion and follow the law along it."""
     noise = position_noise(record)
     # noise of the second difference of smeared positions, times what moves, against the friction
@@ -287,7 +287,7 @@ def read_anew(
     return replace(course, record=record, i=_current(record, course.v, model))
 
 
-def _rough(record: DriveRecord, width: int, model: DriveModel) -> float:
+def _rough(record: Record, width: int, model: DriveModel) -> float:
     """Force that no motion has, from one window to the next, relative to the friction.
 
     An interpolating encoder's error swings with the place: no noise of single readings shows it.
@@ -328,7 +328,7 @@ def _force_variance(course: ModelledRecord, model: DriveModel, noise: float) -> 
     return np.asarray(uniform_filter1d(total / _SHAKES, _AROUND))
 
 
-def carried(record: DriveRecord) -> float:
+def carried(record: Record) -> float:
     """Frequency up to which a position tells anything [Hz]; half the sampling rate where all does.
 
     What an encoder reads has a floor of rounding at all frequencies; where the spectrum falls far
@@ -344,7 +344,7 @@ def carried(record: DriveRecord) -> float:
     return float(frequency[-1])
 
 
-def _current(record: DriveRecord, v: Vector, model: DriveModel) -> Vector:
+def _current(record: Record, v: Vector, model: DriveModel) -> Vector:
     """The motor's current at the samples, measured or as the voltage makes it [A]."""
     if not model.has_motor:
         return np.zeros(len(v))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ..records.drive_record import DriveRecord
+from ..records.record import Record
 from .balance import EXACT, responses
 from .bands import cut, products
 from .diagnosis import NextExperiment
@@ -99,7 +99,7 @@ def _foreseen(found: Explained, motion: Motion) -> Study:
     signals = {"time": time, "u": u, "x": x}
     if like.has_current:
         signals["i"] = force / model.per_ampere
-    record = DriveRecord("next", signals, step, like.record.command)
+    record = Record("next", signals, step, like.record.command)
     courses = with_own_offsets([lay_along(record, model)], model)
     return Study(courses, model, found.study.prior_model, cut(courses, model))
 

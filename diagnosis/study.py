@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..records.bad_record import BadRecord
-from ..records.drive_record import DriveRecord
+from ..records.record import Record
 from .balance import EXACT, Added, calibrated, leftovers, recalibrated, sensitivities
 from .bands import Bands, cut, products
 from .drive_model import DriveModel
@@ -275,7 +275,7 @@ def _left(products: Array, amplitude: Matrix) -> Array:
     return np.asarray(np.maximum(np.sum(half * signed, axis=(3, 4)), 0.0).transpose(0, 2, 1))
 
 
-def study_of(records: Sequence[DriveRecord], prior_model: DriveModel) -> Study:
+def study_of(records: Sequence[Record], prior_model: DriveModel) -> Study:
     """Records laid along the model, with its values adjusted within their tolerances.
 
     The motor's force is taken from the current or from the voltage, whichever leaves less.

@@ -36,7 +36,7 @@ from ..fmus.units import base_exponents
 from ..plant.law import law as law_of
 from ..plant.maxwell_slip import ELEMENTS
 from ..plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
-from ..records.force_record import Record
+from ..records.record import Record
 from ..solver.component import symbol
 from .fit_errors import intervals_of, sum_up
 from .fit_result import Fit, fitted_names, without_direction

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 
-from ..records.force_record import Record
+from ..records.record import Record
 from ..records.resolution import fast_noise, held_samples, resolution_of
 
 Vector = npt.NDArray[np.float64]

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..orchestration.parameter_file import DRIVE, ParameterFile, Value
 from ..plant.law import law as friction_law
-from ..records.force_record import Record
+from ..records.record import Record
 from ..solver.component import ForceTerm, symbol
 from ..solver.files import write_json
 from .fit_result import Fit

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..orchestration.parameter_file import DRIVE, ParameterFile
-from ..records.force_record import Record
+from ..records.record import Record
 from ..records.velocity import INTEGRATED
 from ..solver.nearest import nearest
 from .fit import fit_along

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..records.force_record import Record
+from ..records.record import Record
 from .friction_estimation import FrictionEstimate, SmoothedMotion, estimate_friction
 from .replay import replay
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ..records.force_record import Record
+from ..records.record import Record
 from .friction_estimation import FrictionEstimate
 from .stribeck_fit import STUCK
 

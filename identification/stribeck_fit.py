@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import OptimizeWarning, curve_fit
 
-from ..records.force_record import Record
+from ..records.record import Record
 from .friction_estimation import FrictionEstimate
 from .intervals import Interval, student_interval
 

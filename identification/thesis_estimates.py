@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..records.force_record import Record
+from ..records.record import Record
 from .bliman_sorine_map import NoSolution, map_points, read_points
 from .dahl_fit import fit_dahl
 from .fitted_law import BRISTLES, LAWS

@@ -50,7 +50,7 @@ from ballscrew.diagnosis.scores import OUTSIDE, Catalogue, scored  # noqa: E402
 from ballscrew.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
 from ballscrew.diagnosis.study import study_of  # noqa: E402
 from ballscrew.orchestration.workers import Processes  # noqa: E402
-from ballscrew.records.drive_record import read_drive_records  # noqa: E402
+from ballscrew.records.reading import read_drive_records  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 
 COVERAGE = 0.95

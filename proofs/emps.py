@@ -27,7 +27,7 @@ from scipy.signal import savgol_filter
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.prior_model import read_prior_model
-from ballscrew.records.drive_record import read_drive_records
+from ballscrew.records.reading import read_drive_records
 from ballscrew.solver.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -34,7 +34,8 @@ from ballscrew.identification.identification import Identification
 from ballscrew.identification.identify import identify
 from ballscrew.orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.force_record import Record, read_record
+from ballscrew.records.reading import read_force_records
+from ballscrew.records.record import Record
 from ballscrew.solver.files import write_atomically
 
 Vector = npt.NDArray[np.float64]
@@ -84,7 +85,7 @@ def read_folder(folder: Path, lead: float) -> tuple[list[Record], dict[str, str]
     records, refused = [], {}
     for path in sorted(folder.glob("*.csv"), key=speed_of):
         try:
-            records.append(read_record(path, COLUMNS, UNITS, 0.0, lead))
+            records += read_force_records([path], COLUMNS, UNITS, 0.0, lead)
         except BadRecord as error:
             refused[path.name] = str(error).replace(f"{path}, ", "")
     return records, refused

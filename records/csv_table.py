@@ -11,7 +11,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -32,22 +32,28 @@ _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # stand in lines of unit
 
 
 @dataclass(frozen=True)
-class TextTable:
-    """A table as it stands in a file.
+class Table:
+    """Columns of a file under the names that they have there.
 
     Attributes
     ----------
+    path : Path
     columns : dict of str to ndarray, shape (n,)
-        By name; columns without a name have their number, from 1 on. Words are left out.
+        Of different lengths, if the file has such; one without a name has its number, from 1 on.
     units : dict of str to str
-        What a line below the names says.
-    lines : ndarray of int, shape (n,)
-        Where the rows stand in the file, from 1 on.
+        What the file says of its columns' units, in its own words.
+    lines : ndarray of int, shape (n,), or None
+        Where the rows stand in a text file, from 1 on.
     """
 
+    path: Path
     columns: dict[str, Vector]
-    units: dict[str, str]
-    lines: npt.NDArray[np.int64]
+    units: dict[str, str] = field(default_factory=dict)
+    lines: npt.NDArray[np.int64] | None = None
+
+    def row(self, k: int) -> int:
+        """What a user calls the `k`-th sample, from 0 on: its line, or its number from 1 on."""
+        return k + 1 if self.lines is None else int(self.lines[k])
 
 
 @dataclass(frozen=True)
@@ -99,7 +105,7 @@ def _float(text: str) -> float | None:
         return None
 
 
-def read_csv(path: Path) -> TextTable:
+def read_csv(path: Path) -> Table:
     """Read a text table with any usual separator, decimal sign, encoding and header.
 
     Raises
@@ -130,7 +136,7 @@ def read_csv(path: Path) -> TextTable:
         columns = {n: v for n, v in zip(names, table, strict=True) if v is not None}
     else:
         columns = {n: plain[:, k].copy() for k, n in enumerate(names[:wide])}
-    return TextTable(columns, {n: u for n, u in units.items() if n in columns}, lines)
+    return Table(path, columns, {n: u for n, u in units.items() if n in columns}, lines)
 
 
 def _text(path: Path) -> str:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.signal import welch
 
 from .bad_record import BadRecord
-from .drive_record import DriveRecord
+from .record import Record
 from .resolution import held_samples
 
 Vector = npt.NDArray[np.float64]
@@ -48,7 +48,7 @@ class Examination:
     notes: tuple[str, ...]
 
 
-def examine(record: DriveRecord) -> Examination:
+def examine(record: Record) -> Examination:
     """Look at a record before it is believed.
 
     Raises
@@ -67,7 +67,7 @@ def examine(record: DriveRecord) -> Examination:
     if np.ptp(values) == 0 and values[0] == 0:
         what = "the current i" if command == "i" else "the command u"
         raise BadRecord(f"{name}: {what} is zero all the time")
-    notes = list(record.notes)
+    notes = [f"{name}: {note}" for note in record.notes]
     resolution = record.resolution
     carries = _carries(x, record.step, resolution)
     if carries < 0.5 / record.step:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .bad_record import BadRecord
-from .drive_record import DriveRecord
 from .examine import examine
+from .record import Record
 
 
-def check_identifiable(records: Sequence[DriveRecord]) -> list[str]:
+def check_identifiable(records: Sequence[Record]) -> list[str]:
     """Warnings about what records can tell.
 
     Raises

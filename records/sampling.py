@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -13,43 +12,15 @@ from .bad_record import BadRecord
 
 Vector = npt.NDArray[np.float64]
 
-JITTER = 0.2  # of a sampling interval, below which stamps are taken for even
+_JITTER = 0.2  # of a sampling interval, below which stamps are taken for even
 _LONGEST_GAP = 5  # samples that may be missing in a row
 _FOLLOWED = 0.1  # share of a stamp's lateness by which the even instants are moved
 _BEGINNING = 20  # samples whose stamps tell where the first instant is
-_HOLES = 0.1  # share of the samples that may be missing, or have the stamp of another
-
-
-def check_forwards(
-    name: Path | str, time: Vector, row: Callable[[int], int], may_stand: bool = False
-) -> Vector:
-    """The steps of a time that only grows [s], shape (n - 1,).
-
-    Parameters
-    ----------
-    row : function of int
-        What the user calls a sample; see `Table.row`.
-    may_stand : bool, optional
-        Whether two samples may have one stamp.
-
-    Raises
-    ------
-    BadRecord
-        If time goes backwards, or stands where it must not.
-    """
-    steps = np.diff(time)
-    back = np.flatnonzero(steps < 0 if may_stand else steps <= 0)
-    if len(back):
-        k = int(back[0])
-        what = "stands still" if steps[k] == 0 else "goes backwards"
-        raise BadRecord(
-            f"{name}: time {what} in row {row(k + 1)}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
-        )
-    return steps
+HOLES = 0.1  # share of the samples that may be missing, or have the stamp of another
 
 
 def even_out(
-    name: Path | str, signals: Mapping[str, Vector], row: Callable[[int], int]
+    name: str, signals: Mapping[str, Vector], row: Callable[[int], int], mends: bool
 ) -> tuple[dict[str, Vector], float, str]:
     """Signals at even instants, their interval [s], and what was done to them; empty for nothing.
 
@@ -61,7 +32,9 @@ def even_out(
     signals : mapping of str to ndarray, shape (n,)
         ``time`` and others; SI.
     row : function of int
-        What the user calls a sample.
+        What the user calls a sample; see `Table.row`.
+    mends : bool
+        Whether to do so; else what is not even is refused.
 
     Raises
     ------
@@ -69,9 +42,16 @@ def even_out(
         If time goes backwards, or too much is missing.
     """
     time = signals["time"]
-    steps = check_forwards(name, time, row, may_stand=True)
+    steps = np.diff(time)
+    back = np.flatnonzero(steps < 0 if mends else steps <= 0)
+    if len(back):
+        k = int(back[0])
+        what = "stands still" if steps[k] == 0 else "goes backwards"
+        raise BadRecord(
+            f"{name}: time {what} in row {row(k + 1)}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
+        )
     repeated = np.flatnonzero(steps == 0)
-    if len(repeated) > _HOLES * len(time):
+    if len(repeated) > HOLES * len(time):
         raise BadRecord(
             f"{name}: time stands still in {len(repeated)} of {len(time)} samples, the first in "
             f"row {row(int(repeated[0]) + 1)}: its stamps are coarser than the sampling; write "
@@ -81,7 +61,7 @@ def even_out(
     time = kept["time"]
     steps = np.diff(time)
     step = float(np.median(steps))
-    uneven = np.flatnonzero(np.abs(steps - step) > JITTER * step)
+    uneven = np.flatnonzero(np.abs(steps - step) > _JITTER * step)
     if not len(uneven):
         said = f"{len(repeated)} samples with the stamp of another left out"
         return kept, float(time[-1] - time[0]) / (len(time) - 1), said if len(repeated) else ""
@@ -92,14 +72,15 @@ def even_out(
         instants = np.round((time - start) / step).astype(int)
     missing = np.maximum(np.diff(instants) - 1, 0)
     k = int(np.argmax(missing))
-    if missing[k] > _LONGEST_GAP:
+    longest = _LONGEST_GAP if mends else 0
+    if missing[k] > longest:
         raise BadRecord(
             f"{name}: a gap of {steps[k]:.4g} s after {time[k]:.6g} s, where the sampling interval "
-            f"is {step:.4g} s ({np.sum(missing > _LONGEST_GAP)} such); cut the record into pieces "
+            f"is {step:.4g} s ({np.sum(missing > longest)} such); cut the record into pieces "
             "without gaps"
         )
     holes = int(missing.sum())
-    if holes > _HOLES * len(time):
+    if not mends or holes > HOLES * len(time):
         k = int(uneven[0])
         raise BadRecord(
             f"{name}: uneven sampling: {steps[k]:.4g} s after {time[k]:.6g} s, elsewhere "

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,37 +13,12 @@ import numpy.typing as npt
 from ..solver.nearest import nearest
 from ..solver.tables import PYARROW
 from .bad_record import BadRecord
-from .csv_table import read_csv
+from .csv_table import Table, read_csv
 from .units import NO_UNIT, UNITS, Conversion, quantity_of
 
 Vector = npt.NDArray[np.float64]
 
 _WITH_UNIT = re.compile(r"(.*\S)\s*[\[(](.+)[\])]")  # time [ms], x (mm)
-
-
-@dataclass(frozen=True)
-class Table:
-    """Columns of a file under the names that they have there.
-
-    Attributes
-    ----------
-    path : Path
-    columns : dict of str to ndarray, shape (n,)
-        Of different lengths, if the file has such.
-    units : dict of str to str
-        What the file says of its columns' units, in its own words.
-    lines : ndarray of int, shape (n,), or None
-        Where the rows stand in a text file, from 1 on.
-    """
-
-    path: Path
-    columns: dict[str, Vector]
-    units: dict[str, str] = field(default_factory=dict)
-    lines: npt.NDArray[np.int64] | None = None
-
-    def row(self, k: int) -> int:
-        """What a user calls the `k`-th sample, from 0 on: its line, or its number from 1 on."""
-        return k + 1 if self.lines is None else int(self.lines[k])
 
 
 def read_table(path: Path) -> Table:
@@ -60,7 +34,7 @@ def read_table(path: Path) -> Table:
     """
     readers = {".mat": _read_mat, ".parquet": _read_parquet}
     try:
-        table = readers.get(path.suffix.lower(), _read_text)(path)
+        table = readers.get(path.suffix.lower(), read_csv)(path)
     except FileNotFoundError:
         raise BadRecord(f"{path}: there is no such file") from None
     except OSError as error:
@@ -78,11 +52,6 @@ def read_table(path: Path) -> Table:
 def _name_and_unit(name: str) -> tuple[str, str]:
     found = _WITH_UNIT.fullmatch(name.strip())
     return (found[1], found[2].strip()) if found else (name, "")
-
-
-def _read_text(path: Path) -> Table:
-    table = read_csv(path)
-    return Table(path, table.columns, table.units, table.lines)
 
 
 def _read_parquet(path: Path) -> Table:
@@ -142,7 +111,6 @@ def rename(
     mapping: Mapping[str, str],
     known: Sequence[str],
     needed: Sequence[Sequence[str]],
-    if_unequal: str,
 ) -> Table:
     """Columns under our names, in the order of ours, all of one length.
 
@@ -155,8 +123,6 @@ def rename(
         Our names.
     needed : sequence of sequences of str
         One name at least of each has to be there.
-    if_unequal : str
-        What to say where lengths differ.
 
     Raises
     ------
@@ -192,7 +158,10 @@ def rename(
     lengths = {n: len(v) for n, v in named.items()}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{n} {k}" for n, k in lengths.items())
-        raise BadRecord(f"{path}: columns of different length ({said} samples){if_unequal}")
+        raise BadRecord(
+            f"{path}: columns of different length ({said} samples): recorded at different rates? "
+            "Bring them to one rate first"
+        )
     units = {n: table.units[t] for n, t in theirs_of.items() if t in table.units}
     return Table(path, named, units, table.lines)
 

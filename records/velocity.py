@@ -8,12 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
-from .table import Table
+from .csv_table import Table
 
 Vector = npt.NDArray[np.float64]
 
 VELOCITY = "v"
-QUANTITIES = ("velocity", "angular velocity")
 INTEGRATED = (
     "x is the integral of v: where the motion began is not known, and errors of v add up, so that "
     "nothing is to be told by the place"

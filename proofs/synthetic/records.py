@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ballscrew.records.force_record import Record
+from ballscrew.records.record import Record
 
 LUGRE = {
     "sigma0": 66967.0,
@@ -181,7 +181,7 @@ def record_of(
         trial.name,
         signals,
         trial.step,
-        mass,
+        mass=mass,
         delay_std=trial.step / math.sqrt(12),
         gain_std=gain_std,
     )

@@ -13,7 +13,9 @@ from ballscrew.identification.fitted_law import LAWS
 from ballscrew.identification.layout import lay_out
 from ballscrew.instruments.sampling_period import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
-from ballscrew.records.force_record import QUANTITIES, Record, with_description
+from ballscrew.records.reading import FORCE_RECORD
+from ballscrew.records.record import Record
+from ballscrew.records.rig_trial import described
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.rig_trials import TRIALS
 from synthetic.records import Trial, constant_velocity, record_of, sine_velocity, slow_load
@@ -125,10 +127,8 @@ def identify_closed_loop_rig(law: str, seed: int) -> list[Outcome]:
     records = []
     for name in names:
         made = run_trial(name, law, truth, seed=seed)
-        signals = {n: v for n, v in made.record.items() if n in QUANTITIES}
-        record = with_description(
-            name, signals, SAMPLE_TIME, made.parameters["plant.m"], made.description()
-        )
+        signals = {n: v for n, v in made.record.items() if n in FORCE_RECORD.columns}
+        record = described(Record(name, signals, SAMPLE_TIME), made.description())
         if np.ptp(record.position) > 0:  # others are refused when they are read
             records.append(record)
     return _compared(law, seed, subset, truth, records)

@@ -7,7 +7,7 @@ from cases import case
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.prior_model import read_prior_model
-from ballscrew.records.drive_record import check_record, read_drive_records
+from ballscrew.records.reading import check_record, read_drive_records
 
 
 @pytest.mark.parametrize("rate", [50, 200])

@@ -9,7 +9,7 @@ from diagnosed import nominal
 
 from ballscrew.diagnosis.bands import BLOCKS, EDGES, cut, products
 from ballscrew.diagnosis.modelled_record import lay_along
-from ballscrew.records.drive_record import check_record
+from ballscrew.records.reading import check_record
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,8 @@ from ballscrew.diagnosis.residuals import residual
 from ballscrew.orchestration.parameter_file import BadParameters
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import CURRENT, FORCE, check_record
+from ballscrew.records.reading import check_record
+from ballscrew.records.record import CURRENT, FORCE
 
 LOAD = 0.6
 

@@ -30,7 +30,7 @@ from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.diagnosis.prior_model import read_prior_model
 from ballscrew.diagnosis.scores import OUTSIDE
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import check_record, read_drive_records
+from ballscrew.records.reading import check_record, read_drive_records
 
 in_a_world = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
 

@@ -9,7 +9,7 @@ import pytest
 
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.diagnosis.prior_model import read_prior_model
-from ballscrew.records.drive_record import check_record, read_drive_records
+from ballscrew.records.reading import check_record, read_drive_records
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))

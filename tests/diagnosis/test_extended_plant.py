@@ -23,7 +23,7 @@ from ballscrew.plant.ball_screw import PARAMETERS as SCREW
 from ballscrew.plant.direct_drive import PARAMETERS as DRIVE
 from ballscrew.plant.law import law
 from ballscrew.plant.two_masses import OneBody
-from ballscrew.records.drive_record import DriveRecord
+from ballscrew.records.record import Record
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
@@ -298,7 +298,7 @@ def laid(motion, bristle=0.0):
     """The motion as a diagnosis has it, without any noise."""
     record = {"time": np.arange(SAMPLES) * STEP, "u": command(), "x": motion.x, "i": motion.i}
     known = {"x": motion.x, "v": motion.v, "i": motion.i, "bristle": bristle}
-    known |= {"record": DriveRecord("swings", record, STEP), "width": 1, "calibration": {}}
+    known |= {"record": Record("swings", record, STEP), "width": 1, "calibration": {}}
     return ModelledRecord(**{f.name: np.zeros(SAMPLES) for f in fields(ModelledRecord)} | known)
 
 

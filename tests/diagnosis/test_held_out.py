@@ -9,7 +9,7 @@ from worlds import layout as at
 from ballscrew.diagnosis.building import explained
 from ballscrew.diagnosis.held_out import held_out, lap
 from ballscrew.diagnosis.study import study_of
-from ballscrew.records.drive_record import check_record
+from ballscrew.records.reading import check_record
 
 STEP = 1e-3
 TIME = np.arange(0.0, 20.0, STEP)

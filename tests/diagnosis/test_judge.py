@@ -12,7 +12,8 @@ from ballscrew.diagnosis.judge import judge_records
 from ballscrew.orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import CURRENT, check_record
+from ballscrew.records.reading import check_record
+from ballscrew.records.record import CURRENT
 
 LOAD = 0.5
 TRUTH = dict(NOMINAL)

@@ -13,7 +13,7 @@ from worlds import layout as at
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
-from ballscrew.records.drive_record import check_record
+from ballscrew.records.reading import check_record
 
 STEP = 0.089  # N, of the rig's converter
 NOISE = 0.03  # N rms

@@ -6,7 +6,7 @@ from diagnosed import nominal
 
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.motion_parts import PARTS, motion_parts
-from ballscrew.records.drive_record import check_record
+from ballscrew.records.reading import check_record
 
 STEP = 1e-3
 

@@ -16,7 +16,7 @@ from ballscrew.diagnosis.machine_reach import Reach, reach_of
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.next_experiment import motion_for, trial_for
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.records.drive_record import check_record
+from ballscrew.records.reading import check_record
 
 NAMES = [*CAUSES, UNNAMED]
 EMPS = {"m": 95.1, "gain": 35.2, "offset": -3.2, "sigma2": 203.5, "Fc": 20.4, "Fs": 20.4, "Vs": 1.0}

@@ -18,7 +18,7 @@ from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.noise_floor import NoiseFloor
 from ballscrew.diagnosis.residuals import Residual, floor, residual, rms
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import check_record
+from ballscrew.records.reading import check_record
 
 RANDOM = np.random.default_rng(5)
 

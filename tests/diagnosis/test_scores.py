@@ -17,7 +17,7 @@ from worlds import layout as at
 from ballscrew.diagnosis.bands import Bands
 from ballscrew.diagnosis.scores import Catalogue, scored
 from ballscrew.diagnosis.study import COARSE, FREEDOM, Priors, fitted, study_of, within_most
-from ballscrew.records.drive_record import check_record
+from ballscrew.records.reading import check_record
 
 ROWS, COLUMNS, BLOCKS, BANDS = 100, 3, 5, 2
 EXACT = 1e-3

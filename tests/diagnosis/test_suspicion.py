@@ -18,7 +18,7 @@ from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.prior_model import lead_of, prior_model_from, read_prior_model, with_lead
 from ballscrew.diagnosis.sets import probabilities
 from ballscrew.orchestration.parameter_reading import read_parameters
-from ballscrew.records.drive_record import check_record, read_drive_records
+from ballscrew.records.reading import check_record, read_drive_records
 
 LEAD = 0.001
 

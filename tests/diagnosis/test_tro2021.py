@@ -10,7 +10,7 @@ import pytest
 import tro2021
 
 from ballscrew.identification.fit import fit_along
-from ballscrew.records.drive_record import read_drive_records
+from ballscrew.records.reading import read_drive_records
 
 NAME = "worm_drive"
 FOLDER, LEAD = tro2021.DRIVES[NAME]

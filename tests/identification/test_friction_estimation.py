@@ -10,7 +10,7 @@ from ballscrew.identification.friction_estimation import (
     estimate_friction,
     smooth_motion,
 )
-from ballscrew.records.force_record import Record
+from ballscrew.records.record import Record
 from ballscrew.records.resolution import held_samples
 
 
@@ -57,7 +57,7 @@ def test_signals_of_different_lags_are_brought_together_and_it_is_said():
 
     def record(lags, later):
         signals = {"time": time, "force": -4e-3 * np.sin(2 * time), "x": x(time - later)}
-        return Record("a", signals, 0.005, 1.0, lags)
+        return Record("a", signals, 0.005, lags=lags)
 
     put_right = estimate_friction(record({"x": 0.035, "force": 0.0}, 0.035))
     left_alone = estimate_friction(record({}, 0.035))

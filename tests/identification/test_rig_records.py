@@ -8,7 +8,8 @@ from synthetic.rigs import identify_closed_loop_rig
 
 from ballscrew.identification.friction_estimation import estimate_friction
 from ballscrew.identification.identify import identify
-from ballscrew.records.force_record import Record, read_record, read_records
+from ballscrew.records.reading import read_force_records
+from ballscrew.records.record import Record
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.rig_trials import trials_named
 
@@ -26,7 +27,7 @@ def folder(tmp_path_factory):
 
 
 def test_the_rig_s_parameters_come_back_within_their_intervals(folder):
-    records = read_records([folder])
+    records = read_force_records([folder])
     truth = records[0].about["parameters"]
     assert records[0].mass == truth["plant.m"]
     result = identify(records, "modified_lugre")
@@ -54,7 +55,7 @@ def test_fine_positions_follow_the_plates_and_not_the_instrument_s_polynomial(fo
     path, made = force_steps
     ours, instrument = [], []
     for one in made[:2]:  # to 0.5 N: over a small way, where the polynomial's slope is wrong
-        record = read_record(path / one.trial.folder)
+        (record,) = read_force_records([path / one.trial.folder])
         late = round(record.lags["x_fine"] / record.step)
         true = one.truth["x"][: len(record.position) - late]
         ours.append(np.polyfit(true, record.position[late:], 1)[0] - 1)
@@ -65,7 +66,7 @@ def test_fine_positions_follow_the_plates_and_not_the_instrument_s_polynomial(fo
 
 def test_from_presliding_alone_nothing_is_claimed_of_sliding(force_steps):
     path, made = force_steps
-    result = identify(read_records([path]), "modified_lugre")
+    result = identify(read_force_records([path]), "modified_lugre")
     truth = made[0].parameters
     for name in ("Fc", "Vs", "sigma2"):
         i = result.parameters[name]
@@ -101,7 +102,7 @@ def made_by(law, names, path):
         made = run_trial(name, law, {}, seed=3)
         made.save(path / made.trial.folder)
     truth = {n.removeprefix("plant."): v for n, v in made.parameters.items()}
-    return read_records([path]), truth
+    return read_force_records([path]), truth
 
 
 def test_the_classical_law_comes_back_from_sliding_and_break_away(tmp_path):
@@ -116,7 +117,7 @@ def test_the_classical_law_comes_back_from_sliding_and_break_away(tmp_path):
 
 def test_the_classical_law_is_not_found_where_nothing_slides(force_steps):
     path, _ = force_steps
-    result = identify(read_records([path]), "classical")
+    result = identify(read_force_records([path]), "classical")
     assert not any(i.identified for i in result.parameters.values())
     assert "hardly slides" in result.parameters["Fs"].because
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import butter, firwin, sosfiltfilt
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import DriveRecord
 from ballscrew.records.examine import examine
+from ballscrew.records.record import Record
 
 STEP = 1e-3
 TIME = np.arange(0.0, 20.0, STEP)
@@ -20,7 +20,7 @@ RANDOM = np.random.default_rng(0)
 
 def look(x=COUNTED, u=None):
     signals = {"time": TIME, "u": np.sin(3 * TIME) if u is None else u, "x": x}
-    return examine(DriveRecord("mine", signals, STEP))
+    return examine(Record("mine", signals, STEP))
 
 
 def with_digits(values, digits=9):
@@ -129,7 +129,7 @@ def test_records_that_tell_nothing_are_refused(signals, words):
 def test_a_record_with_the_current_alone_is_examined_by_it():
     current = np.clip(np.sin(3 * TIME), -0.9, 0.9)
     signals = {"time": TIME, "i": current, "x": COUNTED}
-    seen = examine(DriveRecord("mine", signals, STEP, "current"))
+    seen = examine(Record("mine", signals, STEP, "current"))
     assert seen.clipped.any()
     with pytest.raises(BadRecord, match="the current i is zero"):
-        examine(DriveRecord("mine", signals | {"i": 0 * current}, STEP, "current"))
+        examine(Record("mine", signals | {"i": 0 * current}, STEP, "current"))

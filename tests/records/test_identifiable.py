@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import DriveRecord
 from ballscrew.records.identifiable import check_identifiable
+from ballscrew.records.record import Record
 
 TIME = np.arange(0.0, 4.0, 1e-3)
 SWINGS = {"time": TIME, "u": np.sin(3 * TIME), "x": 0.1 * np.sin(3 * TIME)}
 
 
 def record(name="mine", notes=(), **signals):
-    return DriveRecord(name, SWINGS | signals, 1e-3, notes=notes)
+    return Record(name, SWINGS | signals, 1e-3, notes=notes)
 
 
 def test_sound_records_have_no_doubts():
@@ -21,7 +21,7 @@ def test_sound_records_have_no_doubts():
 
 def test_doubts_of_each_record_are_said_with_what_was_done_on_reading():
     notes = check_identifiable([record(notes=("resampled",)), record("other", x=0.1 * TIME)])
-    assert notes[0] == "resampled"
+    assert notes[0] == "mine: resampled"
     assert notes[1].startswith("other: moves one way only")
 
 

@@ -99,19 +99,19 @@ def test_columns_that_differ_by_their_brackets_alone_keep_them_and_their_units(t
     table = read_table(write(tmp_path, "t [s];x [mm];x [in]\n" + body(";")))
     assert table.units == {"t": "s", "x [mm]": "mm", "x [in]": "in"}
     needed = [("x",)]
-    mapped = rename(table, {"x [in]": "x"}, ["x"], needed, "")
+    mapped = rename(table, {"x [in]": "x"}, ["x"], needed)
     np.testing.assert_array_equal(mapped.columns["x"], ROWS[:, 2])
     assert mapped.units == {"x": "in"}
     for mapping in ({}, {"x [um]": "x"}):
         with pytest.raises(BadRecord, match=r"no column .*there are t, x \[mm\], x \[in\]"):
-            rename(table, mapping, ["x"], needed, "")
+            rename(table, mapping, ["x"], needed)
 
 
 def test_a_mapped_name_with_another_unit_than_the_files_is_no_column_of_it(tmp_path):
     table = read_table(write(tmp_path, "t [s];u [V];x [mm]\n" + body(";")))
-    assert rename(table, {"x [mm]": "x"}, ["x"], [("x",)], "").units == {"x": "mm"}
+    assert rename(table, {"x [mm]": "x"}, ["x"], [("x",)]).units == {"x": "mm"}
     with pytest.raises(BadRecord, match=r"there is no column 'x \[um\]'"):
-        rename(table, {"x [um]": "x"}, ["x"], [("x",)], "")
+        rename(table, {"x [um]": "x"}, ["x"], [("x",)])
 
 
 def german(value, places):

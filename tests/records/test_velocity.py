@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import check_record, read_drive_records
 from ballscrew.records.examine import examine
-from ballscrew.records.force_record import read_record
+from ballscrew.records.reading import check_record, read_drive_records, read_force_records
 
 LEAD = 0.002
 TIME = np.arange(0.0, 4.0, 1e-3)
@@ -56,18 +55,20 @@ def test_a_drive_controllers_export_is_read_as_it_was_written(tmp_path, unit):
 def test_a_force_record_of_the_velocity_is_read_by_its_units(tmp_path):
     path = export(tmp_path / "a.csv")
     units = {"force": "9.84e-5 N*m"}
-    record = read_record(path, {**NAMES, TORQUE: "force"}, units, lead=LEAD)
+    (record,) = read_force_records([path], {**NAMES, TORQUE: "force"}, units, lead=LEAD)
     np.testing.assert_allclose(record.position, WAY, atol=TRAPEZOID)
     np.testing.assert_allclose(record.force, FORCE, atol=1e-5)
     assert any("x is the integral of v" in note for note in record.notes)
-    turned = read_record(path, {**NAMES, TORQUE: "force"}, units | {"v": "-1 rpm"}, lead=LEAD)
+    (turned,) = read_force_records(
+        [path], {**NAMES, TORQUE: "force"}, units | {"v": "-1 rpm"}, lead=LEAD
+    )
     np.testing.assert_allclose(turned.position, -WAY, atol=TRAPEZOID)
 
 
 def test_per_cent_of_a_torque_that_nobody_told_are_refused(tmp_path):
     path = export(tmp_path / "a.csv")
     with pytest.raises(BadRecord, match=r"force is in '%'; say --unit force= .* one '%'"):
-        read_record(path, {**NAMES, TORQUE: "force"}, lead=LEAD)
+        read_force_records([path], {**NAMES, TORQUE: "force"}, lead=LEAD)
 
 
 def test_a_velocity_beside_a_position_is_left_aside():
@@ -81,7 +82,8 @@ def test_a_velocity_beside_a_position_is_left_aside_whatever_its_unit(tmp_path):
     path = tmp_path / "a.csv"
     rows = "\n".join(f"{t:.4f},{x:.9f},{f:.6f},9" for t, x, f in zip(TIME, WAY, FORCE, strict=True))
     path.write_text("time,x,force,v\ns,m,N,counts\n" + rows)
-    np.testing.assert_allclose(read_record(path).position, WAY, atol=1e-9)
+    (record,) = read_force_records([path])
+    np.testing.assert_allclose(record.position, WAY, atol=1e-9)
 
 
 def test_samples_missing_from_a_velocity_are_put_right_before_it_is_integrated():
@@ -106,8 +108,9 @@ def test_a_velocity_in_another_unit_than_was_said_is_refused(tmp_path):
     rows = zip(TIME, 1e3 * SPEED, FORCE, strict=True)
     path.write_text("time,v,force\n" + "\n".join(f"{t:.4f},{v:.6f},{f:.6f}" for t, v, f in rows))
     with pytest.raises(BadRecord, match=r"v covers .* m, too much for m/s; .* --unit v=mm/s"):
-        read_record(path)
-    assert np.ptp(read_record(path, units={"v": "mm/s"}).position) == pytest.approx(0.04, rel=1e-3)
+        read_force_records([path])
+    (record,) = read_force_records([path], units={"v": "mm/s"})
+    assert np.ptp(record.position) == pytest.approx(0.04, rel=1e-3)
 
 
 def test_neither_position_nor_velocity_is_refused(tmp_path):
@@ -115,4 +118,4 @@ def test_neither_position_nor_velocity_is_refused(tmp_path):
     rows = zip(TIME, FORCE, strict=True)
     path.write_text("time,force\n" + "\n".join(f"{t:.4f},{f:.6f}" for t, f in rows))
     with pytest.raises(BadRecord, match="no column 'x' nor 'x_fine' nor 'v'"):
-        read_record(path)
+        read_force_records([path])

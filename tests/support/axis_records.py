@@ -14,7 +14,8 @@ from scipy.signal import lfilter
 from world_runs import PERIOD, TURN, nominal_axis, run
 from worlds import layout as at
 
-from ballscrew.records.drive_record import DriveRecord, check_record
+from ballscrew.records.reading import check_record
+from ballscrew.records.record import Record
 
 COUNT = 1e-3 / 512  # m, of the encoder
 NOISE_TIME = 0.01  # s
@@ -89,7 +90,7 @@ def signals_of(log: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
 
 def strong_record(
     changes: Mapping[int, float], *, with_current: bool = False, samples: int = 12_000
-) -> DriveRecord:
+) -> Record:
     """Twelve seconds to and fro of the axis with these numbers changed."""
     u = to_and_fro(samples)
     signals = signals_of(moved(changes, u, friction_noise(3, samples)), u)

@@ -1,4 +1,4 @@
-"""A drive's record: from anybody's columns and units to SI of a linear motion, at even instants."""
+"""Records of either use: anybody's file to SI at even instants, every fault in one line."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
+import scipy.io
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.drive_record import check_record, read_drive_records
+from ballscrew.records.reading import check_record, read_drive_records, read_force_records
 
 TIME = np.arange(0.0, 2.0, 1e-3)
 MOTION = {"time": TIME, "u": 3 * np.sin(5 * TIME), "x": 0.1 * np.sin(3 * TIME)}
@@ -153,13 +154,11 @@ def test_a_unit_of_the_file_that_nobody_knows_has_to_be_said(tmp_path):
     assert read(path, units={"u": "0.01*N"}).u.max() == pytest.approx(0.03, rel=1e-3)
 
 
-@pytest.mark.parametrize("factor", [10.0, 1e3, 1e6])
+@pytest.mark.parametrize("factor", [50.0, 100.0, 1e3, 1e6])
 def test_slow_records_and_times_that_are_no_seconds_are_refused(factor):
-    if factor == 10.0:  # a motion recorded at 10 Hz
-        signals = {n: np.tile(v[::10], 3) for n, v in MOTION.items()}
-        signals["time"] = 0.1 * np.arange(len(signals["x"]))
-    else:
-        signals = MOTION | {"time": factor * TIME}
+    signals = MOTION | {"time": factor * TIME}
+    if factor < 1e3:  # a motion recorded at 20 Hz, or 10 Hz
+        signals = {n: v[:500] for n, v in signals.items()}
     with pytest.raises(BadRecord, match=r"too slow to see friction, .* --unit time=ms"):
         check_record("mine", signals)
 
@@ -186,15 +185,16 @@ def test_an_even_record_is_left_as_it_is():
     np.testing.assert_array_equal(record.x, MOTION["x"])
 
 
-def test_a_slower_instruments_values_stay_where_they_were_when_samples_are_missing():
+@pytest.mark.parametrize("column", ["temperature", "x_ref"])
+def test_slower_instruments_values_stay_where_they_were_when_samples_are_missing(column):
     slow = np.full(len(TIME), np.nan)
     slow[::10] = TIME[::10]
     keep = np.delete(np.arange(len(TIME)), [301, 302])
-    signals = MOTION | {"temperature": slow}
+    signals = MOTION | {column: slow}
     record = check_record("mine", {n: v[keep] for n, v in signals.items()})
-    known = np.isfinite(record.signals["temperature"])
+    known = np.isfinite(record.signals[column])
     assert known.sum() == 200
-    np.testing.assert_allclose(record.signals["temperature"][known], record.time[known], atol=1e-9)
+    np.testing.assert_allclose(record.signals[column][known], record.time[known], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -217,3 +217,135 @@ def test_a_column_that_is_mostly_empty_is_refused_with_the_line_of_the_first_gap
     path.write_text(path.read_text().replace("nan", ""))
     with pytest.raises(BadRecord, match=r"x is empty .* the first in row 1503"):
         read(path)
+
+
+def columns(n=100):
+    time = 0.005 * np.arange(n)
+    x = 1e-3 * (1 - np.cos(time))
+    return {"time": time, "x": x, "force": 1.5 + 0.2 * np.sin(3 * time)}
+
+
+def complaint(path, **options):
+    with pytest.raises(BadRecord) as caught:
+        read_force_records([path], **options)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_csv_and_mat_with_other_names_and_units_give_the_same_record(tmp_path):
+    table = columns()
+    theirs = {"t": table["time"] * 1e3, "q": table["x"] * 1e3, "F": table["force"]}
+    csv_file = write(tmp_path / "a.csv", theirs)
+    mat_file = tmp_path / "a.mat"
+    scipy.io.savemat(mat_file, {n: v[:, None] for n, v in theirs.items()} | {"gain": 3.0})
+    options = {
+        "mapping": {"t": "time", "q": "x", "F": "force"},
+        "units": {"time": "ms", "x": "mm"},
+        "mass": 2.5,
+    }
+    for record in read_force_records([csv_file, mat_file], **options):
+        for name, values in table.items():
+            np.testing.assert_allclose(record.signals[name], values, rtol=1e-11, atol=1e-15)
+        assert record.step == pytest.approx(0.005)
+        assert record.mass == 2.5
+
+
+def test_a_missing_column_is_named_with_the_nearest_ones(tmp_path):
+    table = columns()
+    table["Forces"] = table.pop("force")
+    message = complaint(write(tmp_path / "a.csv", table))
+    assert "'force'" in message
+    assert "Forces" in message
+    assert "--map" in message
+
+
+def test_a_mapped_column_that_is_not_there_is_named(tmp_path):
+    path = write(tmp_path / "a.csv", columns())
+    assert "no column 'F'" in complaint(path, mapping={"F": "force"})
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("short", "too short: 5 samples"),
+        ("constant position", "x is constant"),
+        ("constant force", "force is constant"),
+        ("gap", "a gap of 0.05 s after 0.25 s"),
+        ("backwards", "time goes backwards in row 52"),
+        ("standing", "time stands still in row 52"),
+        ("uneven", "uneven sampling"),
+        ("nan", "force is empty or not a number in 1 of 100 samples, the first in row 42"),
+        ("slow column", "lower rate"),
+        ("text", "'abc' is no number"),
+        ("twice", "is there twice"),
+        ("empty", "is empty"),
+        ("ragged", "row 3: 2 cells, expected 3"),
+    ],
+)
+def test_each_fault_of_a_file_is_said_in_one_line(tmp_path, fault, words):
+    table = columns()
+    path = tmp_path / "a.csv"
+    if fault == "short":
+        table = columns(5)
+    elif fault.startswith("constant"):
+        table["x" if "position" in fault else "force"][:] = 0.089
+    elif fault == "gap":
+        keep = np.r_[0:51, 60:100]
+        table = {n: v[keep] for n, v in table.items()}
+    elif fault == "backwards":
+        table["time"][50] = 0.1
+    elif fault == "standing":
+        table["time"][50] = table["time"][49]
+    elif fault == "uneven":
+        table["time"][50] -= 0.002
+    elif fault == "nan":
+        table["force"][40] = math.nan
+    elif fault == "slow column":
+        table["force"][1::2] = math.nan
+    write(path, table)
+    text = path.read_text()
+    if fault == "text":
+        path.write_text(text.replace("0.005,", "abc,", 1))
+    elif fault == "twice":
+        path.write_text(text.replace("time,x,force", "time,x,x"))
+    elif fault == "empty":
+        path.write_text("")
+    elif fault == "ragged":
+        lines = text.splitlines()
+        lines[2] = lines[2].rsplit(",", 1)[0]
+        path.write_text("\n".join(lines))
+    assert words in complaint(path)
+
+
+def test_columns_of_different_rates_are_refused(tmp_path):
+    table = columns()
+    table["force"] = table["force"][::2]
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, table)
+    assert "different rates" in complaint(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "unit"),
+    [("x", 1e6, "mm"), ("time", 1e3, "ms"), ("force", 1e4, "mN"), ("force", 1e-3, "kN")],
+)
+def test_numbers_that_look_like_another_unit_are_refused_until_the_unit_is_said(
+    tmp_path, name, factor, unit
+):
+    table = columns()
+    table[name] = table[name] * factor
+    path = write(tmp_path / "a.csv", table)
+    message = complaint(path)
+    assert f"--unit {name}={unit}" in message
+    si = {"x": "m", "time": "s", "force": "N"}[name]
+    (record,) = read_force_records([path], units={name: si})
+    np.testing.assert_allclose(record.signals[name], table[name])
+
+
+def test_what_is_no_file_and_what_is_no_mat_file_is_said(tmp_path):
+    assert "no such file" in complaint(tmp_path / "none.csv")
+    (tmp_path / "bad.mat").write_bytes(b"nonsense")
+    assert "no MAT file" in complaint(tmp_path / "bad.mat")
+    for read_all in (read_force_records, read_drive_records):
+        with pytest.raises(BadRecord, match=r"no record\.csv"):
+            read_all([tmp_path])

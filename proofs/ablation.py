@@ -1,0 +1,201 @@
+"""What each piece of the scores brings: the same records with one piece taken out at a time.
+
+Records of the worlds of the calibration, drawn from seeds; for each piece, how often the truth has
+the best score where it shows clearly, how well the best score tells faultless records from such
+ones (area under the receiver operating characteristic), and the time. Results go to
+``docs/proof/ablation.json``::
+
+    python proofs/ablation.py --effects 6 --faultless 3
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers are the threads
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+TARGET = ROOT / "docs" / "proof" / "ablation.json"
+
+from provenance import provenance  # noqa: E402
+from worlds import HELD_BACK, WORLDS, Unusable, draw_case, write_case  # noqa: E402
+from worlds_trials import VISIBLE, Trial, plan_trials, right_names, share  # noqa: E402
+
+from ballscrew.diagnosis import bands, modelled_record, scores, study  # noqa: E402
+from ballscrew.diagnosis.commanded import commanded  # noqa: E402
+from ballscrew.diagnosis.prior_model import read_prior_model  # noqa: E402
+from ballscrew.orchestration.workers import Processes  # noqa: E402
+from ballscrew.records.drive_record import read_drive_records  # noqa: E402
+from ballscrew.solver.files import write_json  # noqa: E402
+
+
+def _in_sample(fit: Callable[..., study.Fit]) -> Callable[..., study.Fit]:
+    """Each block is judged by values fitted to all of them."""
+
+    def fitted(products: Any, cut: Any, prior: Any, exact: float) -> study.Fit:
+        found = fit(products, cut, prior, exact)
+        counts = cut.counts[:, cut.used]
+        trusted = study.worth(counts) / np.maximum(counts, 1e-300)
+        left = study._left(products, found.amplitude).transpose(1, 0, 2)
+        known = np.hypot(left, counts * exact**2)
+        variance = known.sum(axis=1) / counts.sum(axis=0)
+        each = counts * np.log(variance)[:, None]
+        each = each + (study.FREEDOM + counts) * np.log1p(
+            known / (study.FREEDOM * variance[:, None])
+        )
+        return study.Fit(
+            np.sum(-0.5 * trusted * each, axis=2),
+            left,
+            found.amplitude,
+            found.error,
+            found.ways,
+            found.cost,
+        )
+
+    return fitted
+
+
+PIECES: dict[str, list[tuple[Any, str, Any]]] = {
+    "all pieces": [],
+    "one band": [
+        (bands, "EDGES", (0.0, np.inf)),
+        (scores, "EDGES", (0.0, np.inf)),
+    ],
+    "no blocks held out": [(scores, "fitted", _in_sample(study.fitted))],
+    "no heavy tails": [(study, "FREEDOM", 1e6)],
+    "bands right to the last number": [(study, "COARSE", 1e12)],
+    "noise of instruments not taken out": [
+        (scores, "noise_products", lambda s, c, own: np.zeros_like(own)),
+        (study, "noise_products", lambda s, c, own: np.zeros_like(own)),
+    ],
+    "laws are exact": [(study, "EXACT", 1e-6), (scores, "EXACT", 1e-6)],
+    "a speed never follows within an interval": [(modelled_record, "_ANSWERS", np.inf)],
+    "no sizes between the grid's points": [(scores, "_REFINED", 0)],
+}
+
+
+@contextmanager
+def without(piece: str) -> Iterator[None]:
+    """Take a piece out."""
+    changes = [patch.object(*change) for change in PIECES[piece]]
+    for change in changes:
+        change.start()
+    try:
+        yield
+    finally:
+        for change in changes:
+            change.stop()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the scores of one record say without a piece."""
+
+    first: str
+    best: float
+    seconds: float
+
+
+def answers_of(trial: Trial) -> dict[str, Any] | None:
+    """Of one record: the truth, and an answer without each piece; None where there is no record."""
+    try:
+        case = draw_case(trial.world, (trial.effect,) if trial.effect else (), trial.seed)
+    except Unusable:
+        return None
+    sight = case.sights[0] if case.sights else None
+    if sight and sight.ratio <= VISIBLE:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        paths, believed = write_case(case, Path(folder))
+        model = read_prior_model(believed)
+        records, model, _ = commanded(read_drive_records(paths, None, None, None), model)
+    found: dict[str, Any] = {}
+    for piece in PIECES:
+        with without(piece):
+            began = time.process_time()
+            try:
+                laid = study.study_of(records, model)
+                suspects = scores.scored(laid, scores.Catalogue(laid)).suspects
+            except ValueError:  # what is said of input that cannot be used
+                continue
+            first = suspects[0] if suspects else None
+            found[piece] = Answer(
+                first.name if first else "",
+                first.score if first else 0.0,
+                time.process_time() - began,
+            )
+    right = sorted(right_names(trial.effect, sight.shared)) if sight else []
+    return {"effect": trial.effect, "right": right, "answers": found}
+
+
+def told_apart(faultless: list[float], clear: list[float]) -> float:
+    """Chance that a clear effect has a better score than a faultless record."""
+    pairs = np.subtract.outer(np.array(clear), np.array(faultless))
+    return float(np.mean((pairs > 0) + 0.5 * (pairs == 0)))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--faultless", type=int, default=3, help="records of every world")
+    parser.add_argument("--effects", type=int, default=6, help="records of every world")
+    parser.add_argument("--first-seed", type=int, default=980000)
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args()
+    worlds = tuple(w for w in WORLDS if w not in HELD_BACK)
+    trials = plan_trials(0, options.first_seed, worlds, (options.faultless, options.effects))
+    jobs = iter([(t.key, (t,)) for t in trials])
+    rows = []
+    for done, (_, row) in enumerate(Processes(options.workers).map(answers_of, jobs), 1):
+        if row is not None:
+            rows.append(row)
+        print(f"\r{done} of {len(trials)}", end="", file=sys.stderr)
+    table = {}
+    for piece in PIECES:
+        known = [r for r in rows if piece in r["answers"]]
+        clear = [r for r in known if r["effect"]]
+        best = {
+            bool(side): [r["answers"][piece].best for r in known if bool(r["effect"]) == side]
+            for side in (True, False)
+        }
+        table[piece] = {
+            "clear effects, the truth has the best score": share(
+                [r["answers"][piece].first in r["right"] for r in clear]
+            ),
+            "clear and faultless told apart by the best score": told_apart(best[False], best[True]),
+            "best score of 90 % of faultless records, at most": float(
+                np.quantile(best[False], 0.9)
+            ),
+            "seconds, median": float(np.median([r["answers"][piece].seconds for r in known])),
+        }
+    write_json(
+        TARGET,
+        {
+            **provenance("ablation"),
+            "seeds": [options.first_seed, max(t.seed for t in trials)],
+            "faultless records": sum(not r["effect"] for r in rows),
+            "clear effects": sum(bool(r["effect"]) for r in rows),
+            "without": table,
+        },
+    )
+    print(json.dumps(table, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,297 @@
+"""Read records from anybody's files: a rig's folder, or a CSV, MAT or Parquet file.
+
+Columns are mapped by name and units are said, never guessed: numbers that look like another unit
+are refused with what to say.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from .bad_record import BadRecord
+from .record import CURRENT, FORCE, VOLTAGE, Record
+from .rig_trial import described, read_about
+from .sampling import HOLES, even_out
+from .table import in_si, read_table, rename
+from .units import UNITS
+from .velocity import INTEGRATED, VELOCITY, columns_wanted, with_position
+
+Vector = npt.NDArray[np.float64]
+
+QUANTITIES: dict[str, tuple[str, ...]] = {
+    "time": ("time",),
+    "x": ("length", "angle"),
+    "x_fine": ("length",),
+    VELOCITY: ("velocity", "angular velocity"),
+    "force": (FORCE, "torque"),
+    "u": (VOLTAGE, CURRENT, FORCE, "torque"),
+    "i": (CURRENT,),
+    "x_ref": ("length", "angle"),
+    "v_ref": ("velocity", "angular velocity"),
+    "force_ref": (FORCE, "torque"),
+    "temperature": ("temperature",),
+}
+"""What each column may measure; the first is meant where nothing is said."""
+
+
+@dataclass(frozen=True)
+class _Use:
+    """What one use of records asks of them."""
+
+    columns: tuple[str, ...]
+    needed: tuple[tuple[str, ...], ...]  # one column at least of each
+    samples: int  # fewest
+    mends: bool  # holes and uneven stamps; else they are refused, in any column
+    believes: bool  # any number whose unit is said
+    slowest: float  # sampling interval beyond which a record is refused [s]
+    if_slow: str
+    largest: Mapping[str, tuple[float, str]]  # beyond it a column looks like another unit
+    smallest: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    lasts: float = 0.0  # shortest [s]
+
+
+FORCE_RECORD = _Use(
+    columns=("time", "x", "x_fine", VELOCITY, "force", "u", "v_ref", "force_ref"),
+    needed=(("time",), ("force",), ("x", "x_fine", VELOCITY)),
+    samples=20,
+    mends=False,
+    believes=True,
+    slowest=0.5,
+    if_slow="time goes in steps of {step:.4g}; if these are milliseconds say --unit time=ms, if "
+    "they are seconds say --unit time=s",
+    largest={
+        "x [m]": (0.3, "mm"),  # the thread of the screw is 0.262 m long
+        "x_fine [m]": (0.02, "um"),
+        "v [m/s]": (0.3, "mm/s"),  # of its integral
+        "force [N]": (2e3, "mN"),
+    },
+    smallest={"force [N]": (2e-3, "kN")},
+)
+DRIVE_RECORD = _Use(
+    columns=("time", "u", "x", VELOCITY, "i", "force", "x_ref", "temperature"),
+    needed=(("time",), ("u", "i"), ("x", VELOCITY)),
+    samples=200,
+    mends=True,
+    believes=False,
+    slowest=0.0499,  # at 20 Hz nothing of friction is seen
+    if_slow="sampled every {step:.4g} s, at {rate:.3g} Hz: too slow to see friction, expected at "
+    "least 100 Hz; if time is in milliseconds or microseconds, say --unit time=ms or time=us",
+    largest={
+        "x [m]": (50.0, "mm"),
+        "v [m/s]": (50.0, "rpm"),
+        "u [V]": (1e4, "mV"),
+        "u [A]": (1e3, "mA"),
+        "u [N]": (1e7, "mN"),
+        "i [A]": (1e3, "mA"),
+    },
+    lasts=1.0,
+)
+
+
+def read_force_records(
+    paths: Iterable[Path | str],
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    mass: float | None = None,
+    lead: float | None = None,
+) -> list[Record]:
+    """Read records of force and position, with what rigs say of their trials.
+
+    Parameters
+    ----------
+    paths, mapping, units, lead
+        As in `read_drive_records`.
+    mass : float, optional
+        Mass between load cell and friction [kg]; default the rig's, or 1 kg.
+
+    Raises
+    ------
+    BadRecord
+        If a file is no record, with one line that says why.
+    """
+    if mass is not None and not (math.isfinite(mass) and mass >= 0):
+        raise BadRecord(f"the mass is {mass} kg, expected a number of at least 0")
+    records = []
+    for path in _expanded(paths):
+        recorded = _read(path, FORCE_RECORD, mapping or {}, units or {}, lead)
+        record = described(recorded, read_about(path), mass)
+        for name, unit in ((record.position_name, "m"), ("force", "N")):
+            values = record.signals[name]
+            if np.ptp(values) == 0:
+                raise BadRecord(
+                    f"{path}: {name} is constant ({values[0]:.6g} {unit}) over all "
+                    f"{len(values)} samples; a record needs motion and force"
+                )
+        records.append(record)
+    return records
+
+
+def read_drive_records(
+    paths: Iterable[Path | str],
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    lead: float | None = None,
+) -> list[Record]:
+    """Read the records of one study, each at its own rate.
+
+    Parameters
+    ----------
+    paths : iterable of Path or str
+        CSV, MAT or Parquet files, rig folders with ``record.csv``, or folders of such.
+    mapping : mapping of str to str, optional
+        ``theirs -> ours`` names of columns.
+    units : mapping of str to str, optional
+        Unit of a column (our name), see `Conversion`; default what the file says, else SI.
+    lead : float, optional
+        Way of the screw per turn [m], which makes ways and forces of angles and torques.
+
+    Raises
+    ------
+    BadRecord
+        If a file is no record, with one line that says why.
+    """
+    return [_read(p, DRIVE_RECORD, mapping or {}, units or {}, lead) for p in _expanded(paths)]
+
+
+def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
+    """The paths, those inside for a folder of rig folders."""
+    for path in map(Path, paths):
+        if not path.is_dir() or (path / "record.csv").is_file():
+            yield path
+            continue
+        inner = sorted(p.parent for p in path.glob("*/record.csv"))
+        if not inner:
+            raise BadRecord(
+                f"{path}: holds no record.csv, nor does a folder in it; expected a folder that "
+                "`ballscrew rig` wrote, or a CSV or MAT file"
+            )
+        yield from inner
+
+
+def _read(
+    path: Path, use: _Use, mapping: Mapping[str, str], units: Mapping[str, str], lead: float | None
+) -> Record:
+    found = read_table(path / "record.csv" if path.is_dir() else path)
+    wanted = columns_wanted(found, mapping, use.columns)
+    table = rename(found, mapping, wanted, use.needed)
+    signals, measured = in_si(table, units, {n: QUANTITIES[n] for n in use.columns}, lead)
+    command = measured.get("u", CURRENT)
+    command = FORCE if command == "torque" else command
+    said = {*units, *table.units}
+    return check_record(str(path), signals, command, use, said, table.row)
+
+
+def check_record(
+    name: str,
+    signals: Mapping[str, Vector],
+    command: str = VOLTAGE,
+    use: _Use = DRIVE_RECORD,
+    said: Collection[str] = (),
+    row: Callable[[int], int] = lambda k: k + 1,
+) -> Record:
+    """A record of columns in SI units, checked and at even instants.
+
+    Parameters
+    ----------
+    name : str
+    signals : mapping of str to ndarray, shape (n,)
+        Those that the use needs; perhaps others.
+    command : {"voltage", "current", "force"}, optional
+        What `u` is.
+    use : FORCE_RECORD or DRIVE_RECORD, optional
+    said : collection of str, optional
+        Columns whose unit somebody told.
+    row : function of int, optional
+        What the user calls a sample.
+
+    Raises
+    ------
+    BadRecord
+        If they cannot be such a record.
+    """
+    signals = {n: np.asarray(v, dtype=float) for n, v in signals.items()}
+    said = said if use.believes else ()
+    rows = _known(name, signals, use, row)
+    if len(rows) < use.samples:
+        raise BadRecord(
+            f"{name}: is too short: {len(rows)} samples, expected at least {use.samples}"
+        )
+    signals = {n: v[rows] for n, v in signals.items() if np.any(np.isfinite(v[rows]))}
+    step = float(np.median(np.diff(signals["time"])))
+    if step > use.slowest and "time" not in said:
+        raise BadRecord(f"{name}: {use.if_slow.format(step=step, rate=1 / step)}")
+    signals, step, mended = even_out(name, signals, lambda k: row(int(rows[k])), use.mends)
+    lasts = float(signals["time"][-1] - signals["time"][0])
+    if lasts < use.lasts:
+        raise BadRecord(f"{name}: lasts {lasts:.3g} s, expected at least {use.lasts:g} s")
+    signals = with_position(signals, step)
+    _check_sizes(name, signals, command, use, said)
+    notes = [mended] if mended else []
+    if VELOCITY in signals:
+        notes.append(INTEGRATED)
+    return Record(name, signals, step, command, notes=tuple(notes))
+
+
+def _known(
+    name: str, signals: Mapping[str, Vector], use: _Use, row: Callable[[int], int]
+) -> npt.NDArray[np.int64]:
+    """Samples in which all columns have a number that must have one."""
+    first = [next(n for n in names if n in signals) for names in use.needed]
+    samples = len(signals["time"])
+    known = np.ones(samples, dtype=bool)
+    most = HOLES * samples if use.mends else 0
+    for column in first if use.mends else signals:
+        bad = np.flatnonzero(~np.isfinite(signals[column]))
+        known[bad] = False
+        if len(bad) <= most:
+            continue
+        period = int(np.diff(bad).max()) if len(bad) > 1 else 0
+        hint = (
+            "; a column recorded at a lower rate? Bring all to one rate first"
+            if len(bad) > samples / 3 and period <= 3
+            else "; cut these samples out at an end, or repair the record"
+        )
+        raise BadRecord(
+            f"{name}: {column} is empty or not a number in {len(bad)} of {samples} samples, "
+            f"the first in row {row(int(bad[0]))}{hint}"
+        )
+    for column, values in signals.items():
+        if np.any(np.isinf(values[known])):
+            raise BadRecord(f"{name}: {column} has infinite values")
+    return np.flatnonzero(known)
+
+
+def _check_sizes(
+    name: str, signals: Mapping[str, Vector], command: str, use: _Use, said: Collection[str]
+) -> None:
+    for column in use.columns:
+        if column not in signals or column in said or (column == "x" and VELOCITY in signals):
+            continue
+        unit = next(iter(UNITS[command if column == "u" else QUANTITIES[column][0]]))
+        key = f"{column} [{unit}]"
+        if key not in use.largest:
+            continue
+        moves = column in ("x", "x_fine", VELOCITY)
+        values = signals["x" if column == VELOCITY else column]
+        size = float(np.ptp(values) if moves else np.nanmax(np.abs(values)))
+        (largest, other), (least, less) = use.largest[key], use.smallest.get(key, (0.0, ""))
+        fault = f"covers {size:.4g}{' m' if column == VELOCITY else ''}, too much"
+        if 0 < size < least:
+            fault, other = f"reaches only {size:.4g}, too little", less
+        elif size <= largest:
+            continue
+        raise BadRecord(
+            f"{name}: {column} {fault} for {unit}; "
+            + (
+                f"if it is in {other} say --unit {column}={other}, if it is in {unit} say "
+                f"--unit {column}={unit}"
+                if use.believes
+                else f"if it is in another unit, say so, as --unit {column}={other}"
+            )
+        )

@@ -1,0 +1,103 @@
+"""What instruments or a drive recorded: signals at even instants in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .resolution import encoder_count
+from .velocity import VELOCITY
+
+Vector = npt.NDArray[np.float64]
+
+VOLTAGE, CURRENT, FORCE = "voltage", "current", "force"
+_FINE_RANGE = 1e-4  # of a fine position beside a coarse one; calibrated over 70 um [m]
+
+
+@dataclass(frozen=True)
+class Record:
+    """What was recorded of one run.
+
+    Attributes
+    ----------
+    name : str
+    signals : mapping of str to ndarray, shape (n,)
+        Columns by name, SI: ``time``, a position, and what its use needs are always there, and
+        ``v`` where `x` is its integral. What was recorded at a lower rate is NaN in between.
+    step : float
+        Sampling interval [s].
+    command : {"voltage", "current", "force"}
+        What `u` is, in V, A or N; "current" where a drive has no `u`.
+    mass : float
+        Mass between load cell and friction [kg].
+    lags : mapping of str to float
+        How much later than the truth each column is, by its filter or sensor [s]; 0 if not named.
+    delay_std : float
+        Standard deviation of the delay between force and motion that nobody knows [s].
+    gain_std : float
+        Standard deviation of the scale of `position`, as its calibration leaves it [1].
+    about : mapping
+        The rig's ``trial.json``, if there is one.
+    notes : tuple of str
+        What a reader should know: what was done to the record, and what is not known of it.
+    """
+
+    name: str
+    signals: Mapping[str, Vector]
+    step: float
+    command: str = VOLTAGE
+    mass: float = 1.0
+    lags: Mapping[str, float] = field(default_factory=dict)
+    delay_std: float = 0.0
+    gain_std: float = 0.0
+    about: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def time(self) -> Vector:
+        return self.signals["time"]
+
+    @property
+    def u(self) -> Vector:
+        """The command; there is none where `current_alone`."""
+        return self.signals["u"]
+
+    @property
+    def current_alone(self) -> bool:
+        """Whether the current `i` is all that is known of the command: there is no `u`."""
+        return "i" in self.signals and "u" not in self.signals
+
+    @property
+    def force(self) -> Vector:
+        return self.signals["force"]
+
+    @property
+    def x(self) -> Vector:
+        return self.signals["x"]
+
+    @property
+    def velocity_alone(self) -> bool:
+        """Whether the velocity was recorded and no position."""
+        return VELOCITY in self.signals
+
+    @property
+    def position_name(self) -> str:
+        """The finer of the two position columns, within its range, that the record has."""
+        if "x_fine" not in self.signals:
+            return "x"
+        within = "x" not in self.signals or float(np.ptp(self.signals["x"])) < _FINE_RANGE
+        return "x_fine" if within else "x"
+
+    @property
+    def position(self) -> Vector:
+        return self.signals[self.position_name]
+
+    @cached_property
+    def resolution(self) -> float:
+        """Step of a counted `x` [m]; 0 if it is not counted."""
+        return 0.0 if self.velocity_alone else encoder_count(self.x)

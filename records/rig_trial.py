@@ -1,0 +1,128 @@
+"""What the rig's ``trial.json`` tells of a record: mass, lags, and the fine position's scale."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from .bad_record import BadRecord
+from .record import Record
+
+Vector = npt.NDArray[np.float64]
+
+_UNSAID_GAIN_STD = 0.01  # of a fine position whose calibration is not told
+
+
+def read_about(folder: Path) -> dict[str, Any]:
+    """What a rig's folder says of its trial; nothing for other folders and for files.
+
+    Raises
+    ------
+    BadRecord
+        If its ``trial.json`` is no JSON object.
+    """
+    path = folder / "trial.json"
+    if not path.is_file():
+        return {}
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadRecord(f"{path}: is no JSON: {error}") from error
+    if not isinstance(data, dict):
+        raise BadRecord(f"{path}: expected a JSON object with the trial's description")
+    return data
+
+
+def described(record: Record, about: Mapping[str, Any], mass: float | None = None) -> Record:
+    """A record of force with what its ``trial.json`` says of mass, lags and scale.
+
+    Parameters
+    ----------
+    record : Record
+    about : mapping
+        Empty where there is none.
+    mass : float, optional
+        Mass between load cell and friction [kg]; default the rig's, or 1 kg.
+
+    Raises
+    ------
+    BadRecord
+        If `about` is not what a rig writes.
+    """
+    unsaid = () if about else ("no trial.json: all columns are taken to have the same lag",)
+    record = replace(
+        record,
+        mass=_rig_mass(about) if mass is None else mass,
+        lags=_lags(about),
+        delay_std=record.step / math.sqrt(12),
+        about=about,
+        notes=(*unsaid, *record.notes),
+    )
+    if record.position_name != "x_fine":
+        return record
+    fine, gain_std = _by_eq_2_1(about, record.position)
+    return replace(record, signals={**record.signals, "x_fine": fine}, gain_std=gain_std)
+
+
+def _lags(about: Mapping[str, Any]) -> dict[str, float]:
+    lags = about.get("lags", {})
+    if not isinstance(lags, Mapping):
+        raise BadRecord("trial.json: expected `lags` to give a number of seconds by column")
+    try:
+        return {str(k): float(v) for k, v in lags.items()}
+    except (TypeError, ValueError, OverflowError):
+        raise BadRecord(
+            "trial.json: expected `lags` to give a number of seconds by column"
+        ) from None
+
+
+def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]:
+    """Fine position by Eq. 2.1 through the trial's own calibration, and its scale's deviation.
+
+    The instrument's polynomial bends away from the hyperbola that the plates follow: at small
+    displacements its slope is wrong by several percent, in every trial in the same way. The
+    polynomial is undone, and displacement fitted to the calibration's points as a + b/C.
+    """
+    calibration = about.get("calibration")
+    if not isinstance(calibration, Mapping):
+        return x_fine, _UNSAID_GAIN_STD
+    try:
+        c0, c1, c2 = (float(c) for c in calibration["polynomial_m_per_pF"])
+        points = np.array(calibration["displacement_m"], dtype=float)
+        capacitances = 1e12 * np.array(calibration["capacitance_F"], dtype=float)
+        inverse = np.column_stack([np.ones(len(points)), 1 / capacitances])
+        (a, b), (rest,), rank, _ = np.linalg.lstsq(inverse, points, rcond=None)
+        if rank < 2 or b <= 0 or c2 == 0:
+            raise ValueError
+    except (ArithmeticError, LookupError, TypeError, ValueError, np.linalg.LinAlgError):
+        raise BadRecord(
+            "trial.json: expected `calibration` with `polynomial_m_per_pF` (three numbers), "
+            "`displacement_m` and `capacitance_F` (as many as were taken, all different)"
+        ) from None
+    freedom = len(points) - 2
+    error = math.sqrt(rest / freedom / float(np.sum((inverse[:, 1] - inverse[:, 1].mean()) ** 2)))
+    top = -c1 / (2 * c2)  # of the parabola; the sensor is on the side of the calibration
+    side = 1.0 if float(capacitances.mean()) > top else -1.0
+    root = np.sqrt(np.maximum(top**2 - (c0 - x_fine) / c2, 0.0))
+    # as wide as Student's t with so few points
+    wider = float(student.ppf(0.975, freedom)) / 1.96
+    return a + b / (top + side * root), wider * error / b
+
+
+def _rig_mass(about: Mapping[str, Any]) -> float:
+    parameters = about.get("parameters")
+    if isinstance(parameters, Mapping) and isinstance(parameters.get("plant.m"), int | float):
+        mass = parameters["plant.m"]
+        if not 0 < mass <= sys.float_info.max:
+            raise BadRecord("trial.json: expected `plant.m` to be a finite mass above 0 kg")
+        return float(mass)
+    return 1.0
