@@ -34,25 +34,25 @@ def explained(study: Study, take: str | None = None) -> Explained:
         If these records cannot show the cause that is to be taken.
     """
     catalogue = Catalogue(study)
-    found = Explained(study, catalogue)
+    taken: list[Likely] = []
+    sets: list[list[Likely]] = []
     while True:
-        looked = scored(study, catalogue, _suspects(found.built))
-        members, wrong = likely(looked, _repeats(found))
-        found.sets.append(members)
+        looked = scored(catalogue, _suspects(taken))
+        members, wrong = likely(looked, _repeats(Explained(study, catalogue, taken)))
+        sets.append(members)
         first = _likeliest(members)
         if take is not None:
             first, take = _taken(looked, members, study, take), None
-        elif first is None or not (first.certain or wrong) or len(found.built) == _MOST:
+        elif first is None or not (first.certain or wrong) or len(taken) == _MOST:
             break
-        if found.built:  # names were calibrated where nothing is known yet
-            first = replace(first, certain=False)
-        found.built.append(first)
-    for k, member in enumerate(found.built):
-        others = _suspects([m for m in found.built if m is not member])
+        # names were calibrated where nothing is known yet
+        taken = [*taken, replace(first, certain=first.certain and not taken)]
+    for k, member in enumerate(taken):
+        others = _suspects([m for m in taken if m is not member])
         if others and member.suspect:
             better = in_best_form(catalogue, member.suspect, others)
-            found.built[k] = replace(member, suspect=better)
-    return Explained(study, catalogue, found.built, found.sets, wrong)
+            taken[k] = replace(member, suspect=better)
+    return Explained(study, catalogue, taken, sets, wrong)
 
 
 def _likeliest(members: Sequence[Likely]) -> Likely | None:

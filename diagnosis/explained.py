@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -43,9 +44,16 @@ class Explained:
     def forms(self) -> list[Form]:
         return [m.suspect.form for m in self.built if m.suspect]
 
-    @property
+    @cached_property
     def fit(self) -> Fit:
         return self.catalogue.without(self.forms)
+
+    @property
+    def variance(self) -> Vector:
+        """Of what is left, in each band that is used, per number [N^2]."""
+        bands = self.study.bands
+        counts = bands.counts[:, bands.used].sum(axis=0)
+        return np.asarray(self.fit.squares[0].sum(axis=0) / counts + self.study.exact**2)
 
     @property
     def suspects(self) -> list[Likely]:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..records.record import Record
-from .balance import EXACT, responses
+from .balance import responses
 from .bands import cut, products
 from .diagnosis import NextExperiment
 from .drive_model import DriveModel
@@ -106,12 +106,8 @@ def _foreseen(found: Explained, motion: Motion) -> Study:
 
 def _noise(found: Explained, study: Study) -> Vector:
     """Variance of each band that is used of the new motion, as the records have it [N^2]."""
-    bands = found.study.bands
-    known = np.flatnonzero(bands.used)
-    counts = bands.counts[:, bands.used].sum(axis=0)
-    variance = found.fit.squares[0].sum(axis=0) / counts
-    variance = variance + (EXACT * study.prior_model.friction_scale) ** 2
-    return np.asarray(np.interp(np.flatnonzero(study.bands.used), known, variance))
+    known, new = (np.flatnonzero(s.bands.used) for s in (found.study, study))
+    return np.asarray(np.interp(new, known, found.variance))
 
 
 def _columns(study: Study, base: Sequence[Matrix], member: Likely) -> Matrix:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .balance import EXACT
 from .bands import EDGES
 from .diagnosis import Level
 from .explained import Explained
@@ -73,20 +72,15 @@ def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
     law = math.sqrt(float(along.mean())) if len(along) else 0.0
     white = _white(found)
     laps = laps_of(courses)
-    if laps:  # no law is just right
-        own = math.hypot(repetition(left, courses, laps), EXACT * study.prior_model.friction_scale)
-    else:  # slower noise is not in it: a fault is slow, too
-        own = max(white[0], EXACT * study.prior_model.friction_scale)
+    # slower noise is not in the white one: a fault is slow, too
+    own = math.hypot(repetition(left, courses, laps), study.exact) if laps else white[0]
     forces = max(own, read.force_rms)  # rounding may be the same in every lap
-    exact = EXACT * study.prior_model.friction_scale
-    between = max([exact, read.by_current_rms, *white[1:]])
+    between = max([study.exact, read.by_current_rms, *white[1:]])
     return NoiseFloor(math.hypot(forces, law), between, read.position_rms, bool(laps))
 
 
 def _white(found: Explained) -> list[float]:
     """Root mean square of what is left of each balance, were all bands as quiet as one [N]."""
-    bands = found.study.bands
-    squares = found.fit.squares[0].sum(axis=0)
-    levels = np.sqrt(squares / bands.counts[:, bands.used].sum(axis=0))
-    channel = np.flatnonzero(bands.used) // (len(EDGES) - 1)
+    levels = np.sqrt(found.variance)
+    channel = np.flatnonzero(found.study.bands.used) // (len(EDGES) - 1)
     return [float(levels[channel == c].min()) for c in np.unique(channel)]

@@ -21,7 +21,7 @@ FREED = 0.1  # of a value that may be wrong
 def out_of_reach(found: Explained) -> tuple[OutOfReach, ...]:
     """Causes that would not have shown had they been as large as a twentieth of the friction."""
     study = found.study
-    named = {m.name for m in found.built}
+    named, variance = {m.name for m in found.built}, found.variance
     out = []
     for cause in CAUSES.values():
         if cause.name in named:
@@ -31,7 +31,7 @@ def out_of_reach(found: Explained) -> tuple[OutOfReach, ...]:
             out.append(OutOfReach(cause.name, because))
             continue
         mine = [f for f in found.catalogue.forms if f.name == cause.name]
-        shown = max((_shows(found, f) for f in mine), default=0.0)
+        shown = max((_shows(found, f, variance) for f in mine), default=0.0)
         if shown == 0.0:
             out.append(OutOfReach(cause.name, "the motion gives it nothing to show at"))
         elif shown < SEEN:
@@ -45,9 +45,9 @@ def out_of_reach(found: Explained) -> tuple[OutOfReach, ...]:
     return tuple(out)
 
 
-def _shows(found: Explained, form: Form) -> float:
+def _shows(found: Explained, form: Form, variance: Vector) -> float:
     """Standard deviations by which a form of this size stands out beside the model's values."""
-    information = found.catalogue.information(form, found.fit.squares[0].sum(axis=0))
+    information = found.catalogue.information(form, variance)
     if form.freed:
         return float(FREED * np.sqrt(information.max(initial=0.0)))
     study = found.study

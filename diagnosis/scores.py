@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from .balance import EXACT, responses
+from .balance import responses
 from .bands import EDGES, products
 from .causes import CAUSES
 from .causes.cause import Shape, Smaller
 from .modelled_record import ModelledRecord
 from .nonparametric import rivals
 from .signals import SIGNALS
-from .study import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products
+from .study import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products, worth
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -207,7 +207,6 @@ class Catalogue:
     def fit(self, forms: Sequence[Form], beside: Sequence[Form] = ()) -> list[Fit]:
         """Fits of forms, each beside the model's values and others; each of one form."""
         study = self.study
-        exact = EXACT * study.prior_model.friction_scale
         out: list[Fit | None] = [None] * len(forms)
         sizes = [0 if f.freed else len(f.columns) for f in forms]
         for m in sorted(set(sizes)):
@@ -218,19 +217,16 @@ class Catalogue:
                 stated = [self._stated([*beside, forms[k]]) for k in some]
                 prior = Priors(*(np.array(s) for s in zip(*stated, strict=True)))
                 own = self._products([forms[k] for k in some], beside)
-                fit = fitted(own, study.bands, prior, exact)
+                fit = fitted(own, study.bands, prior, study.exact)
                 for j, k in enumerate(some):
                     out[k] = fit.one(j)
         return [f for f in out if f is not None]
 
-    def information(self, form: Form, squares: Vector) -> Vector:
+    def information(self, form: Form, variance: Vector) -> Vector:
         """What records tell of each of a form's amplitudes, all values adjusted, shape (m,).
 
-        One over the variance of its estimate, where this much is left in each band.
+        One over the variance of its estimate, where each band has this much noise per number [N^2].
         """
-        bands = self.study.bands
-        variance = squares / bands.counts[:, bands.used].sum(axis=0)
-        variance = variance + (EXACT * self.study.prior_model.friction_scale) ** 2
         products = self._products([form], ())[:, :, 0].sum(axis=0)
         inner = np.einsum("bij,b->ij", products, 1.0 / variance)[1:, 1:]
         priors = self._stated([form])
@@ -315,7 +311,7 @@ def own_columns(form: Form) -> slice | npt.NDArray[np.int64]:
     return form.columns - 1 if form.freed else slice(-len(form.columns), None)
 
 
-def scored(study: Study, catalogue: Catalogue, named: Sequence[Suspect] = ()) -> Scored:
+def scored(catalogue: Catalogue, named: Sequence[Suspect] = ()) -> Scored:
     """Every suspect in its best form beside those that are named already, the best first."""
     known = [s.form for s in named]
     base = catalogue.without(known)
@@ -330,7 +326,7 @@ def scored(study: Study, catalogue: Catalogue, named: Sequence[Suspect] = ()) ->
         fits = catalogue.fit(forms, [*known, first.form])
         for form, fit in zip(forms, fits, strict=True):
             beside[form.name] = float(fit.held.sum() - own.held.sum() - fit.cost[0] + own.cost[0])
-    return Scored(suspects, base, beside, _unlike_noise(study, base))
+    return Scored(suspects, base, beside, _unlike_noise(catalogue.study, base))
 
 
 def in_best_form(catalogue: Catalogue, suspect: Suspect, beside: Sequence[Suspect]) -> Suspect:
@@ -416,7 +412,7 @@ def _spacing(form: Form, forms: Sequence[Form]) -> float:
 def _unlike_noise(study: Study, base: Fit) -> tuple[float, float, float]:
     own = _of_forces(study)
     counts = study.bands.counts[:, study.bands.used][:, own]
-    exact = EXACT * study.prior_model.friction_scale
+    exact = study.exact
     blocks = base.squares[0][:, own] / np.maximum(counts, 1.0) + exact**2
     bands = np.average(blocks, axis=0, weights=np.maximum(counts[:, 0], 1e-9))
     size = math.sqrt(float(base.squares[0][:, own].sum() / counts.sum())) + exact
@@ -440,7 +436,7 @@ def _suspect(study: Study, form: Form, fit: Fit, base: Fit) -> Suspect | None:
     if form.smaller:  # it is told in the recorded signals
         smaller = max(form.smaller(study.courses, form.shape, amplitude), _LEAST)
         told = ~of_force if study.courses[0].by_current else np.ones(len(of_force), dtype=bool)
-        by_block = by_block + np.sum(counts[:, told], axis=1) * math.log(smaller)
+        by_block = by_block + np.sum(worth(counts[:, told]), axis=1) * math.log(smaller)
         squares = np.where(told, squares / smaller**2, squares)
     channels = [of_force, ~of_force] if study.courses[0].has_current else [of_force]
     shares = [

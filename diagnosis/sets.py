@@ -4,8 +4,9 @@ Each suspect, nothing at all and something outside the catalogue get a utility t
 few statistics of their scores, and so a probability (conditional logit; D. McFadden, "Conditional
 logit analysis of qualitative choice behavior", 1974). A set takes all whose probability is above a
 threshold, below which the truth of 5 % of calibration records lay (split conformal prediction,
-least ambiguous sets; M. Sadinle, J. Lei and L. Wasserman, JASA 114, 2019). The coverage is a
-promise for records like those of the calibration; `proofs/calibrate_sets.py` makes the table.
+least ambiguous sets; M. Sadinle, J. Lei and L. Wasserman, JASA 114, 2019); where something is wrong
+for certain it is another one. The coverage is a promise for records like those of the calibration;
+`proofs/calibrate_sets.py` makes the table.
 """
 
 from __future__ import annotations
@@ -32,10 +33,12 @@ EVERYONE = (*CAUSES, *SIGNALS, OUTSIDE)
 TABLE = Path(__file__).with_name("sets.json")
 
 _UNIT = 5.0  # a score that is noise's own [nats]
+_SURE = 20.0  # a score from which on the first is known from the others [nats]
 _OF_SUSPECT = 10
 _OF_NOTHING = 8
-STATISTICS = 2 * _OF_SUSPECT + _OF_NOTHING
-"""Of a suspect of the catalogue, of `OUTSIDE`, of `NOTHING`."""
+STATISTICS = 2 * _OF_SUSPECT + _OF_NOTHING + 2
+"""Of a suspect of the catalogue, of `OUTSIDE`, of `NOTHING`, and two that a name has weights of its
+own for."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,7 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
         row = np.zeros(STATISTICS)
         begin = _OF_SUSPECT if s.name == OUTSIDE else 0
         row[begin : begin + _OF_SUSPECT] = own
+        row[-2:] = own[0], max(s.score, 0.0) / (best + _SURE)
         names.append(s.name)
         rows.append(row)
     for name in EVERYONE:
@@ -101,7 +105,7 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
             rows.append(row)
     outside = max((s.score for s in suspects if s.name == OUTSIDE), default=0.0)
     row = np.zeros(STATISTICS)
-    row[2 * _OF_SUSPECT :] = [
+    row[2 * _OF_SUSPECT : -2] = [
         _log(best),
         max(share, 0.0),
         float(np.log1p(scored.base.cost[0])),
@@ -113,10 +117,14 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
 
 
 def probabilities(
-    names: Sequence[str], rows: Matrix, weights: Vector, constants: Mapping[str, float]
+    names: Sequence[str], rows: Matrix, weights: Vector, own: Mapping[str, Sequence[float]]
 ) -> Vector:
-    """Of each of the names, shape (names,)."""
-    utility = rows @ weights + np.array([constants.get(n, 0.0) for n in names])
+    """Of each of the names, shape (names,).
+
+    `own` has of each name a constant and weights of the last two statistics.
+    """
+    of_names = np.array([own.get(n, (0.0, 0.0, 0.0)) for n in names])
+    utility = rows @ weights + of_names[:, 0] + np.sum(rows[:, -2:] * of_names[:, 1:], axis=1)
     odds = np.exp(utility - utility.max())
     return np.asarray(odds / odds.sum())
 
@@ -131,19 +139,21 @@ def likely(scored: Scored, something: bool = False) -> tuple[list[Likely], bool]
     where nothing is less likely than of all but 3 % of faultless records.
     """
     table = _table()
+    least = table["thresholds"]
     names, rows = statistics(scored)
-    found = probabilities(names, rows, np.array(table["weights"]), table["constants"])
+    found = probabilities(names, rows, np.array(table["weights"]), table["own"])
     nothing = names.index(NOTHING)
-    something = something or bool(found[nothing] < table["threshold_of_none"])
+    something = something or bool(found[nothing] < least["of_none"])
     if something:
         found[nothing] = 0.0
         found /= found.sum()
     suspects = {s.name: s for s in scored.suspects}
     order = np.argsort(-found)
-    kept = [k for j, k in enumerate(order) if j == 0 or found[k] >= table["threshold"]]
+    of_members = least["of_something" if something else "of_members"]
+    kept = [k for j, k in enumerate(order) if j == 0 or found[k] >= of_members]
     members = [Likely(names[k], float(found[k]), suspects.get(names[k])) for k in kept]
     first = members[0]
-    if first.suspect and first.name != OUTSIDE and first.probability >= table["threshold_of_name"]:
+    if first.suspect and first.name != OUTSIDE and first.probability >= least["of_name"]:
         members[0] = replace(first, certain=True)
     return members, something
 

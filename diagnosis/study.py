@@ -72,6 +72,11 @@ class Study:
         """Names of the columns of values and calibrations."""
         return (*self.model.adjustable, *calibrated(self.courses))
 
+    @property
+    def exact(self) -> float:
+        """Noise that is always there, as no law is just right [N]."""
+        return EXACT * self.prior_model.friction_scale
+
     def prior(self) -> tuple[Vector, Vector]:
         """Mean and spread of the change of each of `values`."""
         names = self.model.adjustable
@@ -150,6 +155,11 @@ class Bounded(NamedTuple):
     side: Matrix
 
 
+def worth(counts: Matrix) -> Matrix:
+    """How many numbers, of a model that is exact, those of a band tell as much as."""
+    return np.asarray(counts / (1.0 + counts / COARSE))
+
+
 def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
     """Fit and hold out.
 
@@ -162,11 +172,11 @@ def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
         Noise that is always there [N].
     """
     counts = bands.counts[:, bands.used]
-    trusted = 1.0 / (1.0 + counts / COARSE)
+    trusted = worth(counts) / np.maximum(counts, 1e-300)
     counts, products = counts * trusted, products * trusted[:, :, None, None, None]
     blocks = np.arange(len(products))
-    whole = products.sum(axis=0)
-    start = (whole[:, :, 0, 0] / counts.sum(axis=0)[:, None]).T + exact**2
+    signal = products[:, :, :, 0, 0].sum(axis=0)
+    start = (signal / counts.sum(axis=0)[:, None]).T + exact**2
     whole, variance = _with_noise(products, counts, prior, exact, (None, start), _WEIGHINGS)
     amplitude = whole.amplitude
     held, squares, ways = [], [], []
@@ -311,9 +321,8 @@ def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
     lines = study.bands.lines(columns)
     own = products(lines, lines)[:, study.bands.used]
     own = (own - noise_products(study, columns, own))[:, :, None]
-    exact = EXACT * study.prior_model.friction_scale
     prior = Priors(mean[None], spread[None] ** -2.0, study.most(spread)[None])
-    return fitted(own, study.bands, prior, exact)
+    return fitted(own, study.bands, prior, study.exact)
 
 
 def base_columns(study: Study, of_law: bool = True) -> list[Matrix]:

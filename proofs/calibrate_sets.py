@@ -16,6 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers 
 
 import argparse
 import json
+import math
 import sys
 import tempfile
 import time
@@ -59,7 +60,7 @@ OF_FAULTLESS = 0.03
 OF_NAMES = 0.02
 """Share of records, faultless or not, that may get a wrong name."""
 FOLDS = 5
-RIDGE, RIDGE_OF_CONSTANTS = 0.05, 0.5  # of standardised weights; of each name's own constant
+RIDGE, RIDGE_OF_OWN = 0.05, 0.5  # of standardised weights; of what each name has of its own
 
 Vector = NDArray[np.float64]
 
@@ -115,7 +116,7 @@ def row_of(trial: Trial) -> Row:
             model = read_prior_model(believed)
             records, model, _ = commanded(read_drive_records(paths, None, None, None), model)
         study = study_of(records, model)
-        names, rows = statistics(scored(study, Catalogue(study)))
+        names, rows = statistics(scored(Catalogue(study)))
     except ValueError as reason:  # what is said of input that cannot be used
         return Row(*told, ratio, shared, [], [], time.process_time() - began, str(reason))
     seconds = time.process_time() - began
@@ -127,11 +128,11 @@ class Weights:
     """Of the statistics, and of each name."""
 
     weights: Vector
-    constants: dict[str, float]
+    own: dict[str, list[float]]
 
     def of(self, row: Row) -> dict[str, float]:
         """Probability of each name of a record."""
-        found = probabilities(row.names, np.array(row.statistics), self.weights, self.constants)
+        found = probabilities(row.names, np.array(row.statistics), self.weights, self.own)
         return dict(zip(row.names, found.tolist(), strict=True))
 
 
@@ -153,23 +154,24 @@ def fitted(rows: list[Row], names: list[str]) -> Weights:
     ]
 
     def cost(both: Vector) -> tuple[float, Vector]:
-        weights, constants = both[:STATISTICS], both[STATISTICS:]
-        value = RIDGE * weights @ weights + RIDGE_OF_CONSTANTS * constants @ constants
-        slope = np.concatenate([2 * RIDGE * weights, 2 * RIDGE_OF_CONSTANTS * constants])
+        weights, own = both[:STATISTICS], both[STATISTICS:].reshape(-1, 3)
+        value = RIDGE * float(weights @ weights) + RIDGE_OF_OWN * float(np.sum(own**2))
+        slope, of_own = 2 * RIDGE * weights, 2 * RIDGE_OF_OWN * own
         for matrix, places, truth, counts in items:
-            utility = matrix @ weights + constants[places]
+            known = np.column_stack([np.ones(len(matrix)), matrix[:, -2:] * sizes[-2:]])
+            utility = matrix @ weights + np.sum(known * own[places], axis=1)
             odds = np.exp(utility - utility.max())
             odds /= odds.sum()
-            value -= counts * np.log(odds[truth] + 1e-300)
+            value -= counts * math.log(odds[truth] + 1e-300)
             odds[truth] -= 1.0
-            slope[:STATISTICS] += counts * (matrix.T @ odds)
-            np.add.at(slope, STATISTICS + places, counts * odds)
-        return float(value), slope
+            slope = slope + counts * (matrix.T @ odds)
+            np.add.at(of_own, places, counts * odds[:, None] * known)
+        return value, np.append(slope, of_own)
 
-    start = np.zeros(STATISTICS + len(names))
+    start = np.zeros(STATISTICS + 3 * len(names))
     best = minimize(cost, start, jac=True, method="L-BFGS-B", options={"maxiter": 500}).x
-    constants = dict(zip(names, best[STATISTICS:].tolist(), strict=True))
-    return Weights(best[:STATISTICS] / sizes, constants)
+    own = best[STATISTICS:].reshape(-1, 3)
+    return Weights(best[:STATISTICS] / sizes, dict(zip(names, own.tolist(), strict=True)))
 
 
 def left_out(rows: list[Row], also: list[Row], names: list[str]) -> list[dict[str, float]]:
@@ -184,10 +186,36 @@ def left_out(rows: list[Row], also: list[Row], names: list[str]) -> list[dict[st
     return found
 
 
+def beyond_nothing(found: dict[str, float], of_none: float) -> dict[str, float]:
+    """Probabilities as they are told: where something is wrong, among what that may be."""
+    if found[NOTHING] >= of_none:
+        return found
+    rest = 1.0 - found[NOTHING]
+    return {n: 0.0 if n == NOTHING else p / rest for n, p in found.items()}
+
+
 def threshold(truths: Iterable[float], share: float) -> float:
     """Probability below which the truth of this share of records lies (conformal quantile)."""
     ordered = sorted(truths)
     return ordered[max(int(np.floor(share * (len(ordered) + 1))) - 1, 0)]
+
+
+def thresholds_of_members(rows: list[Row], told: list[dict[str, float]]) -> tuple[float, float]:
+    """Probabilities from which on a member is in a set: where something is wrong, and elsewhere.
+
+    Each of its own group (Mondrian conformal prediction; V. Vovk, A. Gammerman and G. Shafer,
+    "Algorithmic Learning in a Random World", 2005), so that what shows little does not make the
+    sets of what shows clearly longer. Faultless records of which something is said to be wrong are
+    missed whatever the first is; the second makes up for them.
+    """
+    truth = [max(t.get(n, 0.0) for n in r.allowed) for r, t in zip(rows, told, strict=True)]
+    wrong = [t[NOTHING] == 0.0 for t in told]
+    here = [p for p, w, r in zip(truth, wrong, rows, strict=True) if w and r.effect]
+    something = threshold(here, 1 - COVERAGE)
+    missed = sum(w and p < something for p, w in zip(truth, wrong, strict=True))
+    rest = [p for p, w in zip(truth, wrong, strict=True) if not w]
+    left = max((1 - COVERAGE) * len(rows) - missed, 1.0)
+    return something, threshold(rest, left / len(rest))
 
 
 def threshold_of_name(rows: list[Row], found: list[dict[str, float]]) -> float:
@@ -249,42 +277,27 @@ def measured(
     }
 
 
-def report(rows: list[Row], also: list[Row]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The table, and the proof."""
-    refused = [r for r in rows if r.message]
-    rows, also = [r for r in rows if r.usable], [r for r in also if r.usable]
-    names = sorted({n for r in [*rows, *also] for n in (*r.names, r.truth)})
-    found = left_out(rows, also, names)
-    least = threshold((f.get(r.truth, 0.0) for r, f in zip(rows, found, strict=True)), 1 - COVERAGE)
-    of_none = threshold(
-        (f[NOTHING] for r, f in zip(rows, found, strict=True) if not r.effect), OF_FAULTLESS
-    )
-    of_name = threshold_of_name(rows, found)
-    weights = fitted([*rows, *also], names)
-    firsts = [max(f, key=lambda n, f=f: f[n]) for f in found]
-    said = [
-        n if n not in (NOTHING, OUTSIDE) and f[n] >= of_name else ""
-        for n, f in zip(firsts, found, strict=True)
+def held(
+    rows: list[Row], found: list[dict[str, float]], thresholds: dict[str, float]
+) -> dict[str, Any]:
+    """What sets by these thresholds hold of records with these probabilities."""
+    told = [beyond_nothing(f, thresholds["of_none"]) for f in found]
+    out = [t[NOTHING] == 0.0 for t in told]
+    sets = [
+        set_of(t, thresholds["of_something" if wrong else "of_members"])
+        for t, wrong in zip(told, out, strict=True)
     ]
-    sets = [set_of(f, least) for f in found]
-    out = [f[NOTHING] < of_none for f in found]
+    said = [
+        s[0] if s[0] not in (NOTHING, OUTSIDE) and t[s[0]] >= thresholds["of_name"] else ""
+        for s, t in zip(sets, told, strict=True)
+    ]
     worlds = {}
     for world in sorted({r.world for r in rows}):
         here = [k for k, r in enumerate(rows) if r.world == world]
         worlds[world] = measured(*([part[k] for k in here] for part in (rows, sets, out, said)))
     order = sorted(worlds, key=lambda w: worlds[w]["truth in the set"]["share"])
-    table = {
-        "weights": [round(float(w), 6) for w in weights.weights],
-        "constants": {n: round(c, 6) for n, c in weights.constants.items()},
-        "threshold": least,
-        "threshold_of_none": of_none,
-        "threshold_of_name": of_name,
-        "records": len(rows) + len(also),
-    }
-    proof = {
+    return {
         "records": len(rows),
-        "records that helped to fit the weights only": len(also),
-        "refused or unusable": len(refused),
         "seconds, median": float(np.median([r.seconds for r in rows])),
         "all worlds": measured(rows, sets, out, said),
         "worlds, the worst first": {w: worlds[w] for w in order},
@@ -300,7 +313,48 @@ def report(rows: list[Row], also: list[Row]) -> tuple[dict[str, Any], dict[str, 
             for r, s, n in zip(rows, sets, said, strict=True)
         ],
     }
+
+
+def report(rows: list[Row], also: list[Row]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The table, and the proof."""
+    refused = sum(bool(r.message) for r in rows)
+    rows, also = [r for r in rows if r.usable], [r for r in also if r.usable]
+    names = sorted({n for r in [*rows, *also] for n in (*r.names, r.truth)})
+    found = left_out(rows, also, names)
+    of_none = threshold(
+        (f[NOTHING] for r, f in zip(rows, found, strict=True) if not r.effect), OF_FAULTLESS
+    )
+    told = [beyond_nothing(f, of_none) for f in found]
+    of_something, of_members = thresholds_of_members(rows, told)
+    thresholds = {
+        "of_none": of_none,
+        "of_name": threshold_of_name(rows, told),
+        "of_something": of_something,
+        "of_members": of_members,
+    }
+    weights = fitted([*rows, *also], names)
+    table = {
+        "weights": [round(float(w), 6) for w in weights.weights],
+        "own": {n: [round(w, 6) for w in own] for n, own in weights.own.items()},
+        "thresholds": thresholds,
+        "records": len(rows) + len(also),
+    }
+    proof = {
+        "records that helped to fit the weights only": len(also),
+        "refused or unusable": refused,
+        **held(rows, found, thresholds),
+    }
     return table, proof
+
+
+def by_stored_table(rows: list[Row]) -> dict[str, Any]:
+    """The proof for records that had no part in the stored table."""
+    table = json.loads(TABLE.read_text(encoding="utf-8"))
+    refused = sum(bool(r.message) for r in rows)
+    rows = [r for r in rows if r.usable]
+    weights = Weights(np.array(table["weights"]), table["own"])
+    found = [weights.of(r) for r in rows]
+    return {"refused or unusable": refused, **held(rows, found, table["thresholds"])}
 
 
 def main() -> int:
@@ -320,14 +374,19 @@ def main() -> int:
         help="rows of other seeds, for the weights and not for what is measured",
     )
     parser.add_argument("--only-fit", action="store_true", help="of the rows that are there")
+    parser.add_argument(
+        "--held-back",
+        action="store_true",
+        help="look at the worlds never calibrated with, by the table as it is stored",
+    )
     options = parser.parse_args()
-    calibrated = tuple(w for w in WORLDS if w not in HELD_BACK)
+    worlds = tuple(w for w in WORLDS if (w in HELD_BACK) == options.held_back)
     rows = []
     if options.rows.exists():
         rows = [Row(**json.loads(line)) for line in options.rows.read_text().splitlines()]
     if not options.only_fit:
         have = {(r.world, r.effect, r.seed) for r in rows}
-        plan = plan_trials(0, options.first_seed, calibrated, (options.faultless, options.effects))
+        plan = plan_trials(0, options.first_seed, worlds, (options.faultless, options.effects))
         trials = [t for t in plan if (t.world, t.effect, t.seed) not in have]
         options.rows.parent.mkdir(parents=True, exist_ok=True)
         jobs = iter([(t.key, (t,)) for t in trials])
@@ -337,11 +396,20 @@ def main() -> int:
                 kept.write(json.dumps(asdict(row)) + "\n")
                 kept.flush()
                 print(f"\r{done} of {len(trials)}", end="", file=sys.stderr)
+    seeds = sorted({r.seed for r in rows})
+    if options.held_back:
+        told = by_stored_table(rows)
+        name = "diagnosis_held_back"
+        write_json(
+            TARGET.with_name(f"{name}.json"),
+            {**provenance(name), "seeds": [seeds[0], seeds[-1]], **told},
+        )
+        print(json.dumps(told["all worlds"], indent=1))
+        return 0
     also = []
     if options.also:
         also = [Row(**json.loads(line)) for line in options.also.read_text().splitlines()]
     table, proof = report(rows, also)
-    seeds = sorted({r.seed for r in rows})
     write_json(TABLE, table)
     write_json(
         TARGET,

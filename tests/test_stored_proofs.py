@@ -6,6 +6,7 @@ import re
 from dataclasses import asdict
 
 import diagnosis_loop
+import diagnosis_page
 import numpy as np
 import own_records
 import provenance
@@ -100,3 +101,7 @@ def test_exponents_over_fmus_at_the_stored_steps_are_as_far_off_as_stored():
     case = variational.Case("nctf", "nctf", {"v_start": 0.05})
     found = variational.difference(case, rows[0]["step"])
     np.testing.assert_allclose(found, rows[0]["difference"], rtol=1e-2, atol=1e-6)
+
+
+def test_the_page_of_the_diagnosis_has_the_figures_as_they_are_stored():
+    assert diagnosis_page.page() == diagnosis_page.PAGE.read_text(encoding="utf-8")

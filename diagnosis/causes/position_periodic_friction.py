@@ -22,7 +22,7 @@ _TURNS = (1, 2)  # swings in a turn of the screw
 
 def _form(swings: str, harmonics: tuple[tuple[int, str], ...]) -> Cause:
     def grid(courses: Courses, model: DriveModel) -> list[Values]:
-        return either_way(periods(courses, model, swings, _TURNS, flips=True), _SHARE)
+        return either_way(periods(courses, model, swings, _TURNS), _SHARE)
 
     amplitudes = {}
     for times, suffix in harmonics:

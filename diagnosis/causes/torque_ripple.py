@@ -18,7 +18,7 @@ def _form(
     swings: str, names: str, unit: str, of: sp.Expr, harmonics: tuple[int, ...], tried: range
 ) -> Cause:
     def grid(courses: Courses, model: DriveModel) -> list[Values]:
-        return periods(courses, model, swings, tried, flips=False)
+        return periods(courses, model, swings, tried)
 
     amplitudes = {}
     for times in harmonics:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 import sympy as sp
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
@@ -60,9 +61,12 @@ def fast_speed(courses: Courses) -> float:
 
 
 def periods(
-    courses: Courses, model: DriveModel, name: str, harmonics: Sequence[int], flips: bool
+    courses: Courses, model: DriveModel, name: str, harmonics: Sequence[int]
 ) -> list[Values]:
     """Swings per metre to try: those of the screw's turn, and the strongest of the record.
+
+    Those of forces that change sign with the velocity and of forces that do not: whichever it is,
+    a cause of the other kind has to be tried there, too.
 
     Parameters
     ----------
@@ -70,8 +74,6 @@ def periods(
         Under which the values go.
     harmonics : sequence of int
         Swings in a turn, where the model knows the turns in a metre, ``p``.
-    flips : bool
-        Whether the force changes sign with the velocity.
     """
     middle, half = middle_and_half(courses)
     low, way = middle - half, 2 * half
@@ -79,22 +81,26 @@ def periods(
     found = [k * turns for k in harmonics if k * turns * way > _FEWEST_PERIODS] if turns else []
     tried = np.arange(_FEWEST_PERIODS * _FINER, _MOST_PERIODS * _FINER)
     swings = tried / (_FINER * way)
-    power = np.zeros(len(swings))
-    for c in courses:
-        power += _power((c.x - low) / way, _along_way(c, flips))[tried]
+    apart = 1.0 / (_FINER * way)  # closer ones are the same
+    for flips in (True, False):
+        power = np.zeros(len(swings))
+        for c in courses:
+            power += _power((c.x - low) / way, _along_way(c, flips))[tried]
+        for k in _strongest(power, swings < 1.0 / _SHORTEST_PERIOD):
+            if all(abs(swings[k] - f) > apart for f in found):
+                found.append(_peak(courses, float(swings[k]), apart, flips))
+    return [{name: f} for f in found]
+
+
+def _strongest(power: Vector, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Where a spectrum has its peaks."""
     # peaks over what lies around them: slow structure has more power at few periods
-    rises = power / median_filter(power, _AROUND, mode="nearest")
-    rises[swings > 1.0 / _SHORTEST_PERIOD] = 0.0
+    rises = np.where(known, power / median_filter(power, _AROUND, mode="nearest"), 0.0)
+    power = np.where(known, power, 0.0)
     inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
-    power[swings > 1.0 / _SHORTEST_PERIOD] = 0.0
-    best = np.union1d(
+    return np.union1d(
         inner[np.argsort(-rises[inner])][:_PEAKS], inner[np.argsort(-power[inner])][:_STRONGEST]
     )
-    apart = 1.0 / (_FINER * way)  # closer ones are the same
-    for k in best:
-        if all(abs(swings[k] - f) > apart for f in found):
-            found.append(_peak(courses, float(swings[k]), apart, flips))
-    return [{name: f} for f in found]
 
 
 def _along_way(course: ModelledRecord, flips: bool) -> Vector:

@@ -143,7 +143,7 @@ def test_a_noisy_current_is_not_told_smaller_to_make_its_noise_smaller():
     at_gain = study.values.index("current_gain")
     gain = study.courses[0].calibration["current_gain"] + fit.amplitude[0, at_gain]
     assert abs(gain) < 0.02
-    found = {s.name: s.score for s in scored(study, catalogue).suspects}
+    found = {s.name: s.score for s in scored(catalogue).suspects}
     assert found.get("scale_of_i", 0.0) < 5.0
 
 
@@ -156,13 +156,13 @@ def test_a_speed_that_follows_within_an_interval_is_no_delay():
     record = check_record("chirp", {n: c for n, c in signals.items() if n != "i"})
     study = study_of([record], nominal().changed({"Jm": 0.0}))
     assert study.courses[0].calibration["fast_speed"] == pytest.approx(1.0, abs=0.3)
-    found = {s.name: s.score for s in scored(study, Catalogue(study)).suspects}
+    found = {s.name: s.score for s in scored(Catalogue(study)).suspects}
     assert found.get("input_delay", 0.0) < 30.0
 
 
 def test_a_strong_effect_leads_with_its_size():
     study = study_of([strong_record({at.LOAD: 0.4})], nominal())
-    first = scored(study, Catalogue(study)).suspects[0]
+    first = scored(Catalogue(study)).suspects[0]
     assert first.name == "load_bias"
     assert first.score > 100.0
     assert first.amplitude[0] == pytest.approx(0.4, rel=0.1)
@@ -171,7 +171,7 @@ def test_a_strong_effect_leads_with_its_size():
 
 def test_a_gap_is_found_between_the_points_of_the_grid():
     study = study_of([strong_record(gap(1e-4))], nominal())
-    first = scored(study, Catalogue(study)).suspects[0]
+    first = scored(Catalogue(study)).suspects[0]
     assert first.name == "backlash"
     assert first.form.shape.values["gap"] == pytest.approx(1e-4, rel=0.1)
 
@@ -181,7 +181,7 @@ def test_a_limit_far_below_the_largest_command_is_found(share):
     """A limit of 5 V for a command of 97 V was not in the grid."""
     largest = float(np.abs(strong_record({}).u).max())
     study = study_of([strong_record({at.LIMIT: share * largest})], nominal())
-    found = {s.name: s for s in scored(study, Catalogue(study)).suspects}
+    found = {s.name: s for s in scored(Catalogue(study)).suspects}
     limit = found["voltage_saturation"].form.shape.values["voltage_limit"]
     assert limit == pytest.approx(share * largest, rel=0.05)
 
