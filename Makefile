@@ -53,7 +53,6 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/calibrate_sets.py --faultless 20 --effects 40
 	$(BIN)/python proofs/calibrate_sets.py --held-back --rows out/held_back.jsonl
 	$(BIN)/python proofs/diagnosis_loop.py
-	$(BIN)/python proofs/ablation.py
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/emps.py
 	$(BIN)/python proofs/tro2021.py

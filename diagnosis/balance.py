@@ -90,7 +90,7 @@ def balance(
     read = averaged(mean_current(course, model), width)
     if course.by_current:
         scale = per_volt * course.resistance / model.per_ampere
-        scale *= 1.0 + course.calibration["current_gain"]
+        scale /= 1.0 + course.calibration["current_gain"]
         forces = scale * (model.per_ampere * read - opposed)
     left_volts = averaged(volts, width) - resistance * read
     left_volts -= inductance * rate(true_current(course), step, width)

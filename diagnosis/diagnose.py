@@ -127,6 +127,15 @@ def diagnose_records(
             f"not ruled out: a fault of up to {unseen:.3g} N ({100.0 * unseen / friction:.3g} % of "
             f"the friction), which is {why}"
         )
+        first = found.sets[-1][0]
+        if first.suspect:
+            notes.append(
+                f"the likeliest is {first.name}, {100 * first.probability:.0f} %, but 3 in 100 "
+                f"faultless records look no more faultless; --take {first.name} says its size"
+                if first.name in CAUSES
+                else f"the likeliest is {first.name}, {100 * first.probability:.0f} %, but 3 in "
+                "100 faultless records look no more faultless"
+            )
     elif not found.built and unseen >= _TELLS * friction:
         notes.append(
             f"these records clear nothing: a fault of up to {unseen:.3g} N, {why}, would not show"

@@ -18,7 +18,7 @@ from .held_out import HeldOut
 from .residuals import Residual
 from .scores import Suspect, own_columns
 from .sets import Likely
-from .signals import SIGNALS
+from .signals import CURRENT_GAIN, SIGNALS
 from .study import Study
 
 Vector = npt.NDArray[np.float64]
@@ -31,7 +31,6 @@ UNITS = {p.name: p.unit for p in (*ball_screw.PARAMETERS, *direct_drive.PARAMETE
     for name, unit in zip(law.parameters, law.units, strict=True)
 }
 _EXACT = 0.04  # relative, to which no size is known: laws and shapes are not exact
-_LEAST_FACTOR = 1e-3
 _OUTSIDE_SAYS = (
     "something that no cause of the catalogue is: friction or force that only a free curve follows"
 )
@@ -118,9 +117,10 @@ def _values(study: Study, suspect: Suspect) -> tuple[Numbers, Ends]:
 
 def _told(study: Study, suspect: str, name: str) -> tuple[Callable[[float], float], str]:
     """How an amplitude is told: a function of it, and the name of what comes out."""
+    course = study.courses[0]
     factors: dict[str, Callable[[float], float]] = {
         "scale_of_u": lambda size: 1.0 + size,
-        "scale_of_i": lambda size: 1.0 / max(1.0 + size, _LEAST_FACTOR),
+        "scale_of_i": lambda size: 1.0 + course.calibration[CURRENT_GAIN] + size,
         "scale_of_x": lambda size: 1.0 + size,
     }
     if suspect in factors:  # by which the true signal is larger than the recorded one

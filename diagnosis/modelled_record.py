@@ -59,9 +59,10 @@ class ModelledRecord:
         Variance of the law's force that the error of the motion makes [N^2].
     calibration : mapping of str to float
         What the instruments are off by, as far as it is known: ``command_shift`` in sampling
-        intervals, ``current_offset`` [A] and ``current_gain`` of what is read, and
-        ``current_jump``, the share of a voltage's jump that a sample at its time has already;
-        ``fast_speed``, whether the speed follows a held command within an interval, see `inner_a`.
+        intervals, ``current_offset`` [A] of what is read, ``current_gain``, the share by which the
+        true current is larger, ``current_jump``, the share of a voltage's jump that a sample at its
+        time has already, ``fast_speed``, whether the speed follows a held command within an
+        interval, see `inner_a`.
     answers : float
         By how much the drive's speed is faster than the sampling, as prior: the interval over the
         speed's time constant.
@@ -373,9 +374,8 @@ def opposing(course: ModelledRecord, model: DriveModel) -> Vector:
 
 def true_current(course: ModelledRecord) -> Vector:
     """What the reading says of the current at the samples, before the voltage jumps, (n,) [A]."""
-    return (course.i - course.calibration["current_offset"]) / (
-        1.0 + course.calibration["current_gain"]
-    )
+    gain = 1.0 + course.calibration["current_gain"]
+    return np.asarray(gain * (course.i - course.calibration["current_offset"]))
 
 
 def mean_current(course: ModelledRecord, model: DriveModel) -> Vector:

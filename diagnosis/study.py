@@ -172,7 +172,7 @@ def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
         Noise that is always there [N].
     """
     counts = bands.counts[:, bands.used]
-    trusted = worth(counts) / np.maximum(counts, 1e-300)
+    trusted = 1.0 / (1.0 + counts / COARSE)
     counts, products = counts * trusted, products * trusted[:, :, None, None, None]
     blocks = np.arange(len(products))
     signal = products[:, :, :, 0, 0].sum(axis=0)

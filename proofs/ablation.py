@@ -2,8 +2,8 @@
 
 Records of the worlds of the calibration, drawn from seeds; for each piece, how often the truth has
 the best score where it shows clearly, how well the best score tells faultless records from such
-ones (area under the receiver operating characteristic), and the time. Results go to
-``docs/proof/ablation.json``::
+ones (area under the receiver operating characteristic), and the time. Prints a table, and writes
+``out/ablation.json``::
 
     python proofs/ablation.py --effects 6 --faultless 3
 """
@@ -29,9 +29,8 @@ from unittest.mock import patch
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-TARGET = ROOT / "docs" / "proof" / "ablation.json"
+TARGET = ROOT / "out" / "ablation.json"
 
-from provenance import provenance  # noqa: E402
 from worlds import HELD_BACK, WORLDS, Unusable, draw_case, write_case  # noqa: E402
 from worlds_trials import VISIBLE, Trial, plan_trials, right_names, share  # noqa: E402
 
@@ -49,7 +48,7 @@ def _in_sample(fit: Callable[..., study.Fit]) -> Callable[..., study.Fit]:
     def fitted(products: Any, cut: Any, prior: Any, exact: float) -> study.Fit:
         found = fit(products, cut, prior, exact)
         counts = cut.counts[:, cut.used]
-        trusted = study.worth(counts) / np.maximum(counts, 1e-300)
+        trusted = 1.0 / (1.0 + counts / study.COARSE)
         left = study._left(products, found.amplitude).transpose(1, 0, 2)
         known = np.hypot(left, counts * exact**2)
         variance = known.sum(axis=1) / counts.sum(axis=0)
@@ -183,10 +182,10 @@ def main() -> int:
             ),
             "seconds, median": float(np.median([r["answers"][piece].seconds for r in known])),
         }
+    TARGET.parent.mkdir(exist_ok=True)
     write_json(
         TARGET,
         {
-            **provenance("ablation"),
             "seeds": [options.first_seed, max(t.seed for t in trials)],
             "faultless records": sum(not r["effect"] for r in rows),
             "clear effects": sum(bool(r["effect"]) for r in rows),

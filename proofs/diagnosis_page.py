@@ -88,20 +88,6 @@ def loop(proof: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def pieces(proof: Mapping[str, Any]) -> list[str]:
-    """What each piece of the scores brings."""
-    lines = [
-        "| without | clear effects: the truth has the best score | told from faultless | "
-        "best score of 9 in 10 faultless | seconds |",
-        "|---|---|---|---|---|",
-    ]
-    for piece, found in proof["without"].items():
-        right, apart, high, seconds = found.values()
-        name = "nothing" if piece == "all pieces" else piece
-        lines.append(f"| {name} | {per_cent(right)} | {apart:.3f} | {high:.0f} | {seconds:.1f} |")
-    return lines
-
-
 def page() -> str:
     """The page with the figures as they are stored."""
     tables = {
@@ -109,7 +95,6 @@ def page() -> str:
         "worlds": worlds(stored("diagnosis_sets")),
         "held back": sets(stored("diagnosis_held_back"), "all worlds"),
         "loop": loop(stored("diagnosis_loop")),
-        "pieces": pieces(stored("ablation")),
     }
     text = PAGE.read_text(encoding="utf-8")
     for name, lines in tables.items():

@@ -51,7 +51,10 @@ def test_neither_a_scale_nor_a_resistance_that_is_wrong_is_nothing(tmp_path, col
     else:
         signals[column] = factor * signals[column]
     found = diagnose_records([check_record("scaled", signals)], model)
-    assert found.verdict == "unexplained"
-    if column != "i":  # which the motor's force is not taken from then
+    if column == "i":  # which the motor's force is not taken from then
+        assert [c.name for c in found.causes if c.certain] == ["scale_of_i"]
+        assert found.verdict == "partly"
+    else:
+        assert found.verdict == "unexplained"
         assert found.adjusted_residual.force > 10.0 * found.floor.force
     assert found.left_of_friction > 0.5 or found.causes

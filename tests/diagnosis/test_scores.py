@@ -107,7 +107,7 @@ def test_a_prior_that_is_narrow_holds_a_value():
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.floats(0.01, 3.0), st.floats(0.0, 5.0))
+@given(st.integers(0, 2**32 - 1), st.floats(0.01, 3.0), st.floats(0.0, 3.0))
 def test_values_within_their_tolerances_are_those_of_scipys_bounded_least_squares(
     seed, most, alike
 ):

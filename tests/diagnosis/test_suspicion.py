@@ -34,7 +34,7 @@ def test_probabilities_are_shares_of_one(count, seed):
     random = np.random.default_rng(seed)
     rows, weights = 100 * random.standard_normal((count, 4)), random.standard_normal(4)
     names = [f"n{k}" for k in range(count)]
-    found = probabilities(names, rows, weights, {"n0": 3.0})
+    found = probabilities(names, rows, weights, {"n0": (3.0, 0.0, 0.0)})
     assert found.sum() == pytest.approx(1.0)
     assert np.all(found >= 0.0)
 
