@@ -129,12 +129,10 @@ def diagnose_records(
         )
         first = found.sets[-1][0]
         if first.suspect:
+            size = f"; --take {first.name} says its size" if first.name in CAUSES else ""
             notes.append(
                 f"the likeliest is {first.name}, {100 * first.probability:.0f} %, but 3 in 100 "
-                f"faultless records look no more faultless; --take {first.name} says its size"
-                if first.name in CAUSES
-                else f"the likeliest is {first.name}, {100 * first.probability:.0f} %, but 3 in "
-                "100 faultless records look no more faultless"
+                f"faultless records look no more faultless{size}"
             )
     elif not found.built and unseen >= _TELLS * friction:
         notes.append(

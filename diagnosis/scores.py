@@ -20,7 +20,7 @@ from .causes.cause import Shape, Smaller
 from .modelled_record import ModelledRecord
 from .nonparametric import rivals
 from .signals import SIGNALS
-from .study import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products, worth
+from .study import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products, trusted
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -436,7 +436,9 @@ def _suspect(study: Study, form: Form, fit: Fit, base: Fit) -> Suspect | None:
     if form.smaller:  # it is told in the recorded signals
         smaller = max(form.smaller(study.courses, form.shape, amplitude), _LEAST)
         told = ~of_force if study.courses[0].by_current else np.ones(len(of_force), dtype=bool)
-        by_block = by_block + np.sum(worth(counts[:, told]), axis=1) * math.log(smaller)
+        by_block = by_block + np.sum((counts * trusted(counts))[:, told], axis=1) * math.log(
+            smaller
+        )
         squares = np.where(told, squares / smaller**2, squares)
     channels = [of_force, ~of_force] if study.courses[0].has_current else [of_force]
     shares = [

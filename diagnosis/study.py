@@ -155,9 +155,9 @@ class Bounded(NamedTuple):
     side: Matrix
 
 
-def worth(counts: Matrix) -> Matrix:
-    """How many numbers, of a model that is exact, those of a band tell as much as."""
-    return np.asarray(counts / (1.0 + counts / COARSE))
+def trusted(counts: Matrix) -> Matrix:
+    """The share of a band's numbers that would tell as much if the model were exact."""
+    return np.asarray(1.0 / (1.0 + counts / COARSE))
 
 
 def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
@@ -172,8 +172,8 @@ def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
         Noise that is always there [N].
     """
     counts = bands.counts[:, bands.used]
-    trusted = 1.0 / (1.0 + counts / COARSE)
-    counts, products = counts * trusted, products * trusted[:, :, None, None, None]
+    told = trusted(counts)
+    counts, products = counts * told, products * told[:, :, None, None, None]
     blocks = np.arange(len(products))
     signal = products[:, :, :, 0, 0].sum(axis=0)
     start = (signal / counts.sum(axis=0)[:, None]).T + exact**2
@@ -191,7 +191,7 @@ def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
         known = _floored(left, counts[q], exact)
         each += 0.5 * (FREEDOM + counts[q]) * np.log1p(known / (FREEDOM * of_rest))
         held.append(-each.sum(axis=1))
-        squares.append(left / trusted[q])
+        squares.append(left / told[q])
     each = np.array(ways)
     count = len(blocks)
     error = np.sqrt((count - 1) / count * np.sum((each - each.mean(axis=0)) ** 2, axis=0))

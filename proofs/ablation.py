@@ -17,7 +17,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers 
 import argparse
 import json
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,14 +30,11 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "out" / "ablation.json"
 
-from worlds import HELD_BACK, WORLDS, Unusable, draw_case, write_case  # noqa: E402
-from worlds_trials import VISIBLE, Trial, plan_trials, right_names, share  # noqa: E402
+from worlds import HELD_BACK, WORLDS, Unusable, draw_case  # noqa: E402
+from worlds_trials import VISIBLE, Trial, plan_trials, read_back, right_names, share  # noqa: E402
 
 from ballscrew.diagnosis import bands, modelled_record, scores, study  # noqa: E402
-from ballscrew.diagnosis.commanded import commanded  # noqa: E402
-from ballscrew.diagnosis.prior_model import read_prior_model  # noqa: E402
 from ballscrew.orchestration.workers import Processes  # noqa: E402
-from ballscrew.records.reading import read_drive_records  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 
 
@@ -48,7 +44,6 @@ def _in_sample(fit: Callable[..., study.Fit]) -> Callable[..., study.Fit]:
     def fitted(products: Any, cut: Any, prior: Any, exact: float) -> study.Fit:
         found = fit(products, cut, prior, exact)
         counts = cut.counts[:, cut.used]
-        trusted = 1.0 / (1.0 + counts / study.COARSE)
         left = study._left(products, found.amplitude).transpose(1, 0, 2)
         known = np.hypot(left, counts * exact**2)
         variance = known.sum(axis=1) / counts.sum(axis=0)
@@ -57,7 +52,7 @@ def _in_sample(fit: Callable[..., study.Fit]) -> Callable[..., study.Fit]:
             known / (study.FREEDOM * variance[:, None])
         )
         return study.Fit(
-            np.sum(-0.5 * trusted * each, axis=2),
+            np.sum(-0.5 * study.trusted(counts) * each, axis=2),
             left,
             found.amplitude,
             found.error,
@@ -74,7 +69,9 @@ PIECES: dict[str, list[tuple[Any, str, Any]]] = {
         (bands, "EDGES", (0.0, np.inf)),
         (scores, "EDGES", (0.0, np.inf)),
     ],
-    "no blocks held out": [(scores, "fitted", _in_sample(study.fitted))],
+    "no blocks held out": [
+        (module, "fitted", _in_sample(study.fitted)) for module in (scores, study)
+    ],
     "no heavy tails": [(study, "FREEDOM", 1e6)],
     "bands right to the last number": [(study, "COARSE", 1e12)],
     "noise of instruments not taken out": [
@@ -118,10 +115,7 @@ def answers_of(trial: Trial) -> dict[str, Any] | None:
     sight = case.sights[0] if case.sights else None
     if sight and sight.ratio <= VISIBLE:
         return None
-    with tempfile.TemporaryDirectory() as folder:
-        paths, believed = write_case(case, Path(folder))
-        model = read_prior_model(believed)
-        records, model, _ = commanded(read_drive_records(paths, None, None, None), model)
+    records, model = read_back(case)
     found: dict[str, Any] = {}
     for piece in PIECES:
         with without(piece):

@@ -18,7 +18,6 @@ import argparse
 import json
 import math
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
@@ -35,23 +34,21 @@ TARGET = ROOT / "docs" / "proof" / "diagnosis_sets.json"
 ROWS = ROOT / "out" / "diagnosis_sets.jsonl"
 
 from provenance import provenance  # noqa: E402
-from worlds import HELD_BACK, WORLDS, Unusable, draw_case, write_case  # noqa: E402
+from worlds import HELD_BACK, WORLDS, Unusable, draw_case  # noqa: E402
 from worlds_trials import (  # noqa: E402
     VISIBLE,
     Trial,
     plan_trials,
+    read_back,
     right_names,
     share,
     truth_of,
 )
 
-from ballscrew.diagnosis.commanded import commanded  # noqa: E402
-from ballscrew.diagnosis.prior_model import read_prior_model  # noqa: E402
 from ballscrew.diagnosis.scores import OUTSIDE, Catalogue, scored  # noqa: E402
 from ballscrew.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
 from ballscrew.diagnosis.study import study_of  # noqa: E402
 from ballscrew.orchestration.workers import Processes  # noqa: E402
-from ballscrew.records.reading import read_drive_records  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 
 COVERAGE = 0.95
@@ -111,11 +108,7 @@ def row_of(trial: Trial) -> Row:
     ratio, shared = (sight.ratio, list(sight.shared)) if sight else (0.0, [])
     began = time.process_time()
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            paths, believed = write_case(case, Path(folder))
-            model = read_prior_model(believed)
-            records, model, _ = commanded(read_drive_records(paths, None, None, None), model)
-        study = study_of(records, model)
+        study = study_of(*read_back(case))
         names, rows = statistics(scored(Catalogue(study)))
     except ValueError as reason:  # what is said of input that cannot be used
         return Row(*told, ratio, shared, [], [], time.process_time() - began, str(reason))

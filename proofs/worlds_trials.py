@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from scipy.stats import binomtest
 from worlds import OUTSIDE as NOT_IN_CATALOGUE
-from worlds import WORLDS, effects_of
+from worlds import WORLDS, Case, effects_of, write_case
 
+from ballscrew.diagnosis.commanded import commanded
+from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.prior_model import read_prior_model
 from ballscrew.diagnosis.scores import OUTSIDE as IN_NO_CAUSE
+from ballscrew.records.reading import read_drive_records
+from ballscrew.records.record import Record
 
 FAULTLESS, CAUSE, OUTSIDE, SIGNAL = "faultless", "cause", "outside", "signal"
 FAULTLESS_EACH = 10  # faultless records to one of each cause
@@ -34,6 +41,14 @@ class Trial:
     def key(self) -> str:
         """The trial in one word."""
         return f"{self.world}:{self.effect or FAULTLESS}:{self.seed}"
+
+
+def read_back(case: Case) -> tuple[list[Record], DriveModel]:
+    """The records of a case and what their user believes, written to files and read again."""
+    with tempfile.TemporaryDirectory() as folder:
+        paths, believed = write_case(case, Path(folder))
+        records, model, _ = commanded(read_drive_records(paths), read_prior_model(believed))
+    return records, model
 
 
 def truth_of(effect: str) -> str:
