@@ -30,8 +30,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "out" / "ablation.json"
 
-from worlds import HELD_BACK, WORLDS, Unusable, draw_case  # noqa: E402
-from worlds_trials import VISIBLE, Trial, plan_trials, read_back, right_names, share  # noqa: E402
+from worlds import HELD_BACK, WORLDS, Unusable  # noqa: E402
+from worlds_trials import VISIBLE, Trial, drawn, plan_trials, right_names, share  # noqa: E402
 
 from ballscrew.diagnosis import bands, modelled_record, scores, study  # noqa: E402
 from ballscrew.orchestration.workers import Processes  # noqa: E402
@@ -109,13 +109,12 @@ class Answer:
 def answers_of(trial: Trial) -> dict[str, Any] | None:
     """Of one record: the truth, and an answer without each piece; None where there is no record."""
     try:
-        case = draw_case(trial.world, (trial.effect,) if trial.effect else (), trial.seed)
+        case = drawn(trial)
     except Unusable:
         return None
-    sight = case.sights[0] if case.sights else None
-    if sight and sight.ratio <= VISIBLE:
+    if trial.effect and case.ratio <= VISIBLE:
         return None
-    records, model = read_back(case)
+    records, model = case.read()
     found: dict[str, Any] = {}
     for piece in PIECES:
         with without(piece):
@@ -131,7 +130,7 @@ def answers_of(trial: Trial) -> dict[str, Any] | None:
                 first.score if first else 0.0,
                 time.process_time() - began,
             )
-    right = sorted(right_names(trial.effect, sight.shared)) if sight else []
+    right = sorted(right_names(trial.effect, case.shared)) if trial.effect else []
     return {"effect": trial.effect, "right": right, "answers": found}
 
 

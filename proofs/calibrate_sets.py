@@ -34,12 +34,12 @@ TARGET = ROOT / "docs" / "proof" / "diagnosis_sets.json"
 ROWS = ROOT / "out" / "diagnosis_sets.jsonl"
 
 from provenance import provenance  # noqa: E402
-from worlds import HELD_BACK, WORLDS, Unusable, draw_case  # noqa: E402
+from worlds import HELD_BACK, WORLDS, Unusable  # noqa: E402
 from worlds_trials import (  # noqa: E402
     VISIBLE,
     Trial,
+    drawn,
     plan_trials,
-    read_back,
     right_names,
     share,
     truth_of,
@@ -101,19 +101,16 @@ def row_of(trial: Trial) -> Row:
     """Draw a record and score its suspects."""
     told = (trial.world, trial.effect, trial.seed)
     try:
-        case = draw_case(trial.world, (trial.effect,) if trial.effect else (), trial.seed)
+        case = drawn(trial)
     except Unusable as reason:
         return Row(*told, 0.0, [], [], [], 0.0, str(reason))
-    sight = case.sights[0] if case.sights else None
-    ratio, shared = (sight.ratio, list(sight.shared)) if sight else (0.0, [])
     began = time.process_time()
     try:
-        study = study_of(*read_back(case))
-        names, rows = statistics(scored(Catalogue(study)))
+        names, rows = statistics(scored(Catalogue(study_of(*case.read()))))
     except ValueError as reason:  # what is said of input that cannot be used
-        return Row(*told, ratio, shared, [], [], time.process_time() - began, str(reason))
+        return Row(*told, case.ratio, case.shared, [], [], time.process_time() - began, str(reason))
     seconds = time.process_time() - began
-    return Row(*told, ratio, shared, names, rows.round(5).tolist(), seconds)
+    return Row(*told, case.ratio, case.shared, names, rows.round(5).tolist(), seconds)
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import tempfile
+import hashlib
+import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from scipy.stats import binomtest
 from worlds import OUTSIDE as NOT_IN_CATALOGUE
-from worlds import WORLDS, Case, effects_of, write_case
+from worlds import WORLDS, Unusable, draw_case, effects_of, write_case
 
 from ballscrew.diagnosis.commanded import commanded
 from ballscrew.diagnosis.drive_model import DriveModel
@@ -21,6 +24,7 @@ from ballscrew.records.record import Record
 
 FAULTLESS, CAUSE, OUTSIDE, SIGNAL = "faultless", "cause", "outside", "signal"
 FAULTLESS_EACH = 10  # faultless records to one of each cause
+KEPT = Path(__file__).resolve().parents[1] / "out" / "worlds"
 VISIBLE = 12.0  # ratio from which on an answer is asked for
 # the same thing by another name: a wrong value of these is that cause
 SYNONYMS = {"m": "unmodelled_inertia", "Jm": "unmodelled_inertia", "offset": "load_bias"}
@@ -43,12 +47,65 @@ class Trial:
         return f"{self.world}:{self.effect or FAULTLESS}:{self.seed}"
 
 
-def read_back(case: Case) -> tuple[list[Record], DriveModel]:
-    """The records of a case and what their user believes, written to files and read again."""
-    with tempfile.TemporaryDirectory() as folder:
-        paths, believed = write_case(case, Path(folder))
-        records, model, _ = commanded(read_drive_records(paths), read_prior_model(believed))
-    return records, model
+@dataclass(frozen=True)
+class Drawn:
+    """A drawn record on disk, and what the truth says of its effect.
+
+    Attributes
+    ----------
+    folder : Path
+        With ``record.csv`` and so on, and ``believed.toml``; nothing of the truth is in them.
+    ratio : float
+        How clearly the effect shows; 0 of a faultless record.
+    shared : list of str
+        Other causes of its shape.
+    """
+
+    folder: Path
+    ratio: float
+    shared: list[str]
+
+    def read(self) -> tuple[list[Record], DriveModel]:
+        """The records and what their user believes."""
+        paths = sorted(self.folder.glob("record*.csv"))
+        believed = read_prior_model(self.folder / "believed.toml")
+        records, model, _ = commanded(read_drive_records(paths), believed)
+        return records, model
+
+
+def drawn(trial: Trial) -> Drawn:
+    """Draw a record, or take it from ``out/worlds`` where it was drawn before.
+
+    Raises
+    ------
+    Unusable
+    """
+    folder = KEPT / _of_worlds() / trial.key.replace(":", "-")
+    told = folder / "told.json"
+    if not told.exists():
+        part = folder.with_name(folder.name + ".part")
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        try:
+            case = draw_case(trial.world, (trial.effect,) if trial.effect else (), trial.seed)
+            write_case(case, part)
+            sight = case.sights[0] if case.sights else None
+            truth = {"ratio": sight.ratio, "shared": sight.shared} if sight else {}
+        except Unusable as reason:
+            truth = {"unusable": str(reason)}
+        (part / told.name).write_text(json.dumps(truth), encoding="utf-8")
+        part.rename(folder)
+    truth = json.loads(told.read_text(encoding="utf-8"))
+    if "unusable" in truth:
+        raise Unusable(truth["unusable"])
+    return Drawn(folder, truth.get("ratio", 0.0), truth.get("shared", []))
+
+
+@cache
+def _of_worlds() -> str:
+    """A name for records drawn by these worlds."""
+    sources = sorted(Path(__file__).with_name("worlds").glob("*.py"))
+    return hashlib.sha256(b"".join(s.read_bytes() for s in sources)).hexdigest()[:12]
 
 
 def truth_of(effect: str) -> str:
