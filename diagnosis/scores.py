@@ -105,14 +105,15 @@ class Scored:
     beside : mapping of str to float
         Score of each suspect beside the first.
     unlike_noise : tuple of float
-        Of what is left without any suspect, as logarithms: its size as a share of the friction; the
-        most that a block has of the usual block's, of all bands; slow bands' over fast ones'.
+        Of what is left without any suspect, as logarithms: its size as a share of the friction, of
+        forces and of voltages; the most that a block has of the usual block's, of all bands of
+        forces; slow bands' over fast ones'.
     """
 
     suspects: list[Suspect]
     base: Fit
     beside: dict[str, float]
-    unlike_noise: tuple[float, float, float]
+    unlike_noise: tuple[float, float, float, float]
 
 
 class Catalogue:
@@ -409,16 +410,23 @@ def _spacing(form: Form, forms: Sequence[Form]) -> float:
     return float(near.min(initial=np.inf)) if len(near) else 0.0
 
 
-def _unlike_noise(study: Study, base: Fit) -> tuple[float, float, float]:
-    own = _of_forces(study)
-    counts = study.bands.counts[:, study.bands.used][:, own]
-    exact = study.exact
-    blocks = base.squares[0][:, own] / np.maximum(counts, 1.0) + exact**2
+def _unlike_noise(study: Study, base: Fit) -> tuple[float, float, float, float]:
+    of_force, exact = _of_forces(study), study.exact
+    counts, squares = study.bands.counts[:, study.bands.used], base.squares[0]
+
+    def size(some: npt.NDArray[np.bool_]) -> float:
+        left = math.sqrt(float(squares[:, some].sum() / counts[:, some].sum())) + exact
+        return math.log(left / study.prior_model.friction_scale)
+
+    forces = size(of_force)
+    voltages = forces if of_force.all() else size(~of_force)
+    counts, squares = counts[:, of_force], squares[:, of_force]
+    blocks = squares / np.maximum(counts, 1.0) + exact**2
     bands = np.average(blocks, axis=0, weights=np.maximum(counts[:, 0], 1e-9))
-    size = math.sqrt(float(base.squares[0][:, own].sum() / counts.sum())) + exact
     worst = np.max(blocks / np.median(blocks, axis=0), axis=0)
     return (
-        math.log(size / study.prior_model.friction_scale),
+        forces,
+        voltages,
         0.5 * float(np.log(worst.max())),
         0.5 * float(np.log(bands[:-1].max() / bands[-1])) if len(bands) > 1 else 0.0,
     )

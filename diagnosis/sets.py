@@ -35,7 +35,7 @@ TABLE = Path(__file__).with_name("sets.json")
 _UNIT = 5.0  # a score that is noise's own [nats]
 _SURE = 20.0  # a score from which on the first is known from the others [nats]
 _OF_SUSPECT = 10
-_OF_NOTHING = 8
+_OF_NOTHING = 9
 STATISTICS = 2 * _OF_SUSPECT + _OF_NOTHING + 2
 """Of a suspect of the catalogue, of `OUTSIDE`, of `NOTHING`, and two that a name has weights of its
 own for."""

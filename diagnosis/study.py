@@ -41,6 +41,9 @@ COARSE = 100.0
 """Numbers of a block's band from which on more of them tell little more: a model is right to a
 share only (coarsened posterior; J. Miller and D. Dunson, JASA 114, 2019)."""
 
+COMMANDED = 2e-4
+"""Of a command's root mean square, what it is off by: about a bit of a converter of twelve bits."""
+
 _WEIGHINGS = 6  # of bands by what is left in them
 _WEIGHINGS_MORE = 4  # without one of the blocks
 _FLAT = 1e-9  # of a column's own square: an amplitude may be anything
@@ -74,8 +77,10 @@ class Study:
 
     @property
     def exact(self) -> float:
-        """Noise that is always there, as no law is just right [N]."""
-        return EXACT * self.prior_model.friction_scale
+        """Noise that is always there, as no law and no command is just right [N]."""
+        asked = [c.per_command**2 * float(np.mean(c.u**2)) for c in self.courses]
+        told = COMMANDED * math.sqrt(max(asked))
+        return math.hypot(EXACT * self.prior_model.friction_scale, told)
 
     def prior(self) -> tuple[Vector, Vector]:
         """Mean and spread of the change of each of `values`."""
