@@ -35,6 +35,7 @@ from worlds_trials import VISIBLE, Trial, drawn, plan_trials, right_names, share
 
 from ballscrew.diagnosis import bands, modelled_record, scores, study  # noqa: E402
 from ballscrew.orchestration.workers import Processes  # noqa: E402
+from ballscrew.records.bad_record import BadRecord  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 
 
@@ -122,7 +123,7 @@ def answers_of(trial: Trial) -> dict[str, Any] | None:
             try:
                 laid = study.study_of(records, model)
                 suspects = scores.scored(scores.Catalogue(laid)).suspects
-            except ValueError:  # what is said of input that cannot be used
+            except BadRecord:
                 continue
             first = suspects[0] if suspects else None
             found[piece] = Answer(

@@ -49,6 +49,7 @@ from ballscrew.diagnosis.scores import OUTSIDE, Catalogue, scored  # noqa: E402
 from ballscrew.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
 from ballscrew.diagnosis.study import study_of  # noqa: E402
 from ballscrew.orchestration.workers import Processes  # noqa: E402
+from ballscrew.records.bad_record import BadRecord  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 
 COVERAGE = 0.95
@@ -107,7 +108,7 @@ def row_of(trial: Trial) -> Row:
     began = time.process_time()
     try:
         names, rows = statistics(scored(Catalogue(study_of(*case.read()))))
-    except ValueError as reason:  # what is said of input that cannot be used
+    except BadRecord as reason:
         return Row(*told, case.ratio, case.shared, [], [], time.process_time() - began, str(reason))
     seconds = time.process_time() - began
     return Row(*told, case.ratio, case.shared, names, rows.round(5).tolist(), seconds)
