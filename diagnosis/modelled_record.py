@@ -326,7 +326,8 @@ def _force_variance(course: ModelledRecord, model: DriveModel, noise: float) -> 
         shake = savgol_filter(random.standard_normal(n), window, 3) * math.sqrt(width) * blur
         v = course.v + np.gradient(shake, course.step)
         total += (averaged(model.friction(course.x + shake, v, course.step), width) - known) ** 2
-    return np.asarray(uniform_filter1d(total / _SHAKES, _AROUND))
+    # a running sum leaves less than nothing where there is nothing
+    return np.maximum(uniform_filter1d(total / _SHAKES, _AROUND), 0.0)
 
 
 def carried(record: Record) -> float:
