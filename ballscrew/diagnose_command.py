@@ -66,7 +66,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         description="Simulate the model you believe on what was recorded, name what it lacks, and "
         "measure the gain on data held out. Writes diagnosis.json, report.html, curves.parquet "
         "(curves.csv without pyarrow), a picture, the corrected values as parameters.toml, where "
-        "causes are found extended_plant.fmu, and where these records cannot tell, "
+        "causes are found extended_plant.fmu, and unless all is explained "
         "next_experiment.csv for the machine. Exit code 1: structure is left that no cause "
         "explains, or what was found does not hold on data held out.",
         epilog=_EXAMPLES,

@@ -156,7 +156,7 @@ def diagnose_records(
         suspects=suspects,
         unnamed=(free.form.lives,) if free else (),
         out_of_reach=out_of_reach(found),
-        next_experiment=next_experiment(found) if verdict in (PARTLY, UNEXPLAINED) else None,
+        next_experiment=None if verdict == EXPLAINED else next_experiment(found, verdict == NONE),
         prior=prior_model,
         adjusted=built(study, [], found.catalogue.without([]).amplitude[0])[1],
         corrected=corrected.model,

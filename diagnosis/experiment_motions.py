@@ -1,10 +1,14 @@
-"""The motions that are asked for, one function for each."""
+"""The motion that is asked for: one for all machines, in the size of the machine at hand.
+
+It goes over the whole travel once, there and back, and beside that swings to and fro, so that the
+block reverses at all places and at many speeds and accelerations. Nothing rests, as a rest tells of
+no force, and every part of it has all of this, as parts are held out one at a time.
+"""
 
 from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,28 +18,21 @@ import numpy.typing as npt
 
 from ..solver.files import write_atomically
 from .drive_model import DriveModel
-from .machine_reach import (
-    MARGIN,
-    USED,
-    Reach,
-    acceleration_to,
-    columns,
-    fastest_speed,
-    force_to_spare,
-    largest_friction,
-)
+from .machine_reach import MARGIN, Reach, acceleration_to, columns, fastest_speed
 
 Vector = npt.NDArray[np.float64]
 
 COMMAND_FILE = "next_experiment.csv"
-UNNAMED = "unexplained"
-POSITION, COMMAND = "x_d", "u"
+POSITION = "x_d"
 _ROWS = 1e-3  # shortest time between rows of a command file [s]
-_RAMPS = 0.25  # of a stroke, for each of its ramps at most
-_REST = 0.2  # between strokes [s]
-_LONGEST_STROKE = 4.0  # at a speed of several [s]
+_REST = 0.1  # before it begins [s]
+_SHORTEST = 12.0  # [s]
+_LOBES = 6  # swells of the swinging, by turns at its fastest and slower
+_SLOWER = 3.0
+_OVER, _BESIDE = 0.35, 0.15  # of the travel: amplitudes of going over it, and of swinging
+_GOING = 0.4  # of the fastest speed, to go over the travel at
+_HARDNESS = 0.8  # of the acceleration that there is
 _SAMPLES_A_PERIOD = 40
-_COUNTS = 20.0  # of the encoder in the amplitude of a sine
 
 
 @dataclass(frozen=True)
@@ -47,15 +44,14 @@ class Motion:
     kind : str
     says : str
         With its numbers, a clause.
-    reference : {"x_d", "u"}
-        What `values` are: the position that its controller follows [m], or the command without a
-        controller, in the unit of the records.
+    reference : {"x_d"}
+        What `values` are: the position that its controller follows [m].
     time, values : ndarray, shape (n,)
         Rows of the command file, from rest to rest.
     amplitude : float
         Half of what is between the smallest and the largest value.
     speeds : tuple of float
-        Steady or largest speeds, all both ways [m/s]; none where the command is given.
+        Largest speeds of going over the travel and of swinging, both ways [m/s].
     record : tuple of str
         Columns, with our names.
     sampling : float
@@ -93,7 +89,7 @@ class Motion:
         }
 
     def save(self, folder: Path) -> None:
-        """Write ``next_experiment.csv``: ``time`` [s] and ``x_d`` [m] or ``u``.
+        """Write ``next_experiment.csv``: ``time`` [s] and ``x_d`` [m].
 
         Raises
         ------
@@ -107,256 +103,55 @@ class Motion:
         write_atomically(folder / COMMAND_FILE, stream.getvalue().encode())
 
 
-# -- positions -------------------------------------------------------------------------------
+def survey(reach: Reach, model: DriveModel, lasts: float) -> Motion:
+    """Over the travel and, swinging, to and fro at all places.
 
-
-def _stroke(way: float, speed: float, acceleration: float, rows: float) -> Vector:
-    """Positions of one stroke from rest to rest, from its start, shape (n,) [m].
-
-    It takes whole rows; speed and acceleration are at most those given.
+    Parameters
+    ----------
+    reach : Reach
+    model : DriveModel
+        As far as it is known: friction, and the force of the command.
+    lasts : float
+        How long, if that is not too short [s]. The longer a record, the coarser its windows: one as
+        long as those there are shows as much of what is over in milliseconds.
     """
-    speed = min(speed, math.sqrt(abs(way) * acceleration))
-    ramp, whole = speed / acceleration, abs(way) / speed + speed / acceleration
-    n = max(math.ceil(whole / rows), 2)
-    t = np.linspace(0.0, whole, n + 1)  # n rows last longer than that: all is a little slower
-    late = whole - t
-    up, down = 0.5 * acceleration * t**2, abs(way) - 0.5 * acceleration * late**2
-    steady = speed * (t - 0.5 * ramp)
-    along = np.where(t < ramp, up, np.where(late < ramp, down, steady))
-    return np.asarray(math.copysign(1.0, way) * along[1:])
-
-
-def _strokes(
-    start: float, moves: Sequence[tuple[float, float]], acceleration: float, rows: float
-) -> Vector:
-    """Positions of moves (place, speed) one after another, with rests between, shape (n,) [m]."""
-    rest = round(_REST / rows)
-    parts = [np.full(rest + 1, start)]
-    here = start
-    for place, speed in moves:
-        parts.append(here + _stroke(place - here, speed, acceleration, rows))
-        parts.append(np.full(rest, place))
-        here = place
-    return np.concatenate(parts)
-
-
-def _rows(reach: Reach) -> float:
-    return max(reach.step, _ROWS)
-
-
-def _ends(reach: Reach) -> tuple[float, float]:
-    return reach.low + MARGIN * reach.travel, reach.high - MARGIN * reach.travel
-
-
-def _rampable(reach: Reach, model: DriveModel, speed: float) -> tuple[float, float]:
-    """A speed that ramps leave most of the travel for, and the acceleration [m/s, m/s^2]."""
-    acceleration = acceleration_to(reach, model, speed)
-    low, high = _ends(reach)
-    return min(speed, math.sqrt(2.0 * _RAMPS * (high - low) * acceleration)), acceleration
-
-
-def _positions(
-    kind: str,
-    says: str,
-    reach: Reach,
-    values: Vector,
-    speeds: Sequence[float],
-    record: tuple[str, ...],
-) -> Motion:
-    time: Vector = np.asarray(np.arange(len(values)) * _rows(reach), dtype=float)
-    amplitude = 0.5 * float(np.ptp(values))
+    rows = max(reach.step, _ROWS)
+    way = (1.0 - 2.0 * MARGIN) * reach.travel
+    fastest = fastest_speed(reach, model)
+    hardest = _HARDNESS * acceleration_to(reach, model, fastest)
+    lasts = max(lasts, _SHORTEST)
+    over = min(_OVER * way, _GOING * fastest * lasts / (2 * math.pi))
+    going = 2 * math.pi / lasts * over
+    swing = min((fastest - going) ** 2 / hardest, _BESIDE * way)
+    rate = min(math.sqrt(hardest / swing), 2 * math.pi / (_SAMPLES_A_PERIOD * rows))
+    swing = min((fastest - going) / rate, _BESIDE * way)
+    time: Vector = np.asarray(rows * np.arange(round(lasts / rows) + 1), dtype=float)
+    share = time / time[-1]
+    lobe = np.minimum(np.floor(_LOBES * share), _LOBES - 1)
+    rates = np.where(lobe % 2 == 0, rate, rate / _SLOWER)
+    swings = np.sin(rates * (time - lobe * time[-1] / _LOBES))
+    x = swing * np.sin(_LOBES * math.pi * share) ** 2 * swings - over * np.cos(2 * math.pi * share)
+    x += 0.5 * (reach.low + reach.high)
+    values = np.concatenate([np.full(max(round(_REST / rows), 1), x[0]), x])
+    time = np.asarray(rows * np.arange(len(values)), dtype=float)
+    record = columns(model)
     says = (
-        f"{says}; from x = {_mm(float(values[0]))}, between {_mm(float(values.min()))} and "
-        f"{_mm(float(values.max()))}, {time[-1]:.3g} s{_recording(record, reach)}"
-    )
-    given = tuple(speeds)
-    return Motion(kind, says, POSITION, time, values, amplitude, given, record, reach.step)
-
-
-def _at_speeds(
-    kind: str, reach: Reach, model: DriveModel, shares: Vector, record: tuple[str, ...]
-) -> Motion:
-    """Strokes to and fro at shares of the fastest speed, each of a few seconds."""
-    fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
-    low, high = _ends(reach)
-    speeds = [float(fastest * share) for share in shares]
-    moves = []
-    for speed in speeds:
-        way = min(high - low, speed * _LONGEST_STROKE)
-        moves += [(low + way, speed), (low, speed)]
-    says = (
-        f"{len(speeds)} constant speeds from {_mm(speeds[0])}/s to {_mm(speeds[-1])}/s, "
-        "each both ways"
-    )
-    values = _strokes(low, moves, acceleration, _rows(reach))
-    return _positions(kind, says, reach, values, speeds, record)
-
-
-def constant_speeds(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    del cause
-    shares = np.linspace(0.1, 1.0, 7)
-    return _at_speeds("constant speeds", reach, model, shares, columns(model))
-
-
-def _low_speeds(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    del cause
-    shares = np.geomspace(0.01, 0.5, 10)
-    return _at_speeds("low constant speeds", reach, model, shares, columns(model))
-
-
-def _to_and_fro(
-    kind: str, reach: Reach, model: DriveModel, share: float, lasts: float, more: tuple[str, ...]
-) -> Motion:
-    """The whole travel, there and back, at one share of the fastest speed, for so long at least."""
-    fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
-    low, high = _ends(reach)
-    speed = share * fastest
-    once = 2 * ((high - low) / speed + speed / acceleration + _REST)
-    times = max(2, math.ceil(lasts / once))
-    moves = [(high, speed), (low, speed)] * times
-    says = f"{times} times there and back at {_mm(speed)}/s over the travel"
-    values = _strokes(low, moves, acceleration, _rows(reach))
-    return _positions(kind, says, reach, values, (speed,), columns(model, *more))
-
-
-def _slow_travel(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    """Slow enough that the place is what changes, and no stroke takes more than half a minute."""
-    del cause
-    low, high = _ends(reach)
-    fastest, _ = _rampable(reach, model, fastest_speed(reach, model))
-    share = min(max(0.05, (high - low) / 30.0 / fastest), 1.0)
-    return _to_and_fro("slow strokes over the travel", reach, model, share, 0.0, ())
-
-
-def _again_and_again(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    lasts = min(max(3.0 * reach.lasts, 60.0), 600.0)
-    more = ("temperature",) if cause == "friction_drift" else ()
-    return _to_and_fro("one speed, again and again", reach, model, 0.5, lasts, more)
-
-
-def _highest_speed(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    del cause
-    return _to_and_fro("strokes at the highest speed", reach, model, 1.0, 10.0, ())
-
-
-def _slow_reversals(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    """Short strokes to and fro at five places."""
-    del cause
-    fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
-    low, high = _ends(reach)
-    way = 0.1 * (high - low)
-    speed = max(0.05 * fastest, min(0.5 * way, fastest))
-    moves = []
-    for place in np.linspace(low, high - way, 5):
-        there = [(float(place + way), speed), (float(place), speed)]
-        moves += [(float(place), speed), *there * 3]
-    moves = [*moves[1:], (low, speed)]
-    says = f"strokes of {_mm(way)} to and fro at {_mm(speed)}/s, three at each of five places"
-    values = _strokes(low, moves, acceleration, _rows(reach))
-    return _positions("slow reversals", says, reach, values, (speed,), columns(model))
-
-
-def _sines(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    """Three sines of one largest speed and three accelerations, about the middle of the travel."""
-    del cause
-    low, high = _ends(reach)
-    peak = 0.5 * fastest_speed(reach, model)
-    rows = _rows(reach)
-    spare = 0.8 * (force_to_spare(reach, model) - model.damping * peak) / model.inertia
-    hardest = spare if spare > 0.0 else reach.acceleration
-    fastest = min(hardest / (2 * math.pi * peak), 1.0 / (_SAMPLES_A_PERIOD * rows))
-    if reach.resolution:
-        fastest = min(fastest, peak / (2 * math.pi * _COUNTS * reach.resolution))
-    fastest = max(fastest, peak / (math.pi * (high - low)))  # else it does not fit the travel
-    parts, speeds, frequencies = [np.zeros(1)], [], []
-    for share in (0.25, 0.5, 1.0):
-        f = share * fastest
-        size = min(peak / (2 * math.pi * f), 0.5 * (high - low))
-        periods = max(10, round(4.0 * f))
-        t = rows * np.arange(1, round(periods / f / rows) + 1)
-        envelope = np.clip(np.minimum(t, periods / f - t) * f / 2.0, 0.0, 1.0)
-        parts.append(size * envelope * np.sin(2 * math.pi * f * t))
-        speeds.append(2 * math.pi * f * size)
-        frequencies.append(f)
-    values = 0.5 * (low + high) + np.concatenate(parts)
-    told = ", ".join(f"{f:.3g}" for f in frequencies)
-    says = (
-        f"sines of {told} Hz, of the same largest speed of {_mm(speeds[-1])}/s and so of "
-        "different accelerations"
-    )
-    return _positions("sines", says, reach, values, speeds, columns(model))
-
-
-# -- commands --------------------------------------------------------------------------------
-
-
-def _commands(
-    kind: str, says: str, reach: Reach, values: Vector, record: tuple[str, ...]
-) -> Motion:
-    time: Vector = np.asarray(np.arange(len(values)) * _rows(reach), dtype=float)
-    says = (
-        f"{says}, without a controller, each row held until the next; from rest in the middle of "
-        f"the travel, {time[-1]:.3g} s{_recording(record, reach)}"
+        f"there and back over {_mm(2.0 * over)} and beside that to and fro by up to "
+        f"{_mm(2.0 * swing)}, at {_hz(rate)} and {_hz(rate / _SLOWER)} by turns; from x = "
+        f"{_mm(float(values[0]))}, between {_mm(float(values.min()))} and "
+        f"{_mm(float(values.max()))}, {time[-1]:.3g} s; record {', '.join(record)} every "
+        f"{1e3 * reach.step:.3g} ms or faster"
     )
     amplitude = 0.5 * float(np.ptp(values))
-    return Motion(kind, says, COMMAND, time, values, amplitude, (), record, reach.step)
-
-
-def _staircase(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    """Levels of the command up to nine tenths of what slides, both ways, twice."""
-    del cause
-    least = 0.9 * model.friction_scale / abs(model.per_command)
-    size = min(least, USED * reach.command)
-    once = np.concatenate([np.arange(0, 10), np.arange(10, -10, -1), np.arange(-10, 0)])
-    levels = np.concatenate([once, once, [0]]) / 10.0
-    values = size * np.repeat(levels, round(0.5 / _rows(reach)))
-    says = (
-        f"a staircase of the command to {size:.3g} and {-size:.3g} and back, twice, below "
-        "break-away, half a second a step"
+    speeds = going, swing * rate
+    return Motion(
+        "travel with reversals", says, POSITION, time, values, amplitude, speeds, record, reach.step
     )
-    return _commands("slow staircase of the command", says, reach, values, columns(model))
-
-
-def _steps(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    """Steps of the command from rest, both ways in turn, each over a tenth of the travel."""
-    del cause
-    speed = min(0.5 * reach.speed, fastest_speed(reach, model))
-    wanted = (largest_friction(model) + model.damping * speed) / abs(model.per_command)
-    size = min(
-        max(wanted, 1.1 * largest_friction(model) / abs(model.per_command)), USED * reach.command
-    )
-    rows = _rows(reach)
-    held = max(round(min(0.1 * reach.travel / speed, 0.5) / rows), 10)
-    pattern = np.repeat([0.0, size, 0.0, -size], held)
-    values = np.concatenate([np.tile(pattern, 10), np.zeros(held)])
-    says = f"steps of the command to {size:.3g} and {-size:.3g}, ten of each, {held * rows:.3g} s"
-    return _commands("steps of the command", says, reach, values, columns(model))
 
 
 def _mm(metres: float) -> str:
     return f"{1e3 * metres:.3g} mm"
 
 
-def _recording(record: tuple[str, ...], reach: Reach) -> str:
-    return f"; record {', '.join(record)} every {1e3 * reach.step:.3g} ms or faster"
-
-
-MOTIONS: dict[str, Callable[[str, Reach, DriveModel], Motion]] = {
-    "direction_asymmetry": constant_speeds,
-    "load_bias": constant_speeds,
-    "position_periodic_friction": _slow_travel,
-    "position_trend_friction": _slow_travel,
-    "torque_ripple": _slow_travel,
-    "nonlinear_viscous": constant_speeds,
-    "stribeck_mismatch": _low_speeds,
-    "presliding_hysteresis": _staircase,
-    "compliance": _staircase,
-    "backlash": _slow_reversals,
-    "unmodelled_inertia": _sines,
-    "input_delay": _steps,
-    "friction_drift": _again_and_again,
-    "resistance_drift": _again_and_again,
-    "voltage_saturation": _highest_speed,
-    "parameter_error": constant_speeds,
-    UNNAMED: constant_speeds,
-}
+def _hz(rate: float) -> str:
+    return f"{rate / (2 * math.pi):.3g} Hz"

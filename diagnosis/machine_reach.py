@@ -92,5 +92,5 @@ def acceleration_to(reach: Reach, model: DriveModel, speed: float) -> float:
     return min(reach.acceleration, spare) if spare > 0.0 else 0.5 * reach.acceleration
 
 
-def columns(model: DriveModel, *more: str) -> tuple[str, ...]:
-    return ("time", "u", "x", *(("i",) if model.has_motor else ()), *more)
+def columns(model: DriveModel) -> tuple[str, ...]:
+    return ("time", "u", "x", *(("i",) if model.has_motor else ()))

@@ -1,10 +1,11 @@
-"""A motion for the machine at hand that tells a cause from those that it is mistaken for.
+"""A motion for the machine at hand after which fewer suspects are to be expected.
 
 It stays within what the records show that the machine can do.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,10 +15,9 @@ from ..records.record import Record
 from .balance import responses
 from .bands import cut, products
 from .diagnosis import NextExperiment
-from .drive_model import DriveModel
-from .experiment_motions import MOTIONS, POSITION, UNNAMED, Motion, constant_speeds
+from .experiment_motions import Motion, survey
 from .explained import Explained
-from .machine_reach import Reach, reach_of
+from .machine_reach import reach_of
 from .modelled_record import lay_along, with_own_offsets
 from .scores import OUTSIDE
 from .sets import Likely
@@ -27,63 +27,55 @@ from .study import Study, base_columns
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-_MOST = 5  # suspects that a motion is chosen for
+UNNAMED = "unexplained"
+_MOST = 3  # suspects that are told of
 _TELLS = 6.0  # natural logarithms, by which the likelihood of one has to fall behind
 _SAMPLES = 20_000  # of a motion that is looked at
+_SLOW = ("friction_drift", "resistance_drift")
+_LONGER = 3.0  # than the records, where something may be slow
 
 
-def next_experiment(found: Explained) -> NextExperiment:
-    """The motion after which the fewest suspects are to be expected."""
-    reach, model = reach_of(found.study.courses), found.study.model
+def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
+    """The motion, and what for; `quiet` where nothing was found."""
     doubtful = [*(m for m in found.built if not m.certain), *found.suspects]
     told = [m for m in doubtful if m.suspect is not None and m.name != OUTSIDE]
     told = sorted(told, key=lambda m: -m.probability)[:_MOST]
-    if len(told) < 2:
-        name = told[0].name if told else UNNAMED
+    reach = reach_of(found.study.courses)
+    longer = _LONGER if any(m.name in _SLOW for m in told) else 1.0
+    motion = survey(reach, found.study.model, longer * reach.lasts)
+    if quiet:
+        says = "these records show no fault; one that they do not move enough for may show in this"
+    elif not told:
         says = "structure is left that no cause has"
-        if told:
-            says = f"what would confirm {name}: {entry(name).confirm}"
-        return NextExperiment(says, motion_for(name, reach, model), trial_for(name))
-    sizes: dict[str, tuple[str, float, Motion]] = {}
-    for m in told:
-        motion = motion_for(m.name, reach, model)
-        if motion.kind not in {k for k, *_ in sizes.values()}:
-            sizes[m.name] = (motion.kind, _left_after(found, told, motion), motion)
-    # of motions that are as good, that of the likelier suspect
-    name = min(sizes, key=lambda n: round(sizes[n][1], 1))
-    _, left, motion = sizes[name]
-    says = (
-        f"these records cannot tell {told[0].name} from "
-        f"{' or '.join(m.name for m in told[1:3])}; of {len(told)} suspects "
-        f"{left:.2g} are to be expected after this motion"
-    )
-    return NextExperiment(says, motion, trial_for(name))
+    elif len(told) == 1:
+        says = f"what would confirm {told[0].name}: {entry(told[0].name).confirm}"
+    else:
+        others = " or ".join(m.name for m in told[1:])
+        says = f"these records cannot tell {told[0].name} from {others}"
+        alike = _alike(found, told, motion)
+        if alike:
+            says += "; nor will this motion tell " + ", ".join(f"{a} from {b}" for a, b in alike)
+            says += f": {entry(alike[0][0]).confirm}"
+    return NextExperiment(says, motion, trial_for(told[0].name if told else UNNAMED))
 
 
-def _left_after(found: Explained, told: Sequence[Likely], motion: Motion) -> float:
-    """How many suspects are to be expected after a motion, each as likely as it is now.
-
-    One stays beside the true one if, with values fitted, it leaves little of what that does.
-    """
-    if motion.reference != POSITION:  # what a command does is the suspects' own question
-        return 0.5 * (1.0 + len(told))
+def _alike(found: Explained, told: Sequence[Likely], motion: Motion) -> list[tuple[str, str]]:
+    """Pairs of which each, with values fitted, leaves little of what the other does."""
     study = _foreseen(found, motion)
     weights = 1.0 / _noise(found, study)
     base = base_columns(study)
-    values = base[0][:, :, 1:]
     columns = [_columns(study, base, m) for m in told]
     _, spread = study.prior()
-    expected, total = 0.0, sum(m.probability for m in told)
-    for k, (m, mine) in enumerate(zip(told, columns, strict=True)):
-        assert m.suspect is not None
-        signal = mine @ m.suspect.amplitude
-        alike = 1.0
-        for j, other in enumerate(columns):
-            if j != k:
-                all_ = np.concatenate([signal[:, :, None], values, other], axis=2)
-                alike += _apart(study, all_, weights, spread) < _TELLS
-        expected += m.probability / max(total, 1e-300) * alike
-    return expected
+
+    def hidden(k: int, j: int) -> bool:
+        suspect = told[k].suspect
+        assert suspect is not None
+        signal = (columns[k] @ suspect.amplitude)[:, :, None]
+        all_ = np.concatenate([signal, base[0][:, :, 1:], columns[j]], axis=2)
+        return _apart(study, all_, weights, spread) < _TELLS
+
+    pairs = itertools.combinations(range(len(told)), 2)
+    return [(told[k].name, told[j].name) for k, j in pairs if hidden(k, j) and hidden(j, k)]
 
 
 def _foreseen(found: Explained, motion: Motion) -> Study:
@@ -135,21 +127,6 @@ def _apart(study: Study, columns: Matrix, weights: Vector, spread: Vector) -> fl
     inner[at, at] += 1e-30
     cross = inner[1:, 0]
     return float(0.5 * (inner[0, 0] - cross @ np.linalg.solve(inner[1:, 1:], cross)))
-
-
-def motion_for(cause: str, reach: Reach, model: DriveModel) -> Motion:
-    """The motion that tells a cause, or what has no name, on the machine of these records.
-
-    Parameters
-    ----------
-    cause : str
-        A name of `CAUSES`, or `UNNAMED`.
-    reach : Reach
-    model : DriveModel
-        As far as it is known: friction, and the force of the command.
-    """
-    made = MOTIONS.get(cause, constant_speeds)
-    return made(cause, reach, model)
 
 
 def trial_for(cause: str) -> str:
