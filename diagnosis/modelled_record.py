@@ -327,7 +327,7 @@ def _force_variance(course: ModelledRecord, model: DriveModel, noise: float) -> 
         v = course.v + np.gradient(shake, course.step)
         total += (averaged(model.friction(course.x + shake, v, course.step), width) - known) ** 2
     # its running sums can end below zero
-    return np.maximum(uniform_filter1d(total / _SHAKES, _AROUND), 0.0)
+    return np.asarray(np.maximum(uniform_filter1d(total / _SHAKES, _AROUND), 0.0))
 
 
 def carried(record: Record) -> float:

@@ -32,7 +32,9 @@ from worlds_trials import VISIBLE, Trial, plan_trials, right_names, share
 
 from ballscrew.diagnosis.diagnose import diagnose
 from ballscrew.diagnosis.diagnosis import Diagnosis
+from ballscrew.orchestration.parameter_file import BadParameters
 from ballscrew.orchestration.workers import Processes
+from ballscrew.records.bad_record import BadRecord
 from ballscrew.solver.files import write_json
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -97,7 +99,7 @@ def row_of(trial: Trial) -> Row:
             more = more_of(case, {"time": motion.time, motion.reference: motion.values})
             paths = [*paths, write_record(more, Path(folder) / "more.csv")]
             return Row(*told, *seen, before, _answer(case, paths, believed)[1])
-        except (ValueError, Unusable) as reason:  # what is said of input that cannot be used
+        except (BadRecord, BadParameters, Unusable) as reason:
             return Row(*told, *seen, message=str(reason).replace(folder, "").strip())
 
 

@@ -121,12 +121,3 @@ def test_voltage_and_current_that_contradict_each_other_are_not_cleared():
     assert twice.by_current_rms > 20.0 * right.by_current_rms
     force = nominal().per_ampere * rms(record.signals["i"])
     assert twice.by_current_rms == pytest.approx(force, rel=0.1)
-
-
-def test_a_drive_that_comes_to_rest_has_no_negative_variance_there():
-    """Running sums of a large force and then none ended below zero, and so did square roots."""
-    model = read_prior_model(law="classical")
-    time = np.arange(0.0, 6.0, 1e-3)
-    x = np.where(time < 1.0, 0.05 * np.sin(4.0 * np.pi * time) ** 2, 0.0)
-    course = lay_along(check_record("rests", {"time": time, "u": np.sin(time), "x": x}), model)
-    assert course.force_variance.min() == 0.0 < course.force_variance.max()
