@@ -17,7 +17,6 @@ from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive_model import DriveModel
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.noise_floor import NoiseFloor
-from ballscrew.diagnosis.prior_model import read_prior_model
 from ballscrew.diagnosis.residuals import Residual, floor, residual, rms
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.reading import check_record
