@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..solver.files import write_atomically
 from .causes import CAUSES
-from .drive_model import DriveModel
+from .drive import Drive
 from .experiment_motions import Motion
 from .load_cell import ValidationSignal
 
@@ -206,7 +206,7 @@ class Diagnosis:
         Where structure lives that no cause has.
     out_of_reach : tuple of OutOfReach
     next_experiment : NextExperiment or None
-    prior, adjusted, corrected : DriveModel
+    prior, adjusted, corrected : Drive
         The model before; with values adjusted within their tolerances and no cause; with the values
         that go with the causes.
     command : {"voltage", "current", "force"}
@@ -237,9 +237,9 @@ class Diagnosis:
     unnamed: tuple[str, ...]
     out_of_reach: tuple[OutOfReach, ...]
     next_experiment: NextExperiment | None
-    prior: DriveModel
-    adjusted: DriveModel
-    corrected: DriveModel
+    prior: Drive
+    adjusted: Drive
+    corrected: Drive
     command: str
     command_shift: float
     adjustments: Mapping[str, float]

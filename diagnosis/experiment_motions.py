@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..solver.files import write_atomically
-from .drive_model import DriveModel
+from .drive import Drive
 from .machine_reach import (
     MARGIN,
     USED,
@@ -148,7 +148,7 @@ def _ends(reach: Reach) -> tuple[float, float]:
     return reach.low + MARGIN * reach.travel, reach.high - MARGIN * reach.travel
 
 
-def _rampable(reach: Reach, model: DriveModel, speed: float) -> tuple[float, float]:
+def _rampable(reach: Reach, model: Drive, speed: float) -> tuple[float, float]:
     """A speed that ramps leave most of the travel for, and the acceleration [m/s, m/s^2]."""
     acceleration = acceleration_to(reach, model, speed)
     low, high = _ends(reach)
@@ -174,7 +174,7 @@ def _positions(
 
 
 def _at_speeds(
-    kind: str, reach: Reach, model: DriveModel, shares: Vector, record: tuple[str, ...]
+    kind: str, reach: Reach, model: Drive, shares: Vector, record: tuple[str, ...]
 ) -> Motion:
     """Strokes to and fro at shares of the fastest speed, each of a few seconds."""
     fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
@@ -192,20 +192,20 @@ def _at_speeds(
     return _positions(kind, says, reach, values, speeds, record)
 
 
-def constant_speeds(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def constant_speeds(cause: str, reach: Reach, model: Drive) -> Motion:
     del cause
     shares = np.linspace(0.1, 1.0, 7)
     return _at_speeds("constant speeds", reach, model, shares, columns(model))
 
 
-def _low_speeds(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def _low_speeds(cause: str, reach: Reach, model: Drive) -> Motion:
     del cause
     shares = np.geomspace(0.01, 0.5, 10)
     return _at_speeds("low constant speeds", reach, model, shares, columns(model))
 
 
 def _to_and_fro(
-    kind: str, reach: Reach, model: DriveModel, share: float, lasts: float, more: tuple[str, ...]
+    kind: str, reach: Reach, model: Drive, share: float, lasts: float, more: tuple[str, ...]
 ) -> Motion:
     """The whole travel, there and back, at one share of the fastest speed, for so long at least."""
     fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
@@ -219,7 +219,7 @@ def _to_and_fro(
     return _positions(kind, says, reach, values, (speed,), columns(model, *more))
 
 
-def _slow_travel(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def _slow_travel(cause: str, reach: Reach, model: Drive) -> Motion:
     """Slow enough that the place is what changes, and no stroke takes more than half a minute."""
     del cause
     low, high = _ends(reach)
@@ -228,18 +228,18 @@ def _slow_travel(cause: str, reach: Reach, model: DriveModel) -> Motion:
     return _to_and_fro("slow strokes over the travel", reach, model, share, 0.0, ())
 
 
-def _again_and_again(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def _again_and_again(cause: str, reach: Reach, model: Drive) -> Motion:
     lasts = min(max(3.0 * reach.lasts, 60.0), 600.0)
     more = ("temperature",) if cause == "friction_drift" else ()
     return _to_and_fro("one speed, again and again", reach, model, 0.5, lasts, more)
 
 
-def _highest_speed(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def _highest_speed(cause: str, reach: Reach, model: Drive) -> Motion:
     del cause
     return _to_and_fro("strokes at the highest speed", reach, model, 1.0, 10.0, ())
 
 
-def _slow_reversals(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def _slow_reversals(cause: str, reach: Reach, model: Drive) -> Motion:
     """Short strokes to and fro at five places."""
     del cause
     fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
@@ -256,7 +256,7 @@ def _slow_reversals(cause: str, reach: Reach, model: DriveModel) -> Motion:
     return _positions("slow reversals", says, reach, values, (speed,), columns(model))
 
 
-def _sines(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def _sines(cause: str, reach: Reach, model: Drive) -> Motion:
     """Three sines of one largest speed and three accelerations, about the middle of the travel."""
     del cause
     low, high = _ends(reach)
@@ -302,7 +302,7 @@ def _commands(
     return Motion(kind, says, COMMAND, time, values, amplitude, (), record, reach.step)
 
 
-def _staircase(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def _staircase(cause: str, reach: Reach, model: Drive) -> Motion:
     """Levels of the command up to nine tenths of what slides, both ways, twice."""
     del cause
     least = 0.9 * model.friction_scale / abs(model.per_command)
@@ -317,7 +317,7 @@ def _staircase(cause: str, reach: Reach, model: DriveModel) -> Motion:
     return _commands("slow staircase of the command", says, reach, values, columns(model))
 
 
-def _steps(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def _steps(cause: str, reach: Reach, model: Drive) -> Motion:
     """Steps of the command from rest, both ways in turn, each over a tenth of the travel."""
     del cause
     speed = min(0.5 * reach.speed, fastest_speed(reach, model))
@@ -341,7 +341,7 @@ def _recording(record: tuple[str, ...], reach: Reach) -> str:
     return f"; record {', '.join(record)} every {1e3 * reach.step:.3g} ms or faster"
 
 
-MOTIONS: dict[str, Callable[[str, Reach, DriveModel], Motion]] = {
+MOTIONS: dict[str, Callable[[str, Reach, Drive], Motion]] = {
     "direction_asymmetry": constant_speeds,
     "load_bias": constant_speeds,
     "position_periodic_friction": _slow_travel,

@@ -21,11 +21,10 @@ from .blocks import Blocks, Estimate
 from .causes import CAUSES
 from .commanded import by_current
 from .diagnosis import Level
-from .drive_model import DriveModel
+from .drive import Drive, drive_of
 from .held_out import ends_of_seconds
 from .modelled_record import ModelledRecord, lay_along, with_law_force
 from .motion_parts import PARTS, motion_parts
-from .prior_model import prior_model_from
 from .residuals import Residual, check_motion, floor, residual
 
 PRIOR, ADJUSTED, CORRECTED = "prior", "adjusted", "corrected"
@@ -226,15 +225,15 @@ def _told(file: ParameterFile) -> Diagnosed:
     return file.diagnosis
 
 
-def _models(file: ParameterFile, told: Diagnosed) -> dict[str, DriveModel]:
+def _models(file: ParameterFile, told: Diagnosed) -> dict[str, Drive]:
     """The three models, by name; causes that are forces stand beside the corrected one."""
 
-    def model(where: str, values: Mapping[str, Value]) -> DriveModel:
+    def model(where: str, values: Mapping[str, Value]) -> Drive:
         missing = [n for n in told.prior if n not in values]
         if missing:
             raise BadParameters(f"{file.path}: [{where}] has no {missing[0]!r}")
         own = {n: values[n] for n in told.prior}
-        return prior_model_from(replace(file, law=told.law, plant=own, found={}, tolerance={}))
+        return drive_of(replace(file, law=told.law, plant=own, found={}, tolerance={}))
 
     def plain(values: Mapping[str, float]) -> dict[str, Value]:
         return {n: Value(v) for n, v in values.items()}
@@ -264,14 +263,14 @@ def _commanded(record: Record, told: Diagnosed) -> Record:
     return record
 
 
-def _laid(record: Record, model: DriveModel, told: Diagnosed) -> ModelledRecord:
+def _laid(record: Record, model: Drive, told: Diagnosed) -> ModelledRecord:
     """The record with its motion; the command acts when it did where the models come from."""
     course = lay_along(record, model)
     return replace(course, calibration={**course.calibration, "command_shift": told.command_shift})
 
 
 def _named(
-    courses: Sequence[ModelledRecord], model: DriveModel, file: ParameterFile, told: Diagnosed
+    courses: Sequence[ModelledRecord], model: Drive, file: ParameterFile, told: Diagnosed
 ) -> Added:
     """What the named causes add along each record; those that are values are in the model."""
     forces, commands = [], []

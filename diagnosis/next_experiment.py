@@ -14,7 +14,7 @@ from ..records.record import Record
 from .balance import responses
 from .bands import cut, products
 from .diagnosis import NextExperiment
-from .drive_model import DriveModel
+from .drive import Drive
 from .experiment_motions import MOTIONS, POSITION, UNNAMED, Motion, constant_speeds
 from .explained import Explained
 from .machine_reach import Reach, reach_of
@@ -137,7 +137,7 @@ def _apart(study: Study, columns: Matrix, weights: Vector, spread: Vector) -> fl
     return float(0.5 * (inner[0, 0] - cross @ np.linalg.solve(inner[1:, 1:], cross)))
 
 
-def motion_for(cause: str, reach: Reach, model: DriveModel) -> Motion:
+def motion_for(cause: str, reach: Reach, model: Drive) -> Motion:
     """The motion that tells a cause, or what has no name, on the machine of these records.
 
     Parameters
@@ -145,7 +145,7 @@ def motion_for(cause: str, reach: Reach, model: DriveModel) -> Motion:
     cause : str
         A name of `CAUSES`, or `UNNAMED`.
     reach : Reach
-    model : DriveModel
+    model : Drive
         As far as it is known: friction, and the force of the command.
     """
     made = MOTIONS.get(cause, constant_speeds)

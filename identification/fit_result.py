@@ -81,8 +81,7 @@ def fitted_names(law: FittedLaw, tied: bool) -> tuple[tuple[str, ...], tuple[str
     last, unit = ((OFFSET,), ("N",)) if law.offset else ((), ())
     if tied:
         return law.parameters + last, law.units + unit
-    names = tuple(f"{n}_{side}" for side in ("pos", "neg") for n in law.parameters)
-    return names + last, law.units * 2 + unit
+    return law.by_side + last, law.units * 2 + unit
 
 
 def draw_coordinates(fit: Fit) -> Matrix:

@@ -39,6 +39,11 @@ class FittedLaw:
     directional: bool = False
     offset: bool = False
 
+    @property
+    def by_side(self) -> tuple[str, ...]:
+        """Names of the parameters of each direction, forwards first."""
+        return tuple(f"{n}_{side}" for side in ("pos", "neg") for n in self.parameters)
+
 
 BRISTLES = ("lugre", "modified_lugre", "directional_lugre")
 """LuGre and its kin. Kv of these is held: no record says anything of it."""

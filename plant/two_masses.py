@@ -184,7 +184,7 @@ def _shares(plant: Component) -> tuple[Component, sp.Expr]:
     """The plant, which may no longer lose its rotor, and the mass of the block."""
     rotor = next((p for p in plant.parameters if p.name == "Jm"), None)
     if rotor is None:
-        return plant, symbol("m") / 2  # nobody told which part is where
+        return plant, block_of(plant)
     if rotor.default < _LEAST_ROTOR:
         raise OneBody(
             f"Jm is {rotor.default:g} kg*m^2: a spring or a gap before the block needs a rotor "
@@ -193,7 +193,12 @@ def _shares(plant: Component) -> tuple[Component, sp.Expr]:
     parameters = tuple(
         replace(p, minimum=_LEAST_ROTOR) if p is rotor else p for p in plant.parameters
     )
-    return replace(plant, parameters=parameters), symbol("m")
+    return replace(plant, parameters=parameters), block_of(plant)
+
+
+def block_of(plant: Component) -> sp.Expr:
+    """Mass that friction acts on; half of all where nobody told which part is where [kg]."""
+    return symbol("m") if any(p.name == "Jm" for p in plant.parameters) else symbol("m") / 2
 
 
 def _moved(term: ForceTerm, symbols: dict[sp.Symbol, sp.Expr]) -> ForceTerm:

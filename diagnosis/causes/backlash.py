@@ -7,29 +7,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 import sympy as sp
 
+from ...identification.law_along_record import force_behind_gap
 from ...solver.component import Component
 from .cause import Cause, Courses, Shape, Values, Vector, parameter
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
     from ..modelled_record import ModelledRecord
 
 _GAPS = 1e-6 * 2.0 ** np.arange(1.0, 10.75, 0.5)  # [m]
 
 
-def _missing(course: ModelledRecord, model: DriveModel, gap: float) -> Vector:
+def _missing(course: ModelledRecord, model: Drive, gap: float) -> Vector:
     """Force on the screw with the gap, beyond that without."""
-    behind = model.force_behind_gap(course.x, course.v, course.step, gap)
+    motion = course.x, course.v, course.step
+    behind = force_behind_gap(model.law_values, *motion, gap, model.block)
     rigid = course.bristle + model.linear_friction * course.middle_v + model.block * course.mean_a
     return np.asarray(behind - rigid)
 
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _grid(courses: Courses, model: Drive) -> list[Values]:
     del courses, model
     return [{"gap": float(gap)} for gap in _GAPS]
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _at(courses: Courses, model: Drive, values: Values) -> Shape:
     force = [_missing(c, model, values["gap"])[:, None] for c in courses]
     return Shape(("gap",), force=force, values=values, sure=0.2)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,9 +11,9 @@ import numpy.typing as npt
 import sympy as sp
 
 from ...solver.component import Component, ForceTerm, Parameter, symbol
+from ..drive import Drive, compiled
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
     from ..modelled_record import ModelledRecord
 
 Vector = npt.NDArray[np.float64]
@@ -115,14 +114,14 @@ class Cause:
 
     name: str
     says: str
-    grid: Callable[[Courses, DriveModel], list[Values]]
-    at: Callable[[Courses, DriveModel, Values], Shape]
+    grid: Callable[[Courses, Drive], list[Values]]
+    at: Callable[[Courses, Drive, Values], Shape]
     parameters: tuple[Parameter, ...]
     extend: Callable[..., Component]
     confirm: str
     mistaken_for: tuple[str, ...] = ()
     refined: tuple[str, ...] = ()
-    beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
+    beyond: Callable[[Courses, Drive], str | None] = lambda courses, model: None
     on_screw: bool = False
     smaller: Smaller | None = None
 
@@ -141,10 +140,10 @@ def of_forms(first: Cause, *others: Cause) -> Cause:
     def form_of(values: Values) -> Cause:
         return next(f for f in forms if set(values) <= {p.name for p in f.parameters})
 
-    def grid(courses: Courses, model: DriveModel) -> list[Values]:
+    def grid(courses: Courses, model: Drive) -> list[Values]:
         return [values for f in forms for values in f.grid(courses, model)]
 
-    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    def at(courses: Courses, model: Drive, values: Values) -> Shape:
         return form_of(values).at(courses, model, values)
 
     def extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
@@ -179,7 +178,7 @@ class Constants:
     """
 
     parameters: tuple[Parameter, ...]
-    grid: Callable[[Courses, DriveModel], list[Values]]
+    grid: Callable[[Courses, Drive], list[Values]]
     refined: tuple[str, ...] = ()
 
 
@@ -210,7 +209,7 @@ def force_cause(
     names = tuple(p.name for p in amplitudes)
     expressions = list(amplitudes.values())
 
-    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    def at(courses: Courses, model: Drive, values: Values) -> Shape:
         force = [_along(expressions, c, model, values) for c in courses]
         told = names
         if per_record and len(courses) > 1:
@@ -262,7 +261,7 @@ def force_cause(
     )
 
 
-def engaged(course: ModelledRecord, model: DriveModel) -> Vector:
+def engaged(course: ModelledRecord, model: Drive) -> Vector:
     """`ENGAGED` along a record, shape (n,)."""
     return np.asarray(course.bristle / model.curve(course.middle_v))
 
@@ -270,7 +269,7 @@ def engaged(course: ModelledRecord, model: DriveModel) -> Vector:
 def _along(
     expressions: Sequence[sp.Expr],
     course: ModelledRecord,
-    model: DriveModel,
+    model: Drive,
     values: Mapping[str, float],
 ) -> Matrix:
     signals: dict[str, Callable[[], Vector]] = {
@@ -289,14 +288,7 @@ def _along(
     numbers = {**model.values, RELAXATION.name: relaxation, **values}
     columns = []
     for expression in expressions:
-        free, function = _compiled(expression)
+        free, function = compiled(expression)
         column = function(*(signals[n]() if n in signals else numbers[n] for n in free))
         columns.append(np.broadcast_to(column, course.x.shape))
     return np.column_stack(columns)
-
-
-@cache
-def _compiled(expression: sp.Expr) -> tuple[tuple[str, ...], Callable[..., Vector]]:
-    """Names of an expression's symbols, and a function of them."""
-    free = tuple(sorted(s.name for s in sp.sympify(expression).free_symbols))
-    return free, sp.lambdify([symbol(n) for n in free], expression, "numpy", cse=True)

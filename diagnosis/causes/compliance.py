@@ -9,33 +9,35 @@ import numpy as np
 import sympy as sp
 from scipy.signal import cont2discrete, lfilter
 
+from ...identification.law_along_record import force_behind_spring
 from ...plant.two_masses import SPRING_DAMPING, with_load_on_spring, with_spring
 from ...solver.component import Component
 from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
     from ..modelled_record import ModelledRecord
 
 _YIELDING = 1e-6 * 2.0 ** np.arange(-4.0, 8.0)  # under the friction of slow sliding [m]
 _RESONANCES = (0.02, 1.0)  # of one over the sampling interval [rad/s]
 
 
-def _missing(course: ModelledRecord, model: DriveModel, stiffness: float) -> np.ndarray:
+def _missing(course: ModelledRecord, model: Drive, stiffness: float) -> np.ndarray:
     """Force of the law on a block behind the spring, beyond that of one without."""
-    behind = model.force_behind_spring(course.x, course.v, course.step, stiffness)
+    motion = course.x, course.v, course.step
+    behind = force_behind_spring(model.law_values, *motion, stiffness, model.block)
     rigid = course.bristle + model.linear_friction * course.middle_v + model.block * course.mean_a
     return np.asarray(behind - rigid)
 
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _grid(courses: Courses, model: Drive) -> list[Values]:
     del courses
     stiffest = model.values.get("sigma0", math.inf)  # beyond, bristles of another form do the same
     grid = (model.friction_scale / float(way) for way in _YIELDING)
     return [{"stiffness": k} for k in grid if k < stiffest]
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _at(courses: Courses, model: Drive, values: Values) -> Shape:
     force = [_missing(c, model, values["stiffness"])[:, None] for c in courses]
     return Shape(("stiffness",), force=force, values=values, sure=0.3)
 
@@ -45,7 +47,7 @@ def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     return with_spring(plant)
 
 
-def _load_grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _load_grid(courses: Courses, model: Drive) -> list[Values]:
     """Stiffnesses at which the load swings within what the samples show, half octaves.
 
     None where nobody told which part of the mass is the load.
@@ -58,7 +60,7 @@ def _load_grid(courses: Courses, model: DriveModel) -> list[Values]:
     return [{"load_stiffness": float(model.block * w**2)} for w in resonances]
 
 
-def _load_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _load_at(courses: Courses, model: Drive, values: Values) -> Shape:
     """What a load that swings behind a spring asks for beyond a rigid one."""
     resonance = math.sqrt(values["load_stiffness"] / model.block)
     swings = [1.0, 2.0 * float(SPRING_DAMPING) * resonance, resonance**2]

@@ -11,13 +11,13 @@ from .cause import DRY, Constants, Courses, Values, force_cause, of_forms, param
 from .travel import changing, either_way, fast_speed, viscous_share
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 _SHARE = "asymmetry_viscous_share"
 _SPEED = "V_asymmetry"
 
 
-def _fast(courses: Courses, model: DriveModel) -> list[Values]:
+def _fast(courses: Courses, model: Drive) -> list[Values]:
     del model
     return [{_SPEED: fast_speed(courses)}]
 

@@ -24,7 +24,7 @@ from .in_time import InTime, in_time
 from .travel import changing, either_way, viscous_share
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
     from ..modelled_record import ModelledRecord
 
 _SHARE = "drift_viscous_share"
@@ -57,13 +57,13 @@ def _temperature(course: ModelledRecord) -> Vector | None:
     return np.interp(course.time, course.time[known], recorded[known])
 
 
-def _with_temperature_grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _with_temperature_grid(courses: Courses, model: Drive) -> list[Values]:
     del model
     warmth = [_temperature(c) for c in courses]
     return [{"warming": 0.0}] if all(t is not None and np.ptp(t) > 0 for t in warmth) else []
 
 
-def _with_temperature_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _with_temperature_at(courses: Courses, model: Drive, values: Values) -> Shape:
     warmth = [t for t in map(_temperature, courses) if t is not None]
     mean = float(np.concatenate(warmth).mean())
     force = [

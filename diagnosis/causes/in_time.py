@@ -12,7 +12,7 @@ from ...solver.component import TIME, Parameter, symbol
 from .cause import Courses, Values, parameter
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 # what is over at once, or comes at the very end, is another constant value for nearly all the time
 _SETTLING = (0.15, 0.25, 0.45)  # of the record
@@ -37,7 +37,7 @@ class InTime:
     change: str
     course: sp.Expr
     constant: Parameter
-    grid: Callable[[Courses, DriveModel], list[Values]]
+    grid: Callable[[Courses, Drive], list[Values]]
     refined: tuple[str, ...]
 
 

@@ -16,7 +16,7 @@ from ..weak_form import lagged
 from .cause import Cause, Courses, Shape, Values, Vector, of_forms, parameter
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 _SHARES = 2.0 ** np.arange(-5.0, 12.0)  # of a sampling interval
 _LONGEST = 5e-3  # s, or eight samples
@@ -71,7 +71,7 @@ def _form(
     """A form that is told by one time."""
     time = parameter(name, "s", meaning, 1e-4)
 
-    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    def at(courses: Courses, model: Drive, values: Values) -> Shape:
         del model
         command = [(arrives(c.u, values[name], c.step) - c.u)[:, None] for c in courses]
         return Shape((name,), command=command, values=values, sure=0.35)

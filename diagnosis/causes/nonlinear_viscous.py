@@ -11,7 +11,7 @@ from .cause import Constants, Courses, Values, force_cause, of_forms, parameter
 from .travel import fast_speed
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 _V = symbol("v")
 _SLOWEST = sp.Float("1e-5")  # below it a root is a line [m/s]
@@ -19,13 +19,13 @@ _POWERS = (0.5, 1.5, 3.0)
 _CHANGES = (0.1, 0.3, 1.0)  # of the record's fast speeds
 
 
-def _powers(courses: Courses, model: DriveModel) -> list[Values]:
+def _powers(courses: Courses, model: Drive) -> list[Values]:
     del model
     fast = fast_speed(courses)
     return [{"viscous_power": power, "viscous_speed": fast} for power in _POWERS]
 
 
-def _changes(courses: Courses, model: DriveModel) -> list[Values]:
+def _changes(courses: Courses, model: Drive) -> list[Values]:
     del model
     fast = fast_speed(courses)
     return [{"V_viscous": k * fast} for k in _CHANGES]

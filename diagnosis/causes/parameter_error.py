@@ -11,13 +11,13 @@ from ...solver.component import Component
 from .cause import Cause, Courses, Shape, Values
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 _OTHERS = ("m", "Jm", "offset", "Fs", "Vs")
 """Values whose error is another cause: more mass, a load, a bend of the friction curve."""
 
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _grid(courses: Courses, model: Drive) -> list[Values]:
     del courses
     names = [n for n in model.adjustable if n.partition("_")[0] not in _OTHERS]
     # more than two at once can be anything: all forces together are the mass
@@ -27,7 +27,7 @@ def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     return [{n: model.values[n] for n in those} for those in sets]
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _at(courses: Courses, model: Drive, values: Values) -> Shape:
     del courses, model
     return Shape(tuple(values), freed=tuple(values))
 

@@ -14,14 +14,14 @@ from .cause import Cause, Constants, Courses, Values, force_cause, of_forms, par
 from .travel import changing, either_way, periods, viscous_share
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 _SHARE = "periodic_viscous_share"
 _TURNS = (1, 2)  # swings in a turn of the screw
 
 
 def _form(swings: str, harmonics: tuple[tuple[int, str], ...]) -> Cause:
-    def grid(courses: Courses, model: DriveModel) -> list[Values]:
+    def grid(courses: Courses, model: Drive) -> list[Values]:
         return either_way(periods(courses, model, swings, _TURNS), _SHARE)
 
     amplitudes = {}

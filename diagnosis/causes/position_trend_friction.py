@@ -12,7 +12,7 @@ from .cause import Constants, Courses, Values, force_cause, of_forms, parameter
 from .travel import changing, either_way, middle_and_half, viscous_share
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 _SHARE = "trend_viscous_share"
 _WORN_FROM = (-0.4, 0.0, 0.4)  # of half the travel
@@ -22,8 +22,8 @@ def _place(middle: str, half: str) -> sp.Expr:
     return (symbol("x") - symbol(middle)) / symbol(half)
 
 
-def _whole(middle: str, half: str) -> Callable[[Courses, DriveModel], list[Values]]:
-    def grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _whole(middle: str, half: str) -> Callable[[Courses, Drive], list[Values]]:
+    def grid(courses: Courses, model: Drive) -> list[Values]:
         del model
         return either_way(
             [dict(zip((middle, half), middle_and_half(courses), strict=True))], _SHARE
@@ -32,7 +32,7 @@ def _whole(middle: str, half: str) -> Callable[[Courses, DriveModel], list[Value
     return grid
 
 
-def _ends(courses: Courses, model: DriveModel) -> list[Values]:
+def _ends(courses: Courses, model: Drive) -> list[Values]:
     del model
     middle, half = middle_and_half(courses)
     worn: list[Values] = [

@@ -14,13 +14,14 @@ from ..modelled_record import with_law_force
 from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
+NAME = "presliding_hysteresis"
 _RATIOS = (0.35, 0.0)  # of the bristles' damping to the critical one, beside that one itself
 _WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # over which the force comes up [m]
 
 
-def bristled(model: DriveModel, sigma0: float, damping_ratio: float = 1.0) -> DriveModel:
+def bristled(model: Drive, sigma0: float, damping_ratio: float = 1.0) -> Drive:
     """The model with LuGre's bristles under its own curve over speed, see `damping_ratio`."""
     critical = 2.0 * math.sqrt(sigma0 * model.block)  # of sigma1 + sigma2, Eq. 2.17
     sigma1 = max(damping_ratio * critical - model.values["sigma2"], 0.0)
@@ -28,22 +29,22 @@ def bristled(model: DriveModel, sigma0: float, damping_ratio: float = 1.0) -> Dr
     return replace(model, law="modified_lugre", values=values)
 
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _grid(courses: Courses, model: Drive) -> list[Values]:
     del courses
     return [{"sigma0": model.friction_scale / float(way)} for way in _WAYS]
 
 
-def _less_damped_grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _less_damped_grid(courses: Courses, model: Drive) -> list[Values]:
     return [{**v, "damping_ratio": r} for r in _RATIOS for v in _grid(courses, model)]
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _at(courses: Courses, model: Drive, values: Values) -> Shape:
     bent = bristled(model, **values)
     force = [(with_law_force(c, bent).bristle - c.bristle)[:, None] for c in courses]
     return Shape(("sigma0",), force=force, values=values, sure=0.3)
 
 
-def _beyond(courses: Courses, model: DriveModel) -> str | None:
+def _beyond(courses: Courses, model: Drive) -> str | None:
     del courses
     return None if model.law == "classical" else "the prior law has presliding of its own"
 
@@ -54,7 +55,7 @@ def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
 
 
 _DAMPED = Cause(
-    "presliding_hysteresis",
+    NAME,
     "the force comes up over a way after each reversal, which the law does not know",
     _grid,
     _at,

@@ -12,14 +12,14 @@ from .cause import Cause, Courses, Shape, Values, of_forms, parameter
 from .in_time import InTime, in_time
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 
 def _form(how: InTime) -> Cause:
     constant = how.constant.name
     course = sp.lambdify([TIME, symbol(constant)], how.course, "numpy")
 
-    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+    def at(courses: Courses, model: Drive, values: Values) -> Shape:
         r = model.values["R"]
         command = [
             (-r * c.mean_i * np.asarray(course(c.time + 0.5 * c.step, values[constant])))[:, None]

@@ -13,7 +13,7 @@ from ..modelled_record import with_law_force
 from .cause import ENGAGED, Constants, Courses, Shape, Values, force_cause, of_forms, parameter
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 _SPEEDS = 14
 _SMALL = 0.05  # of the friction: a bend so small that its effect is proportional to it
@@ -23,7 +23,7 @@ _BEND = sp.exp(-((symbol("v") / symbol("V_mismatch")) ** 2))
 _FALL = sp.exp(-sp.Abs(symbol("v")) / symbol("V_fall"))
 
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _grid(courses: Courses, model: Drive) -> list[Values]:
     """Characteristic speeds within those of the record."""
     del model
     speeds = np.abs(np.concatenate([c.v for c in courses]))
@@ -34,7 +34,7 @@ def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     return [{"V_mismatch": float(v)} for v in np.geomspace(low, high, _SPEEDS)]
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _at(courses: Courses, model: Drive, values: Values) -> Shape:
     if not model.can_bend:
         return _ADDED.at(courses, model, values)
     scale = model.friction_scale

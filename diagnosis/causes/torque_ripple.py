@@ -11,13 +11,13 @@ from .cause import ACTING, Cause, Constants, Courses, Values, force_cause, of_fo
 from .travel import periods
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 
 def _form(
     swings: str, names: str, unit: str, of: sp.Expr, harmonics: tuple[int, ...], tried: range
 ) -> Cause:
-    def grid(courses: Courses, model: DriveModel) -> list[Values]:
+    def grid(courses: Courses, model: Drive) -> list[Values]:
         return periods(courses, model, swings, tried)
 
     amplitudes = {}

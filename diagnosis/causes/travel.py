@@ -15,7 +15,7 @@ from ...solver.component import Parameter, symbol
 from .cause import DRY, FRICTION, RELAXATION, Courses, Values, Vector, parameter
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
     from ..modelled_record import ModelledRecord
 
 _FEWEST_PERIODS = 2  # in the travel
@@ -60,9 +60,7 @@ def fast_speed(courses: Courses) -> float:
     return float(np.quantile(np.abs(np.concatenate([c.v for c in courses])), 0.98))
 
 
-def periods(
-    courses: Courses, model: DriveModel, name: str, harmonics: Sequence[int]
-) -> list[Values]:
+def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int]) -> list[Values]:
     """Swings per metre to try: those of the screw's turn, and the strongest of the record.
 
     Those of forces that change sign with the velocity and of forces that do not: whichever it is,

@@ -10,10 +10,10 @@ from ...solver.component import Component
 from .cause import Cause, Courses, Shape, Values, parameter
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _at(courses: Courses, model: Drive, values: Values) -> Shape:
     del courses, model
     return Shape(("m",), values=values, freed=("m",))
 

@@ -13,7 +13,7 @@ from ...solver.component import Component, symbol
 from .cause import Cause, Courses, Shape, Values, Vector, of_command, of_forms, parameter
 
 if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+    from ..drive import Drive
     from ..modelled_record import ModelledRecord
 
 # of the largest command; the last cuts nothing off, as an end for what is sought between them
@@ -25,13 +25,13 @@ _SAGS = (0.1, 0.3, 1.0)  # resistance of a supply, of the motor's
 _SCALES = np.geomspace(0.02, 12.0, 17)  # of the largest command; a bend, not a limit
 
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _grid(courses: Courses, model: Drive) -> list[Values]:
     del model
     largest = max(float(np.abs(c.u).max()) for c in courses)
     return [{"voltage_limit": float(level)} for level in _LEVELS * largest]
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _at(courses: Courses, model: Drive, values: Values) -> Shape:
     del model
     level = values["voltage_limit"]
     command = [(np.clip(c.u, -level, level) - c.u)[:, None] for c in courses]
@@ -43,13 +43,13 @@ def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     return plant  # its limit is another one
 
 
-def _bent_grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _bent_grid(courses: Courses, model: Drive) -> list[Values]:
     del model
     largest = max(float(np.abs(c.u).max()) for c in courses)
     return [{"voltage_scale": largest * float(k)} for k in _SCALES]
 
 
-def _bent_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _bent_at(courses: Courses, model: Drive, values: Values) -> Shape:
     del model
     scale = values["voltage_scale"]
     command = [(scale * np.tanh(c.u / scale) - c.u)[:, None] for c in courses]
@@ -63,7 +63,7 @@ def _bent(plant: Component, curve: sp.Expr, values: Values) -> Component:
     return plant.substituted(given, parameters=(*plant.parameters, *_BEND.parameters))
 
 
-def _sagging_grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _sagging_grid(courses: Courses, model: Drive) -> list[Values]:
     if not model.has_motor:
         return []
     largest = max(float(np.abs(c.u).max()) for c in courses)
@@ -74,7 +74,7 @@ def _sagging_grid(courses: Courses, model: DriveModel) -> list[Values]:
     ]
 
 
-def _sagging_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _sagging_at(courses: Courses, model: Drive, values: Values) -> Shape:
     command = []
     for c in courses:
         most = values["voltage_limit"] - values["supply_resistance"] * _drawn(c, model, values)
@@ -83,7 +83,7 @@ def _sagging_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     return Shape(("voltage_limit",), command=command, values=values, sure=0.3)
 
 
-def _drawn(course: ModelledRecord, model: DriveModel, values: Values) -> Vector:
+def _drawn(course: ModelledRecord, model: Drive, values: Values) -> Vector:
     """Current at the limit, measured or as the limited voltage makes it once settled, (n,) [A]."""
     if course.has_current:
         return np.abs(course.mean_i)

@@ -10,7 +10,7 @@ from diagnosed import nominal
 from worlds import layout as at
 
 from ballscrew.diagnosis.causes import CAUSES
-from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.experiment_motions import COMMAND_FILE, UNNAMED
 from ballscrew.diagnosis.machine_reach import Reach, reach_of
 from ballscrew.diagnosis.modelled_record import lay_along
@@ -24,7 +24,7 @@ MACHINES = {
     # the axis: light, held back by its motor; a heavy one that its mass holds back; a slow one
     "axis": (nominal(), Reach(-0.02, 0.06, 0.12, 2.0, 20.0, 1e-3, 2e-6, 20.0)),
     "heavy": (
-        DriveModel("drive", "classical", EMPS, {}),
+        Drive("drive", "classical", EMPS, {}),
         Reach(0.0, 0.22, 0.18, 1.2, 6.0, 1e-3, 1e-6, 24.0),
     ),
     "slow": (nominal(), Reach(0.1, 0.13, 0.01, 0.05, 5.0, 5e-3, 0.0, 8.0)),
