@@ -40,6 +40,7 @@ _PLANTS = {BALL_SCREW: bare_ball_screw, DRIVE: bare_direct_drive}
 _NEVER_ADJUSTED = ("L", "p", "Kv", "offset")
 _WIDEST = 0.9  # relative tolerance of a value whose interval is wider than the value itself
 _SLOWEST = sp.Float("1e-5")  # at which a curve is taken instead of at rest [m/s]
+_TURN = symbol("turn")  # angle of the screw per way, by which pi is in the equations once [rad/m]
 _FREED = 0.3  # relative spread of a value that may be anything
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
 _FINEST = 2.5e-4  # step of the law between two samples [s]
@@ -82,6 +83,10 @@ class Drive:
         return _plant(self.kind, self.law)
 
     @property
+    def units(self) -> dict[str, str]:
+        return {p.name: p.unit for p in self.plant.all_parameters}
+
+    @property
     def has_motor(self) -> bool:
         return self.kind == BALL_SCREW
 
@@ -104,7 +109,8 @@ class Drive:
     @cached_property
     def _linear(self) -> _Linear:
         names, numbers = _linear_of(self.kind)
-        return _Linear(*map(float, numbers(*(self.values[n] for n in names))))
+        known = {**self.values, _TURN.name: 2 * math.pi * self.values.get("p", 0.0)}
+        return _Linear(*map(float, numbers(*(known[n] for n in names))))
 
     @property
     def inertia(self) -> float:
@@ -300,7 +306,7 @@ def _linear_of(kind: str) -> tuple[tuple[str, ...], Callable[..., Any]]:
         emf,
         sp.diff(force.xreplace({i: held}), u),
     )
-    return compiled(sp.Tuple(*numbers))
+    return compiled(sp.Tuple(*numbers).xreplace({symbol("p"): _TURN / (2 * sp.pi)}))
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -163,14 +163,25 @@ def _positions(
     speeds: Sequence[float],
     record: tuple[str, ...],
 ) -> Motion:
+    start, low, high = (_mm(float(x)) for x in (values[0], values.min(), values.max()))
+    says = f"{says}; from x = {start}, between {low} and {high}"
+    return _motion(kind, says, reach, POSITION, values, record, speeds)
+
+
+def _motion(
+    kind: str,
+    says: str,
+    reach: Reach,
+    reference: str,
+    values: Vector,
+    record: tuple[str, ...],
+    speeds: Sequence[float] = (),
+) -> Motion:
     time: Vector = np.asarray(np.arange(len(values)) * _rows(reach), dtype=float)
-    amplitude = 0.5 * float(np.ptp(values))
-    says = (
-        f"{says}; from x = {_mm(float(values[0]))}, between {_mm(float(values.min()))} and "
-        f"{_mm(float(values.max()))}, {time[-1]:.3g} s{_recording(record, reach)}"
-    )
-    given = tuple(speeds)
-    return Motion(kind, says, POSITION, time, values, amplitude, given, record, reach.step)
+    every = f"every {1e3 * reach.step:.3g} ms or faster"
+    says += f", {time[-1]:.3g} s; record {', '.join(record)} {every}"
+    size = 0.5 * float(np.ptp(values))
+    return Motion(kind, says, reference, time, values, size, tuple(speeds), record, reach.step)
 
 
 def _at_speeds(
@@ -192,14 +203,12 @@ def _at_speeds(
     return _positions(kind, says, reach, values, speeds, record)
 
 
-def constant_speeds(cause: str, reach: Reach, model: Drive) -> Motion:
-    del cause
+def constant_speeds(reach: Reach, model: Drive) -> Motion:
     shares = np.linspace(0.1, 1.0, 7)
     return _at_speeds("constant speeds", reach, model, shares, columns(model))
 
 
-def _low_speeds(cause: str, reach: Reach, model: Drive) -> Motion:
-    del cause
+def low_speeds(reach: Reach, model: Drive) -> Motion:
     shares = np.geomspace(0.01, 0.5, 10)
     return _at_speeds("low constant speeds", reach, model, shares, columns(model))
 
@@ -219,29 +228,26 @@ def _to_and_fro(
     return _positions(kind, says, reach, values, (speed,), columns(model, *more))
 
 
-def _slow_travel(cause: str, reach: Reach, model: Drive) -> Motion:
+def slow_travel(reach: Reach, model: Drive) -> Motion:
     """Slow enough that the place is what changes, and no stroke takes more than half a minute."""
-    del cause
     low, high = _ends(reach)
     fastest, _ = _rampable(reach, model, fastest_speed(reach, model))
     share = min(max(0.05, (high - low) / 30.0 / fastest), 1.0)
     return _to_and_fro("slow strokes over the travel", reach, model, share, 0.0, ())
 
 
-def _again_and_again(cause: str, reach: Reach, model: Drive) -> Motion:
+def again_and_again(reach: Reach, model: Drive, more: tuple[str, ...] = ()) -> Motion:
+    """The same for minutes; `more` are columns to be recorded beside."""
     lasts = min(max(3.0 * reach.lasts, 60.0), 600.0)
-    more = ("temperature",) if cause == "friction_drift" else ()
     return _to_and_fro("one speed, again and again", reach, model, 0.5, lasts, more)
 
 
-def _highest_speed(cause: str, reach: Reach, model: Drive) -> Motion:
-    del cause
+def highest_speed(reach: Reach, model: Drive) -> Motion:
     return _to_and_fro("strokes at the highest speed", reach, model, 1.0, 10.0, ())
 
 
-def _slow_reversals(cause: str, reach: Reach, model: Drive) -> Motion:
+def slow_reversals(reach: Reach, model: Drive) -> Motion:
     """Short strokes to and fro at five places."""
-    del cause
     fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
     low, high = _ends(reach)
     way = 0.1 * (high - low)
@@ -256,9 +262,8 @@ def _slow_reversals(cause: str, reach: Reach, model: Drive) -> Motion:
     return _positions("slow reversals", says, reach, values, (speed,), columns(model))
 
 
-def _sines(cause: str, reach: Reach, model: Drive) -> Motion:
+def sines(reach: Reach, model: Drive) -> Motion:
     """Three sines of one largest speed and three accelerations, about the middle of the travel."""
-    del cause
     low, high = _ends(reach)
     peak = 0.5 * fastest_speed(reach, model)
     rows = _rows(reach)
@@ -293,18 +298,15 @@ def _sines(cause: str, reach: Reach, model: Drive) -> Motion:
 def _commands(
     kind: str, says: str, reach: Reach, values: Vector, record: tuple[str, ...]
 ) -> Motion:
-    time: Vector = np.asarray(np.arange(len(values)) * _rows(reach), dtype=float)
-    says = (
-        f"{says}, without a controller, each row held until the next; from rest in the middle of "
-        f"the travel, {time[-1]:.3g} s{_recording(record, reach)}"
+    says += (
+        ", without a controller, each row held until the next; from rest in the middle of the "
+        "travel"
     )
-    amplitude = 0.5 * float(np.ptp(values))
-    return Motion(kind, says, COMMAND, time, values, amplitude, (), record, reach.step)
+    return _motion(kind, says, reach, COMMAND, values, record)
 
 
-def _staircase(cause: str, reach: Reach, model: Drive) -> Motion:
+def staircase(reach: Reach, model: Drive) -> Motion:
     """Levels of the command up to nine tenths of what slides, both ways, twice."""
-    del cause
     least = 0.9 * model.friction_scale / abs(model.per_command)
     size = min(least, USED * reach.command)
     once = np.concatenate([np.arange(0, 10), np.arange(10, -10, -1), np.arange(-10, 0)])
@@ -317,9 +319,8 @@ def _staircase(cause: str, reach: Reach, model: Drive) -> Motion:
     return _commands("slow staircase of the command", says, reach, values, columns(model))
 
 
-def _steps(cause: str, reach: Reach, model: Drive) -> Motion:
+def steps(reach: Reach, model: Drive) -> Motion:
     """Steps of the command from rest, both ways in turn, each over a tenth of the travel."""
-    del cause
     speed = min(0.5 * reach.speed, fastest_speed(reach, model))
     wanted = (largest_friction(model) + model.damping * speed) / abs(model.per_command)
     size = min(
@@ -335,28 +336,3 @@ def _steps(cause: str, reach: Reach, model: Drive) -> Motion:
 
 def _mm(metres: float) -> str:
     return f"{1e3 * metres:.3g} mm"
-
-
-def _recording(record: tuple[str, ...], reach: Reach) -> str:
-    return f"; record {', '.join(record)} every {1e3 * reach.step:.3g} ms or faster"
-
-
-MOTIONS: dict[str, Callable[[str, Reach, Drive], Motion]] = {
-    "direction_asymmetry": constant_speeds,
-    "load_bias": constant_speeds,
-    "position_periodic_friction": _slow_travel,
-    "position_trend_friction": _slow_travel,
-    "torque_ripple": _slow_travel,
-    "nonlinear_viscous": constant_speeds,
-    "stribeck_mismatch": _low_speeds,
-    "presliding_hysteresis": _staircase,
-    "compliance": _staircase,
-    "backlash": _slow_reversals,
-    "unmodelled_inertia": _sines,
-    "input_delay": _steps,
-    "friction_drift": _again_and_again,
-    "resistance_drift": _again_and_again,
-    "voltage_saturation": _highest_speed,
-    "parameter_error": constant_speeds,
-    UNNAMED: constant_speeds,
-}

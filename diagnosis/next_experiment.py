@@ -13,9 +13,11 @@ import numpy.typing as npt
 from ..records.record import Record
 from .balance import responses
 from .bands import cut, products
+from .causes import CAUSES
+from .causes.cause import CONSTANT_SPEEDS
 from .diagnosis import NextExperiment
 from .drive import Drive
-from .experiment_motions import MOTIONS, POSITION, UNNAMED, Motion, constant_speeds
+from .experiment_motions import POSITION, UNNAMED, Motion, constant_speeds
 from .explained import Explained
 from .machine_reach import Reach, reach_of
 from .modelled_record import lay_along, with_own_offsets
@@ -148,32 +150,9 @@ def motion_for(cause: str, reach: Reach, model: Drive) -> Motion:
     model : Drive
         As far as it is known: friction, and the force of the command.
     """
-    made = MOTIONS.get(cause, constant_speeds)
-    return made(cause, reach, model)
+    return (CAUSES[cause].motion if cause in CAUSES else constant_speeds)(reach, model)
 
 
 def trial_for(cause: str) -> str:
     """The trial of the virtual rig, by name, that does the same there."""
-    return TRIALS_FOR.get(cause, TRIALS_FOR[UNNAMED])
-
-
-TRIALS_FOR = {
-    "direction_asymmetry": "viscous",
-    "load_bias": "viscous",
-    "position_periodic_friction": "2.3.1/1",
-    "position_trend_friction": "2.3.1/16",
-    "torque_ripple": "2.3.1/1",
-    "nonlinear_viscous": "viscous",
-    "stribeck_mismatch": "2.3.1",
-    "presliding_hysteresis": "presliding",
-    "compliance": "presliding",
-    "backlash": "2.4/1",
-    "unmodelled_inertia": "2.6/9",
-    "input_delay": "2.10/1",
-    "friction_drift": "viscous/1",
-    "resistance_drift": "viscous/1",
-    "voltage_saturation": "viscous/60",
-    "parameter_error": "2.3.1",
-    UNNAMED: "2.3.1",
-}
-"""Trials of `ballscrew rig` that tell a cause from those that it is mistaken for."""
+    return CAUSES[cause].trial if cause in CAUSES else CONSTANT_SPEEDS

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +12,9 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
 from ...solver.component import Parameter, symbol
+from ..drive import Drive
+from ..modelled_record import ModelledRecord
 from .cause import DRY, FRICTION, RELAXATION, Courses, Values, Vector, parameter
-
-if TYPE_CHECKING:
-    from ..drive import Drive
-    from ..modelled_record import ModelledRecord
 
 _FEWEST_PERIODS = 2  # in the travel
 _MOST_PERIODS = 250
@@ -46,6 +44,21 @@ def changing(name: str, course: sp.Expr) -> sp.Expr:
 def either_way(values: list[Values], name: str) -> list[Values]:
     """Each of them for the dry friction alone and for all of it."""
     return [{**v, name: share} for v in values for share in (0.0, 1.0)]
+
+
+class Wave(NamedTuple):
+    name: str
+    kind: str
+    course: sp.Expr
+
+
+def waves(per_metre: str, harmonics: Sequence[int]) -> Iterator[Wave]:
+    """Cosine and sine of each multiple of as many swings; of several, names have its number."""
+    for times in harmonics:
+        angle = 2 * sp.pi * times * symbol(per_metre) * symbol("x")
+        suffix = f"_{times}" if len(harmonics) > 1 else ""
+        yield Wave(f"cos{suffix}", "cosine", sp.cos(angle))
+        yield Wave(f"sin{suffix}", "sine", sp.sin(angle))
 
 
 def middle_and_half(courses: Courses) -> tuple[float, float]:

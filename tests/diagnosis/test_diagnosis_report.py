@@ -13,6 +13,7 @@ import plotly.graph_objects as go
 import pytest
 from browser import PROGRAM, opened
 
+from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.closed_loop_effect import (
     NoClosedLoop,
     closed_loop_effect,
@@ -30,7 +31,7 @@ from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report
 from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.experiment_motions import Motion
 from ballscrew.diagnosis.load_cell import ValidationSignal
-from ballscrew.diagnosis.next_experiment import TRIALS_FOR
+from ballscrew.diagnosis.next_experiment import trial_for
 from ballscrew.diagnosis.page_pictures import MOST, plotly_figure, thinned
 from ballscrew.diagnosis.report_words import rig_command, suspect_lines
 
@@ -523,7 +524,7 @@ def test_what_a_stranger_s_file_says_does_not_become_part_of_the_page():
     assert page.count("&lt;script&gt;alert(1)&lt;/script&gt;&amp;amp;.csv") == 2
 
 
-@pytest.mark.parametrize("trial", sorted(set(TRIALS_FOR.values())))
+@pytest.mark.parametrize("trial", sorted({trial_for(name) for name in CAUSES}))
 def test_the_rig_knows_every_trial_that_is_asked_for(trial):
     from ballscrew.cli import command_parser
 
