@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +15,6 @@ from .closed_loop_effect import CONTROLLER, SETPOINT, STOP, ClosedLoopEffect
 from .diagnosis import Diagnosis, names_of
 from .diagnosis_pictures import pictures_of, pictures_of_loop
 from .experiment_motions import COMMAND_FILE
-from .found_cause import UNITS
 from .page_pictures import plotly_figure
 from .report_words import (
     DOES_NOT_HOLD,
@@ -69,7 +69,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
     effect, kind = closed_loop.effect, diagnosis.prior.kind
     pictures, loop_pictures = pictures_of(diagnosis), pictures_of_loop(effect) if effect else []
     return (
-        _environment()
+        _environment(diagnosis.prior.units)
         .get_template(_TEMPLATE)
         .render(
             d=diagnosis,
@@ -107,7 +107,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
     )
 
 
-def _environment() -> Environment:
+def _environment(units: Mapping[str, str]) -> Environment:
     """Where the template is, and how it writes numbers and sentences."""
     made = Environment(
         loader=PackageLoader(__package__, ""),
@@ -126,6 +126,6 @@ def _environment() -> Environment:
         "rig_command": rig_command,
         "sentence": sentence_for_page,
         "times": times,
-        "unit": lambda name: UNITS.get(name, UNITS.get(name.partition("_")[0], "")),
+        "unit": lambda name: units[name],
     }
     return made
