@@ -103,8 +103,7 @@ class Drive:
 
     @property
     def law_parameters(self) -> tuple[str, ...]:
-        law = LAWS[self.law]
-        return law.by_side if law.directional else law.parameters
+        return LAWS[self.law].names
 
     @cached_property
     def _linear(self) -> _Linear:
@@ -138,11 +137,6 @@ class Drive:
         return self._linear.per_command
 
     @property
-    def braking(self) -> float:
-        """What of the drive's force goes with velocity, beside friction [N*s/m]."""
-        return self.per_command * self.back_emf
-
-    @property
     def can_bend(self) -> bool:
         """Whether the law's curve can be given one more bend, see `BEND`."""
         return self.law in BRISTLES
@@ -154,8 +148,8 @@ class Drive:
 
     @property
     def damping(self) -> float:
-        """What slows a motion in proportion to its velocity [N*s/m]."""
-        return self.linear_friction + self.braking
+        """What slows a motion in proportion to its velocity: friction, and the motor [N*s/m]."""
+        return self.linear_friction + self.per_command * self.back_emf
 
     @property
     def friction_scale(self) -> float:

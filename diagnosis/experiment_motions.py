@@ -148,8 +148,9 @@ def _ends(reach: Reach) -> tuple[float, float]:
     return reach.low + MARGIN * reach.travel, reach.high - MARGIN * reach.travel
 
 
-def _rampable(reach: Reach, model: Drive, speed: float) -> tuple[float, float]:
-    """A speed that ramps leave most of the travel for, and the acceleration [m/s, m/s^2]."""
+def _rampable(reach: Reach, model: Drive) -> tuple[float, float]:
+    """The fastest speed that ramps leave most of the travel for, and the acceleration, SI."""
+    speed = fastest_speed(reach, model)
     acceleration = acceleration_to(reach, model, speed)
     low, high = _ends(reach)
     return min(speed, math.sqrt(2.0 * _RAMPS * (high - low) * acceleration)), acceleration
@@ -188,7 +189,7 @@ def _at_speeds(
     kind: str, reach: Reach, model: Drive, shares: Vector, record: tuple[str, ...]
 ) -> Motion:
     """Strokes to and fro at shares of the fastest speed, each of a few seconds."""
-    fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
+    fastest, acceleration = _rampable(reach, model)
     low, high = _ends(reach)
     speeds = [float(fastest * share) for share in shares]
     moves = []
@@ -217,7 +218,7 @@ def _to_and_fro(
     kind: str, reach: Reach, model: Drive, share: float, lasts: float, more: tuple[str, ...]
 ) -> Motion:
     """The whole travel, there and back, at one share of the fastest speed, for so long at least."""
-    fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
+    fastest, acceleration = _rampable(reach, model)
     low, high = _ends(reach)
     speed = share * fastest
     once = 2 * ((high - low) / speed + speed / acceleration + _REST)
@@ -231,7 +232,7 @@ def _to_and_fro(
 def slow_travel(reach: Reach, model: Drive) -> Motion:
     """Slow enough that the place is what changes, and no stroke takes more than half a minute."""
     low, high = _ends(reach)
-    fastest, _ = _rampable(reach, model, fastest_speed(reach, model))
+    fastest, _ = _rampable(reach, model)
     share = min(max(0.05, (high - low) / 30.0 / fastest), 1.0)
     return _to_and_fro("slow strokes over the travel", reach, model, share, 0.0, ())
 
@@ -248,7 +249,7 @@ def highest_speed(reach: Reach, model: Drive) -> Motion:
 
 def slow_reversals(reach: Reach, model: Drive) -> Motion:
     """Short strokes to and fro at five places."""
-    fastest, acceleration = _rampable(reach, model, fastest_speed(reach, model))
+    fastest, acceleration = _rampable(reach, model)
     low, high = _ends(reach)
     way = 0.1 * (high - low)
     speed = max(0.05 * fastest, min(0.5 * way, fastest))

@@ -40,6 +40,11 @@ class FittedLaw:
     offset: bool = False
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in the plants."""
+        return self.by_side if self.directional else self.parameters
+
+    @property
     def by_side(self) -> tuple[str, ...]:
         """Names of the parameters of each direction, forwards first."""
         return tuple(f"{n}_{side}" for side in ("pos", "neg") for n in self.parameters)

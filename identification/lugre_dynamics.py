@@ -35,9 +35,9 @@ def secant_bias(force: float, fs: float) -> float:
     return share / -math.log1p(-share)
 
 
-def assumed_damping(sigma0: float, sigma2: float, mass: float = 1.0) -> float:
-    """sigma1 = 2 sqrt(sigma0 m) - sigma2, Eq. 2.17 [N*s/m]: critical damping, assumed."""
-    return 2 * math.sqrt(sigma0 * mass) - sigma2
+def assumed_damping(sigma0: float, sigma2: float, mass: float = 1.0, share: float = 1.0) -> float:
+    """sigma1 = 2 sqrt(sigma0 m) - sigma2, Eq. 2.17 [N*s/m]: a share of the critical damping."""
+    return share * 2 * math.sqrt(sigma0 * mass) - sigma2
 
 
 def held_stiffness(record: Record, estimate: FrictionEstimate) -> tuple[float, float] | None:

@@ -110,7 +110,7 @@ def _has(plant: Component, parameter: Parameter) -> bool:
 def _joined(plant: Component, spring: bool, gap: bool) -> Component:
     apart = plant if "xb" in [s.name for s in plant.states] else _parted(plant)
     block = next(b.inertia for b in apart.balances if b.state == "vb")
-    pull = _force(block, spring, gap)
+    pull = joint_force(block, spring, gap)
     joint = {
         "v": ForceTerm("joint", -pull, "what joins the two, on the encoder's side"),
         "vb": ForceTerm("joint", pull, "what joins the two, on the block"),
@@ -129,7 +129,7 @@ def _joined(plant: Component, spring: bool, gap: bool) -> Component:
     )
 
 
-def _force(block: sp.Expr, spring: bool, gap: bool) -> sp.Expr:
+def joint_force(block: sp.Expr, spring: bool, gap: bool) -> sp.Expr:
     """Force on the block of what joins the two [N]."""
     longer = symbol("x") - symbol("xb")
     faster = symbol("v") - symbol("vb")

@@ -5,11 +5,12 @@ The law is another one, in the plant and along a record: see `bristled`.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
+from ...identification.law_along_record import SHARPNESS
+from ...identification.lugre_dynamics import assumed_damping
 from ..drive import Drive
 from ..experiment_motions import staircase
 from ..modelled_record import with_law_force
@@ -22,9 +23,8 @@ _WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # over which the force comes up 
 
 def bristled(model: Drive, sigma0: float, damping_ratio: float = 1.0) -> Drive:
     """The model with LuGre's bristles under its own curve over speed, see `damping_ratio`."""
-    critical = 2.0 * math.sqrt(sigma0 * model.block)  # of sigma1 + sigma2, Eq. 2.17
-    sigma1 = max(damping_ratio * critical - model.values["sigma2"], 0.0)
-    values = {**model.values, "sigma0": sigma0, "sigma1": sigma1, "Kv": 1e8}
+    sigma1 = assumed_damping(sigma0, model.values["sigma2"], model.block, damping_ratio)
+    values = {**model.values, "sigma0": sigma0, "sigma1": max(sigma1, 0.0), "Kv": SHARPNESS}
     return replace(model, law="modified_lugre", values=values)
 
 

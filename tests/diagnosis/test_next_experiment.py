@@ -37,7 +37,7 @@ def needed(model, x, step):
     a = np.gradient(v, step)
     friction = max(model.values["Fc"], model.values["Fs"]) + abs(model.values.get("offset", 0.0))
     force = model.inertia * a + friction * np.sign(v)
-    return (force + (model.linear_friction + model.braking) * v) / model.per_command
+    return (force + model.damping * v) / model.per_command
 
 
 @pytest.mark.parametrize("machine", MACHINES)
