@@ -185,9 +185,7 @@ def _motion(
     return Motion(kind, says, reference, time, values, size, tuple(speeds), record, reach.step)
 
 
-def _at_speeds(
-    kind: str, reach: Reach, model: Drive, shares: Vector, record: tuple[str, ...]
-) -> Motion:
+def _at_speeds(kind: str, reach: Reach, model: Drive, shares: Vector) -> Motion:
     """Strokes to and fro at shares of the fastest speed, each of a few seconds."""
     fastest, acceleration = _rampable(reach, model)
     low, high = _ends(reach)
@@ -201,17 +199,15 @@ def _at_speeds(
         "each both ways"
     )
     values = _strokes(low, moves, acceleration, _rows(reach))
-    return _positions(kind, says, reach, values, speeds, record)
+    return _positions(kind, says, reach, values, speeds, columns(model))
 
 
 def constant_speeds(reach: Reach, model: Drive) -> Motion:
-    shares = np.linspace(0.1, 1.0, 7)
-    return _at_speeds("constant speeds", reach, model, shares, columns(model))
+    return _at_speeds("constant speeds", reach, model, np.linspace(0.1, 1.0, 7))
 
 
 def low_speeds(reach: Reach, model: Drive) -> Motion:
-    shares = np.geomspace(0.01, 0.5, 10)
-    return _at_speeds("low constant speeds", reach, model, shares, columns(model))
+    return _at_speeds("low constant speeds", reach, model, np.geomspace(0.01, 0.5, 10))
 
 
 def _to_and_fro(

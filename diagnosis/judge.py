@@ -25,7 +25,7 @@ from .drive import Drive, drive_of
 from .held_out import ends_of_seconds
 from .modelled_record import ModelledRecord, lay_along, with_law_force
 from .motion_parts import PARTS, motion_parts
-from .residuals import Residual, check_motion, floor, residual
+from .residuals import check_motion, floor, residual
 
 PRIOR, ADJUSTED, CORRECTED = "prior", "adjusted", "corrected"
 _COMPARED = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))
@@ -198,18 +198,16 @@ def judge_records(records: Sequence[Record], file: ParameterFile) -> Judgement:
             )
             for name, found in left.items()
         },
-        gains=tuple(_gain(squares, left, model, over) for model, over in _COMPARED),
+        gains=tuple(
+            ModelGain(
+                model,
+                over,
+                squares.gain(left[over].force, left[model].force, telling),
+                squares.gain(left[over].position, left[model].position),
+            )
+            for model, over in _COMPARED
+        ),
         notes=tuple(notes),
-    )
-
-
-def _gain(squares: Blocks, left: Mapping[str, Residual], model: str, over: str) -> ModelGain:
-    before, after = left[over], left[model]
-    return ModelGain(
-        model,
-        over,
-        squares.gain(before.force, after.force, before.telling),
-        squares.gain(before.position, after.position),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .fit_result import Fit, without_direction
-from .fitted_law import BRISTLES, OFFSET, values_of
+from .fitted_law import BRISTLES, OFFSET
 from .intervals import NARROW
 from .layout import StackedRecords
 from .likelihood import Problem
@@ -166,12 +166,12 @@ def _expected_error(
     covariance = np.linalg.inv(before + alone)
     j = fit.names.index(parameter)
     tiny = 1e-5
-    base = math.log(values_of(fit.law, coordinates)[j])
+    base = math.log(fit.law.values_at(coordinates)[j])
     turn = np.empty(p)
     for k in range(p):
         moved = coordinates.copy()
         moved[k] += tiny
-        turn[k] = (math.log(values_of(fit.law, moved)[j]) - base) / tiny
+        turn[k] = (math.log(fit.law.values_at(moved)[j]) - base) / tiny
     return math.sqrt(float(turn @ covariance @ turn))
 
 
