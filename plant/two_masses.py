@@ -86,16 +86,17 @@ def with_load_on_spring(plant: Component) -> Component:
     """
     plant, load = _shares(plant)
     (whole,) = plant.balances
-    stiffness = symbol(LOAD_STIFFNESS.name)
-    damping = 2 * SPRING_DAMPING * sp.sqrt(stiffness * load)
-    pull = stiffness * (symbol("xl") - symbol("x")) + damping * (symbol("vl") - symbol("v"))
+    named = {"xb": "xl", "vb": "vl", STIFFNESS.name: LOAD_STIFFNESS.name}
+    pull = joint_force(load, spring=True, gap=False).xreplace(
+        {symbol(old): symbol(new) for old, new in named.items()}
+    )
     spring = ForceTerm(
         "load",
-        pull,
+        -pull,
         "a load behind a spring",
         states=(
             State("xl", "m", "position of the load", symbol("vl"), nominal=1e-3),
-            State("vl", "m/s", "velocity of the load", -pull / load, nominal=1e-3),
+            State("vl", "m/s", "velocity of the load", pull / load, nominal=1e-3),
         ),
         parameters=(LOAD_STIFFNESS,),
     )
