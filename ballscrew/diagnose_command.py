@@ -127,7 +127,7 @@ def _records(options: argparse.Namespace) -> int:
     from .diagnosis.corrected import corrected
     from .diagnosis.diagnose import diagnose_records
     from .diagnosis.diagnosis import EXPLAINED, NONE
-    from .diagnosis.prior_model import prior_model_from
+    from .diagnosis.drive import drive_of
     from .diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
     from .orchestration.parameter_file import ParameterFile
     from .records.bad_record import BadRecord
@@ -135,7 +135,7 @@ def _records(options: argparse.Namespace) -> int:
 
     told = columns.with_lead(read_params(options))
     with bad_parameters():
-        model = prior_model_from(told or ParameterFile(), options.law)
+        model = drive_of(told or ParameterFile(), options.law)
     progress = Stages()
     try:
         progress("reading")
@@ -202,12 +202,12 @@ class _Extension:
 def _extended(result: Diagnosis) -> _Extension:
     if not result.causes:
         return _Extension(None)
-    from .diagnosis.extended_plant import BadExtension, extended_plant
+    from .diagnosis.with_causes import BadExtension, with_causes
     from .plant.two_masses import OneBody
     from .solver.component import ContractError
 
     try:
-        return _Extension(extended_plant(result.corrected, result.found()))
+        return _Extension(with_causes(result.corrected, result.found()))
     except (BadExtension, OneBody, ContractError) as error:
         return _Extension(None, f"no extended plant is written: {error}")
 
@@ -215,13 +215,13 @@ def _extended(result: Diagnosis) -> _Extension:
 def _closed_loop(result: Diagnosis, extension: _Extension) -> ClosedLoopSection:
     from .diagnosis.closed_loop_effect import NoClosedLoop, closed_loop_effect
     from .diagnosis.diagnosis_report import ClosedLoopSection
-    from .diagnosis.extended_plant import extended_plant
+    from .diagnosis.with_causes import with_causes
 
     if extension.plant is None:
         because = extension.because or "No cause was named, so the closed loop stays as it is."
         return ClosedLoopSection(None, because)
     try:
-        prior_model = extended_plant(result.prior, [])
+        prior_model = with_causes(result.prior, [])
         return ClosedLoopSection(closed_loop_effect(prior_model, extension.plant))
     except NoClosedLoop as error:
         return ClosedLoopSection(None, str(error))
@@ -236,16 +236,15 @@ def _save_diagnosis(
 ) -> None:
     from .diagnosis.diagnosis_pictures import save_pictures
     from .diagnosis.diagnosis_report import save_report
-    from .diagnosis.extended_plant import write_extended_plant
+    from .fmus.export import export
     from .solver.tables import write_table
 
     write_table(folder, _CURVES, [asdict(result.curves)])
     save_pictures(result, folder)
     save_report(result, section, folder)
     if extension.plant is not None:
-        write_extended_plant(extension.plant, folder, values)
-    else:
-        values.save(folder)
+        export(extension.plant, folder / _FMU)
+    values.save(folder)
     result.save(folder)
 
 

@@ -92,14 +92,14 @@ def _identify(options: argparse.Namespace) -> int:
     check_name("--law", options.law, LAWS)
     columns = read_record_options(options)
     mass = None if options.mass is None else read_number("--mass", options.mass)
-    from .diagnosis.prior_model import prior_model_from
+    from .diagnosis.drive import drive_of
     from .records.bad_record import BadRecord
     from .records.reading import read_force_records
 
     told = columns.with_lead(read_params(options))
     if told is not None:
         with bad_parameters():
-            model = prior_model_from(told)
+            model = drive_of(told)
         if mass is None and "m" in told.plant:
             mass = model.values["m"]
     fixed = _fixed(options.fix, told)

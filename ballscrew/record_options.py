@@ -39,19 +39,16 @@ class RecordOptions:
         BadRequest
             If the file says the lead, too.
         """
-        from .diagnosis.prior_model import with_lead
         from .orchestration.parameter_file import ParameterFile
 
         if told is None and self.lead is None:
             return None
         with bad_parameters():
-            return with_lead(told or ParameterFile(), self.lead)
+            return (told or ParameterFile()).with_lead(self.lead)
 
     def lead_with(self, told: ParameterFile | None) -> float | None:
         """The lead [m] by ``--lead`` or by `p` of the parameter file; None if neither says it."""
-        from .diagnosis.prior_model import lead_of
-
-        return lead_of(told, self.lead)
+        return self.lead or (told.lead if told else None)
 
 
 def add_record_options(add: Any) -> None:

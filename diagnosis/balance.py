@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .causes.cause import Shape
-from .drive_model import DriveModel
+from .drive import Drive
 from .modelled_record import (
     CalibrationPrior,
     ModelledRecord,
@@ -54,7 +54,7 @@ class Added:
 
 
 def balance(
-    course: ModelledRecord, model: DriveModel, friction: Vector, force: Vector, command: Vector
+    course: ModelledRecord, model: Drive, friction: Vector, force: Vector, command: Vector
 ) -> Matrix:
     """What is left of each balance in each window, shape (windows, channels) [N].
 
@@ -98,7 +98,7 @@ def balance(
 
 
 def shown(
-    course: ModelledRecord, model: DriveModel, shape: Shape, record: int
+    course: ModelledRecord, model: Drive, shape: Shape, record: int
 ) -> npt.NDArray[np.float64]:
     """What a cause of amplitude one takes from each balance, shape (windows, channels, m) [N]."""
     m = len(shape.amplitudes)
@@ -119,7 +119,7 @@ def shown(
 
 def leftovers(
     courses: Sequence[ModelledRecord],
-    model: DriveModel,
+    model: Drive,
     added: Added,
     law: Sequence[Vector] | None = None,
 ) -> list[Matrix]:
@@ -132,7 +132,7 @@ def leftovers(
     ]
 
 
-def responses(courses: Sequence[ModelledRecord], model: DriveModel, shape: Shape) -> list[Matrix]:
+def responses(courses: Sequence[ModelledRecord], model: Drive, shape: Shape) -> list[Matrix]:
     """What a cause of amplitude one takes from the balances of each record, see `shown`."""
     return [shown(c, model, shape, r) for r, c in enumerate(courses)]
 
@@ -144,7 +144,7 @@ def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]
 
 def sensitivities(
     courses: Sequence[ModelledRecord],
-    model: DriveModel,
+    model: Drive,
     added: Added,
     usual: Sequence[Vector],
     of_law: bool = True,

@@ -21,7 +21,7 @@ from scipy.signal.windows import tukey
 
 from ..identification.fitted_law import BRISTLES
 from .balance import EXACT, Added, leftovers
-from .drive_model import DriveModel
+from .drive import Drive
 from .modelled_record import ModelledRecord, carried, read_anew
 from .weak_form import averaged, windows
 
@@ -131,7 +131,7 @@ def _seen(weights: Matrix) -> Vector:
     return np.asarray(np.mean(weights**2, axis=0))
 
 
-def cut(courses: Sequence[ModelledRecord], model: DriveModel) -> Bands:
+def cut(courses: Sequence[ModelledRecord], model: Drive) -> Bands:
     """The blocks and bands of a study, and what of them the instruments hide."""
     exact = EXACT * model.friction_scale
     per = -(-BLOCKS // len(courses))
@@ -157,7 +157,7 @@ def cut(courses: Sequence[ModelledRecord], model: DriveModel) -> Bands:
     return Bands(parts, weights, _clear(courses, model, bands), bands.counts, steps, top)
 
 
-def moving(course: ModelledRecord, model: DriveModel) -> Vector:
+def moving(course: ModelledRecord, model: Drive) -> Vector:
     """Windows that tell of forces, shape (windows,): none of a rest, around one, or at the start.
 
     A law without bristles has no force at rest, as soon as that is longer than a reversal. What
@@ -181,7 +181,7 @@ def _top(course: ModelledRecord) -> float:
     return OF_CARRIED * known if known < 0.49 / course.step else math.inf
 
 
-def _doubt(course: ModelledRecord, model: DriveModel, exact: float, moves: Vector) -> Vector:
+def _doubt(course: ModelledRecord, model: Drive, exact: float, moves: Vector) -> Vector:
     """Weight of the balance of forces by what the motion's error makes of the law, (windows,)."""
     left = leftovers([course], model, Added.nothing([course]))[0][moves > 0.0, 0]
     left = left if len(left) else np.zeros(1)
@@ -192,9 +192,7 @@ def _doubt(course: ModelledRecord, model: DriveModel, exact: float, moves: Vecto
     return np.asarray(1.0 / np.sqrt(1.0 + (course.force_variance + timing**2) / size**2))
 
 
-def _clear(
-    courses: Sequence[ModelledRecord], model: DriveModel, bands: Bands
-) -> npt.NDArray[np.bool_]:
+def _clear(courses: Sequence[ModelledRecord], model: Drive, bands: Bands) -> npt.NDArray[np.bool_]:
     """Bands in which the instruments' noise leaves the motion to be seen."""
     random = np.random.default_rng(0)
     both = []

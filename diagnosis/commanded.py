@@ -11,12 +11,10 @@ from ..plant.direct_drive import bare_direct_drive
 from ..plant.law import law
 from ..records.bad_record import BadRecord
 from ..records.record import CURRENT, VOLTAGE, Record
-from .drive_model import DriveModel
+from .drive import Drive
 
 
-def commanded(
-    records: Sequence[Record], model: DriveModel
-) -> tuple[list[Record], DriveModel, list[str]]:
+def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Drive, list[str]]:
     """Records with a command that the model takes, the model, and notes of what was done.
 
     A ball screw of which only the current is known becomes a drive, see `driven_by_current`. The
@@ -55,7 +53,7 @@ def commanded(
     return list(records) if model.has_motor else [_without_current(r) for r in records], model, []
 
 
-def driven_by_current(model: DriveModel) -> DriveModel:
+def driven_by_current(model: Drive) -> Drive:
     """A ball screw as a drive whose command is the motor's current.
 
     The gain is the motor's force per ampere, known as well as `kt` is; the mass is of all that
@@ -69,7 +67,7 @@ def driven_by_current(model: DriveModel) -> DriveModel:
     tolerance = {n: t for n, t in given.items() if n in values}
     tolerance["gain"] = given.get("kt", 0.0)
     tolerance["m"] = (block * given.get("m", 0.0) + rotor * given.get("Jm", 0.0)) / model.inertia
-    return DriveModel("drive", model.law, values, tolerance)
+    return Drive("drive", model.law, values, tolerance)
 
 
 def by_current(record: Record) -> Record | None:

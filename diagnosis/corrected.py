@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..instruments.amplifier import PARAMETERS as AMPLIFIER
 from ..orchestration.parameter_file import Diagnosed, ParameterFile, Value
-from ..solver.component import Component
+from ..solver.component import Component, Parameter
 from .diagnosis import Diagnosis
-from .extended_plant import FOUND, extended_plant, last_record, parameter_file
+from .with_causes import FOUND, last_record, with_causes, with_law_of
 
 
 def corrected(
@@ -26,32 +27,36 @@ def corrected(
         left out, see `commanded`, has none.
     """
     told = told or ParameterFile()
-    file = parameter_file(plant or extended_plant(result.corrected, []))
+    found = {c.name: last_record(c.parameters) for c in result.causes}
+    drive = with_law_of(result.corrected, found) if plant else result.corrected
+    plant = plant or with_causes(result.corrected, [])
     records = ", ".join(result.records)
     intervals: dict[str, tuple[float, float]] = {}
     for cause in result.causes:
         intervals |= last_record(cause.intervals)
 
-    def with_source(name: str, value: Value) -> Value:
-        before = told.plant.get(name)
-        if value.source == FOUND:
+    def value_of(p: Parameter) -> Value:
+        before = told.plant.get(p.name)
+        if p.source == FOUND:
             source = f"found by ballscrew diagnose in {records}"
-            return replace(value, interval=intervals.get(name), source=source)
-        if before is not None and (before.value == value.value or name not in result.prior.values):
-            return replace(before, unit=value.unit)
-        if value.value != result.prior.values.get(name, value.value):
-            return replace(value, source=f"corrected by ballscrew diagnose to {records}")
-        return replace(value, source="prior")
+            return Value(p.default, p.unit, intervals.get(p.name), source)
+        if before is not None and (before.value == p.default or p.name not in result.prior.values):
+            return replace(before, unit=p.unit)
+        if p.default != result.prior.values.get(p.name, p.default):
+            return Value(p.default, p.unit, None, f"corrected by ballscrew diagnose to {records}")
+        return Value(p.default, p.unit, None, "prior")
 
-    values = {n: with_source(n, v) for n, v in file.plant.items()}
-    others = told.plant if told.kind == file.kind else {}
+    names = {p.name for p in (*drive.plant.all_parameters, *AMPLIFIER)}
+    own = {p.name: value_of(p) for p in plant.all_parameters if p.name in names}
+    apart = [p for p in plant.all_parameters if p.name not in names and p.source == FOUND]
+    others = told.plant if told.kind == drive.kind else {}
     return replace(
         told,
         path=None,
-        kind=file.kind,
-        law=file.law,
-        plant=values | {n: v for n, v in others.items() if n not in values},
-        found={n: with_source(n, v) for n, v in file.found.items()},
+        kind=drive.kind,
+        law=drive.law,
+        plant=own | {n: v for n, v in others.items() if n not in own},
+        found={p.name: value_of(p) for p in apart},
         tolerance={},
         not_identified={},
         diagnosis=Diagnosed(
@@ -61,6 +66,6 @@ def corrected(
             law=result.prior.law,
             prior=result.prior.values,
             adjusted=result.adjusted.values,
-            causes={c.name: last_record(c.parameters) for c in result.causes},
+            causes=found,
         ),
     )

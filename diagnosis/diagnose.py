@@ -29,7 +29,7 @@ from .diagnosis import (
     Level,
     holds,
 )
-from .drive_model import DriveModel
+from .drive import Drive, drive_of
 from .explained import Explained, added_by, built, outside
 from .found_cause import found_cause, level, suspect_found
 from .held_out import HeldOut, held_out
@@ -38,7 +38,6 @@ from .modelled_record import ModelledRecord, opposing
 from .next_experiment import next_experiment
 from .noise_floor import AT_FLOOR, NoiseFloor, noise_floor
 from .out_of_reach import out_of_reach
-from .prior_model import lead_of, prior_model_from, with_lead
 from .residuals import Residual, residual, rms
 from .study import study_of
 
@@ -65,7 +64,7 @@ def diagnose(
         CSV, MAT or Parquet files with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A];
         ``i`` alone is taken as the command, see `commanded`.
     params : path-like, optional
-        The prior model, see `read_prior_model`; the nominal axis by default.
+        The prior model, see `read_drive`; the nominal axis by default.
     law : str, optional
         Friction law, in place of the file's.
     mapping : mapping of str to str, optional
@@ -84,14 +83,14 @@ def diagnose(
     BadRecord, BadParameters
         With one line that says what cannot be used and why.
     """
-    told = with_lead(ParameterFile() if params is None else read_parameters(params), lead)
-    records = read_drive_records(data, mapping, units, lead_of(told, lead))
-    return diagnose_records(records, prior_model_from(told, law), progress, take)
+    told = (ParameterFile() if params is None else read_parameters(params)).with_lead(lead)
+    records = read_drive_records(data, mapping, units, lead or told.lead)
+    return diagnose_records(records, drive_of(told, law), progress, take)
 
 
 def diagnose_records(
     records: Sequence[Record],
-    prior_model: DriveModel,
+    prior_model: Drive,
     progress: Callable[[str], None] = lambda doing: None,
     take: str | None = None,
 ) -> Diagnosis:
@@ -198,7 +197,7 @@ class _Corrected:
     """
 
     courses: list[ModelledRecord]
-    model: DriveModel
+    model: Drive
     left: Residual
     named: Added
     on_block: list[Vector]
@@ -220,7 +219,7 @@ def _corrected(found: Explained) -> _Corrected:
 
 def _curves(
     courses: Sequence[ModelledRecord],
-    prior_model: DriveModel,
+    prior_model: Drive,
     baseline: Residual,
     corrected: _Corrected,
 ) -> Curves:
@@ -242,7 +241,7 @@ def _curves(
     )
 
 
-def _friction(courses: Sequence[ModelledRecord], model: DriveModel, held: HeldOut) -> float:
+def _friction(courses: Sequence[ModelledRecord], model: Drive, held: HeldOut) -> float:
     """Root mean square of the friction where samples tell anything [N]."""
     along = np.concatenate([opposing(c, model) for c in courses])
     return max(rms(along[held.all.telling]), 1e-300)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..solver.files import write_atomically
 from .causes import CAUSES
-from .drive_model import DriveModel
+from .drive import Drive
 from .experiment_motions import Motion
 from .load_cell import ValidationSignal
 
@@ -206,7 +206,7 @@ class Diagnosis:
         Where structure lives that no cause has.
     out_of_reach : tuple of OutOfReach
     next_experiment : NextExperiment or None
-    prior, adjusted, corrected : DriveModel
+    prior, adjusted, corrected : Drive
         The model before; with values adjusted within their tolerances and no cause; with the values
         that go with the causes.
     command : {"voltage", "current", "force"}
@@ -237,9 +237,9 @@ class Diagnosis:
     unnamed: tuple[str, ...]
     out_of_reach: tuple[OutOfReach, ...]
     next_experiment: NextExperiment | None
-    prior: DriveModel
-    adjusted: DriveModel
-    corrected: DriveModel
+    prior: Drive
+    adjusted: Drive
+    corrected: Drive
     command: str
     command_shift: float
     adjustments: Mapping[str, float]
@@ -252,67 +252,10 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """What goes into ``diagnosis.json``."""
-
-        def level(value: Level) -> dict[str, float]:
-            return {"force_N": value.force, "position_m": value.position}
-
-        def suspect(value: SuspectFound) -> dict[str, Any]:
-            return {
-                "name": value.name,
-                "says": value.says,
-                "probability": value.probability,
-                "parameters": dict(value.parameters),
-                "intervals": {n: list(v) for n, v in value.intervals.items()},
-                "units": dict(value.units),
-                "force": value.force,
-                "of_friction": value.of_friction,
-                "confirm": value.confirm,
-            }
-
-        return {
-            "verdict": self.verdict,
-            "where": self.where,
-            "floor": level(self.floor),
-            "baseline_residual": level(self.baseline_residual),
-            "adjusted_residual": level(self.adjusted_residual),
-            "final_residual": level(self.final_residual),
-            "left_of_friction": self.left_of_friction,
-            "gain_interval": list(self.gain_interval),
-            "held_out": self.held_out,
-            "causes": [
-                suspect(c)
-                | {
-                    "certain": c.certain,
-                    "gain_heldout": c.gain_heldout,
-                    "gain_interval": list(c.gain_interval),
-                    "gain_alone": c.gain_alone,
-                    "before": level(c.before),
-                    "after": level(c.after),
-                }
-                for c in self.causes
-            ],
-            "suspects": [suspect(s) for s in self.suspects],
-            "unnamed": list(self.unnamed),
-            "out_of_reach": [{"name": o.name, "because": o.because} for o in self.out_of_reach],
-            "next_experiment": None
-            if self.next_experiment is None
-            else {
-                "says": self.next_experiment.says,
-                "motion": self.next_experiment.motion.to_dict(),
-                "trial": self.next_experiment.trial,
-            },
-            "adjustments": dict(self.adjustments),
-            "noise": dict(self.noise),
-            "load_cell": None
-            if self.load_cell is None
-            else {"prior_N": self.load_cell.prior, "corrected_N": self.load_cell.corrected},
-            "records": list(self.records),
-            "seconds": self.seconds,
-            "notes": list(self.notes),
-        }
+        return {f.name: _plain(getattr(self, f.name)) for f in fields(self) if f.name not in _APART}
 
     def found(self) -> list[tuple[str, dict[str, float]]]:
-        """Names and values of what is wrong with the plant, as `extended_plant` takes them."""
+        """Names and values of what is wrong with the plant, as `with_causes` takes them."""
         return [(c.name, dict(c.parameters)) for c in self.causes if c.name in CAUSES]
 
     def save(self, folder: Path) -> None:
@@ -328,6 +271,25 @@ class Diagnosis:
         write_atomically(folder / "diagnosis.json", text.encode())
         if self.next_experiment is not None:
             self.next_experiment.motion.save(folder)
+
+
+_APART = ("prior", "adjusted", "corrected", "command", "command_shift", "curves")
+"""Fields of a `Diagnosis` that are in files of their own."""
+
+
+def _plain(value: Any) -> Any:
+    """What JSON holds of a value; levels are told with their units."""
+    if isinstance(value, Level):
+        return {"force_N": value.force, "position_m": value.position}
+    if isinstance(value, ValidationSignal):
+        return {"prior_N": value.prior, "corrected_N": value.corrected}
+    if isinstance(value, Motion):
+        return value.to_dict()
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: _plain(v) for name, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
 
 
 def names_of(causes: Sequence[SuspectFound]) -> str:

@@ -247,16 +247,13 @@ def diagnosis_figure(diagnosis: Diagnosis) -> Any:
     with mpl.rc_context(STYLE):
         figure, grid = new_figure(2, 1, (9, 6))
         force, position = grid[0][0], grid[1][0]
-        for values, colour, dash, label in (
-            (c.before, COLOURS[1], "-", "prior model"),
-            (c.after, COLOURS[0], "--", "corrected"),
+        for forces, places, colour, dash, label in (
+            (c.before, c.position_before, COLOURS[1], "-", "prior model"),
+            (c.after, c.position_after, COLOURS[0], "--", "corrected"),
         ):
-            _plot(force, time, smoothed(values, c.record, step), colour, dash, label)
-        for values, colour, dash, label in (
-            (c.position_before, COLOURS[1], "-", "prior model"),
-            (c.position_after, COLOURS[0], "--", "corrected"),
-        ):
-            _plot(position, time, 1e6 * values, colour, dash, label)
+            look = {"color": colour, "ls": dash, "lw": 1.2, "label": label}
+            force.plot(*thinned(time, smoothed(forces, c.record, step)), **look)
+            position.plot(*thinned(time, 1e6 * places), **look)
         force.set_title(f"Residual before and after: {diagnosis.verdict}", loc="left")
         force.set_ylabel(f"force, means over {SMOOTH:g} s [N]")
         position.set_ylabel("position after up to 1 s [µm]")
@@ -266,7 +263,3 @@ def diagnosis_figure(diagnosis: Diagnosis) -> Any:
         force.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         figure.align_ylabels()
     return figure
-
-
-def _plot(axes: Any, time: Vector, values: Vector, colour: str, dash: str, label: str) -> None:
-    axes.plot(*thinned(time, values), color=colour, ls=dash, lw=1.2, label=label)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -9,29 +10,13 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ..solver.files import write_atomically
+from . import report_words as words
 from .causes import CAUSES
 from .closed_loop_effect import CONTROLLER, SETPOINT, STOP, ClosedLoopEffect
 from .diagnosis import Diagnosis, names_of
 from .diagnosis_pictures import pictures_of, pictures_of_loop
 from .experiment_motions import COMMAND_FILE
-from .found_cause import UNITS
 from .page_pictures import plotly_figure
-from .report_words import (
-    DOES_NOT_HOLD,
-    NAMED,
-    SET,
-    as_share,
-    does_not_hold,
-    interval,
-    length,
-    micro,
-    of_friction,
-    percent,
-    rig_command,
-    sentence_for_page,
-    times,
-    verdict_sentence,
-)
 
 REPORT = "report.html"
 _TEMPLATE = "report.html.jinja"
@@ -69,15 +54,15 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
     effect, kind = closed_loop.effect, diagnosis.prior.kind
     pictures, loop_pictures = pictures_of(diagnosis), pictures_of_loop(effect) if effect else []
     return (
-        _environment()
+        _environment(diagnosis.prior.units)
         .get_template(_TEMPLATE)
         .render(
             d=diagnosis,
             loop=closed_loop,
-            headline=verdict_sentence(diagnosis),
-            coverage=SET,
-            naming=NAMED,
-            unreliable=DOES_NOT_HOLD if does_not_hold(diagnosis) else "",
+            headline=words.verdict_sentence(diagnosis),
+            coverage=words.SET,
+            naming=words.NAMED,
+            unreliable=words.DOES_NOT_HOLD if words.does_not_hold(diagnosis) else "",
             named=names_of(diagnosis.causes),
             levels=(
                 ("prior model", diagnosis.baseline_residual),
@@ -107,7 +92,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
     )
 
 
-def _environment() -> Environment:
+def _environment(units: Mapping[str, str]) -> Environment:
     """Where the template is, and how it writes numbers and sentences."""
     made = Environment(
         loader=PackageLoader(__package__, ""),
@@ -115,17 +100,12 @@ def _environment() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
     )
-    made.filters |= {
-        "as_share": as_share,
+    plain = (words.as_share, words.micro, words.of_friction, words.percent, words.rig_command)
+    made.filters |= {f.__name__: f for f in (*plain, words.times)} | {
         "change": lambda change: f"{100 * change:+.2g} %" if abs(change) > _NOT_SHOWN else "0",
-        "interval": lambda ends: interval(*ends),
-        "metres": length,
-        "micro": micro,
-        "of_friction": of_friction,
-        "percent": percent,
-        "rig_command": rig_command,
-        "sentence": sentence_for_page,
-        "times": times,
-        "unit": lambda name: UNITS.get(name, UNITS.get(name.partition("_")[0], "")),
+        "interval": lambda ends: words.interval(*ends),
+        "metres": words.length,
+        "sentence": words.sentence_for_page,
+        "unit": lambda name: units[name],
     }
     return made

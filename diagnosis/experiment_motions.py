@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..solver.files import write_atomically
-from .drive_model import DriveModel
+from .drive import Drive
 from .machine_reach import MARGIN, Reach, acceleration_to, columns, fastest_speed
 
 Vector = npt.NDArray[np.float64]
@@ -103,13 +103,13 @@ class Motion:
         write_atomically(folder / COMMAND_FILE, stream.getvalue().encode())
 
 
-def survey(reach: Reach, model: DriveModel, lasts: float) -> Motion:
+def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
     """Over the travel and, swinging, to and fro at all places.
 
     Parameters
     ----------
     reach : Reach
-    model : DriveModel
+    model : Drive
         As far as it is known: friction, and the force of the command.
     lasts : float
         How long, if that is not too short [s]. The longer a record, the coarser its windows: one as

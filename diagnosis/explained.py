@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .balance import Added, recalibrated
-from .drive_model import DriveModel
+from .drive import Drive
 from .modelled_record import ModelledRecord
 from .scores import OUTSIDE, Catalogue, Form, Suspect
 from .sets import NOTHING, Likely
@@ -81,7 +81,7 @@ def outside(found: Explained) -> Suspect | None:
 
 def built(
     study: Study, forms: Sequence[Form], amplitude: Vector
-) -> tuple[list[ModelledRecord], DriveModel, Added]:
+) -> tuple[list[ModelledRecord], Drive, Added]:
     """Courses, model and what is beside it, as the amplitudes of a fit of these forms say.
 
     Parameters

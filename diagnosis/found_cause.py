@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from ..identification.fitted_law import LAWS
-from ..plant import ball_screw, direct_drive
 from .causes import CAUSES
 from .diagnosis import FoundCause, Level, SuspectFound
+from .drive import Drive
 from .explained import Explained
 from .held_out import HeldOut
 from .residuals import Residual
@@ -25,11 +24,6 @@ Vector = npt.NDArray[np.float64]
 Numbers = dict[str, float]
 Ends = dict[str, tuple[float, float]]
 
-UNITS = {p.name: p.unit for p in (*ball_screw.PARAMETERS, *direct_drive.PARAMETERS)} | {
-    name: unit
-    for law in LAWS.values()
-    for name, unit in zip(law.parameters, law.units, strict=True)
-}
 _EXACT = 0.04  # relative, to which no size is known: laws and shapes are not exact
 _OUTSIDE_SAYS = (
     "something that no cause of the catalogue is: friction or force that only a free curve follows"
@@ -54,7 +48,7 @@ def suspect_found(found: Explained, member: Likely, friction: float) -> SuspectF
         probability=member.probability,
         parameters=values,
         intervals=intervals,
-        units=_units(member.name, values),
+        units=_units(member.name, values, found.study.model),
         force=force,
         of_friction=force / friction,
         confirm=entry.confirm if entry else _AGAIN,
@@ -131,8 +125,8 @@ def _told(study: Study, suspect: str, name: str) -> tuple[Callable[[float], floa
     return lambda size: size, name
 
 
-def _units(name: str, values: Mapping[str, float]) -> dict[str, str]:
+def _units(name: str, values: Mapping[str, float], model: Drive) -> dict[str, str]:
     if name not in CAUSES:
         return dict.fromkeys(values, "1")
-    known = {p.name: p.unit for p in CAUSES[name].parameters}
-    return {n: known.get(n.partition(".")[0], UNITS.get(n, "1")) for n in values}
+    known = model.units | {p.name: p.unit for p in CAUSES[name].parameters}
+    return {n: known[n.partition(".")[0]] for n in values}

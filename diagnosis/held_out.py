@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .balance import Added
-from .blocks import Blocks, Estimate
+from .blocks import Blocks
 from .explained import Explained, built
 from .modelled_record import ModelledRecord
 from .residuals import AHEAD, Residual, residual
@@ -49,12 +49,8 @@ class HeldOut:
     def gain(self, before: Residual, after: Residual) -> tuple[float, tuple[float, float]]:
         """Share of the mean square in force that goes, and 95 % of it."""
         found = self.squares.gain(before.force, after.force, before.telling)
-        return found.value, _ends(found)
-
-
-def _ends(found: Estimate) -> tuple[float, float]:
-    """An interval; of too few seconds to tell one, all from twice as much left to nothing."""
-    return found.interval or (-1.0, 1.0)
+        # of too few seconds to tell an interval, all from twice as much left to nothing
+        return found.value, found.interval or (-1.0, 1.0)
 
 
 def held_out(found: Explained) -> HeldOut:

@@ -21,12 +21,11 @@ from .blocks import Blocks, Estimate
 from .causes import CAUSES
 from .commanded import by_current
 from .diagnosis import Level
-from .drive_model import DriveModel
+from .drive import Drive, drive_of
 from .held_out import ends_of_seconds
 from .modelled_record import ModelledRecord, lay_along, with_law_force
 from .motion_parts import PARTS, motion_parts
-from .prior_model import prior_model_from
-from .residuals import Residual, check_motion, floor, residual
+from .residuals import check_motion, floor, residual
 
 PRIOR, ADJUSTED, CORRECTED = "prior", "adjusted", "corrected"
 _COMPARED = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))
@@ -199,18 +198,16 @@ def judge_records(records: Sequence[Record], file: ParameterFile) -> Judgement:
             )
             for name, found in left.items()
         },
-        gains=tuple(_gain(squares, left, model, over) for model, over in _COMPARED),
+        gains=tuple(
+            ModelGain(
+                model,
+                over,
+                squares.gain(left[over].force, left[model].force, telling),
+                squares.gain(left[over].position, left[model].position),
+            )
+            for model, over in _COMPARED
+        ),
         notes=tuple(notes),
-    )
-
-
-def _gain(squares: Blocks, left: Mapping[str, Residual], model: str, over: str) -> ModelGain:
-    before, after = left[over], left[model]
-    return ModelGain(
-        model,
-        over,
-        squares.gain(before.force, after.force, before.telling),
-        squares.gain(before.position, after.position),
     )
 
 
@@ -226,15 +223,15 @@ def _told(file: ParameterFile) -> Diagnosed:
     return file.diagnosis
 
 
-def _models(file: ParameterFile, told: Diagnosed) -> dict[str, DriveModel]:
+def _models(file: ParameterFile, told: Diagnosed) -> dict[str, Drive]:
     """The three models, by name; causes that are forces stand beside the corrected one."""
 
-    def model(where: str, values: Mapping[str, Value]) -> DriveModel:
+    def model(where: str, values: Mapping[str, Value]) -> Drive:
         missing = [n for n in told.prior if n not in values]
         if missing:
             raise BadParameters(f"{file.path}: [{where}] has no {missing[0]!r}")
         own = {n: values[n] for n in told.prior}
-        return prior_model_from(replace(file, law=told.law, plant=own, found={}, tolerance={}))
+        return drive_of(replace(file, law=told.law, plant=own, found={}, tolerance={}))
 
     def plain(values: Mapping[str, float]) -> dict[str, Value]:
         return {n: Value(v) for n, v in values.items()}
@@ -264,14 +261,14 @@ def _commanded(record: Record, told: Diagnosed) -> Record:
     return record
 
 
-def _laid(record: Record, model: DriveModel, told: Diagnosed) -> ModelledRecord:
+def _laid(record: Record, model: Drive, told: Diagnosed) -> ModelledRecord:
     """The record with its motion; the command acts when it did where the models come from."""
     course = lay_along(record, model)
     return replace(course, calibration={**course.calibration, "command_shift": told.command_shift})
 
 
 def _named(
-    courses: Sequence[ModelledRecord], model: DriveModel, file: ParameterFile, told: Diagnosed
+    courses: Sequence[ModelledRecord], model: Drive, file: ParameterFile, told: Diagnosed
 ) -> Added:
     """What the named causes add along each record; those that are values are in the model."""
     forces, commands = [], []

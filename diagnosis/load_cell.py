@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .drive_model import DriveModel
+from .drive import Drive
 from .modelled_record import ModelledRecord, opposing
 from .residuals import rms
 
@@ -23,7 +23,7 @@ class ValidationSignal:
     corrected: float
 
 
-def foretold(course: ModelledRecord, model: DriveModel, more: Vector) -> Vector:
+def foretold(course: ModelledRecord, model: Drive, more: Vector) -> Vector:
     """Force that drags the block, at the samples, shape (n,) [N].
 
     Parameters
@@ -38,8 +38,8 @@ def foretold(course: ModelledRecord, model: DriveModel, more: Vector) -> Vector:
 
 def validation_signal(
     courses: Sequence[ModelledRecord],
-    prior_model: DriveModel,
-    corrected: DriveModel,
+    prior_model: Drive,
+    corrected: Drive,
     more: Sequence[Vector],
 ) -> ValidationSignal | None:
     """How well both models predict the recorded ``force``; None where there is none to compare.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .drive_model import DriveModel
+from .drive import Drive
 from .modelled_record import ModelledRecord
 
 MARGIN = 0.05  # of the travel, left at each end
@@ -66,19 +66,19 @@ def reach_of(courses: Sequence[ModelledRecord]) -> Reach:
 # -- what the machine can do -----------------------------------------------------------------
 
 
-def largest_friction(model: DriveModel) -> float:
+def largest_friction(model: Drive) -> float:
     """Largest friction of slow motion, break-away included [N]."""
     static = [abs(model.values[n]) for n in ("Fs", "Fs_pos", "Fs_neg") if n in model.values]
     return max([model.friction_scale, *static])
 
 
-def force_to_spare(reach: Reach, model: DriveModel) -> float:
+def force_to_spare(reach: Reach, model: Drive) -> float:
     """What the largest command that is used gives, without what friction takes [N]."""
     offset = abs(model.values["offset"]) if not model.has_motor else 0.0
     return USED * abs(model.per_command) * reach.command - largest_friction(model) - offset
 
 
-def fastest_speed(reach: Reach, model: DriveModel) -> float:
+def fastest_speed(reach: Reach, model: Drive) -> float:
     """Speed that the machine went at, and by the model has force to spare at [m/s]."""
     known = USED * reach.speed
     damping = model.damping
@@ -86,11 +86,11 @@ def fastest_speed(reach: Reach, model: DriveModel) -> float:
     return min(known, spare / damping) if spare > 0.0 and damping > 0.0 else known
 
 
-def acceleration_to(reach: Reach, model: DriveModel, speed: float) -> float:
+def acceleration_to(reach: Reach, model: Drive, speed: float) -> float:
     """Acceleration up to a speed [m/s^2]: that of the records, if the model has force for it."""
     spare = _HEADROOM * (force_to_spare(reach, model) - model.damping * speed) / model.inertia
     return min(reach.acceleration, spare) if spare > 0.0 else 0.5 * reach.acceleration
 
 
-def columns(model: DriveModel) -> tuple[str, ...]:
+def columns(model: Drive) -> tuple[str, ...]:
     return ("time", "u", "x", *(("i",) if model.has_motor else ()))

@@ -15,7 +15,7 @@ from scipy.signal import lfilter, savgol_filter, welch
 
 from ..records.record import Record
 from ..records.resolution import fast_noise
-from .drive_model import DriveModel, midway
+from .drive import Drive, midway
 from .weak_form import acceleration, averaged, between_samples, lagged
 
 Vector = npt.NDArray[np.float64]
@@ -226,7 +226,7 @@ def calibration_priors(course: ModelledRecord) -> dict[str, CalibrationPrior]:
     return found
 
 
-def with_own_offsets(courses: Sequence[ModelledRecord], model: DriveModel) -> list[ModelledRecord]:
+def with_own_offsets(courses: Sequence[ModelledRecord], model: Drive) -> list[ModelledRecord]:
     """The courses of a drive with an offset for each record after the first.
 
     Between records an amplifier drifts, and a cable or a slope pulls otherwise.
@@ -241,7 +241,7 @@ def with_own_offsets(courses: Sequence[ModelledRecord], model: DriveModel) -> li
     ]
 
 
-def lay_along(record: Record, model: DriveModel) -> ModelledRecord:
+def lay_along(record: Record, model: Drive) -> ModelledRecord:
     """Smooth the motion and follow the law along it."""
     noise = position_noise(record)
     # noise of the second difference of smeared positions, times what moves, against the friction
@@ -272,9 +272,7 @@ def lay_along(record: Record, model: DriveModel) -> ModelledRecord:
     )
 
 
-def read_anew(
-    course: ModelledRecord, model: DriveModel, random: np.random.Generator
-) -> ModelledRecord:
+def read_anew(course: ModelledRecord, model: Drive, random: np.random.Generator) -> ModelledRecord:
     """The course as its instruments, each with its noise, would have read it another time.
 
     The smoothed motion, along which the law is followed, stays: its error is `force_variance`.
@@ -288,7 +286,7 @@ def read_anew(
     return replace(course, record=record, i=_current(record, course.v, model))
 
 
-def _rough(record: Record, width: int, model: DriveModel) -> float:
+def _rough(record: Record, width: int, model: Drive) -> float:
     """Force that no motion has, from one window to the next, relative to the friction.
 
     An interpolating encoder's error swings with the place: no noise of single readings shows it.
@@ -310,7 +308,7 @@ def driven_by_current(course: ModelledRecord) -> ModelledRecord:
     return replace(course, by_current=True)
 
 
-def _force_variance(course: ModelledRecord, model: DriveModel, noise: float) -> Vector:
+def _force_variance(course: ModelledRecord, model: Drive, noise: float) -> Vector:
     """Variance of the law's force that the error of the motion makes, shape (windows,) [N^2].
 
     The motion is uncertain by its noise, and by what smoothing it over twice the time changes.
@@ -346,7 +344,7 @@ def carried(record: Record) -> float:
     return float(frequency[-1])
 
 
-def _current(record: Record, v: Vector, model: DriveModel) -> Vector:
+def _current(record: Record, v: Vector, model: Drive) -> Vector:
     """The motor's current at the samples, measured or as the voltage makes it [A]."""
     if not model.has_motor:
         return np.zeros(len(v))
@@ -360,14 +358,14 @@ def _current(record: Record, v: Vector, model: DriveModel) -> Vector:
     return np.append(late[:1], late[:-1])
 
 
-def with_law_force(course: ModelledRecord, model: DriveModel) -> ModelledRecord:
+def with_law_force(course: ModelledRecord, model: Drive) -> ModelledRecord:
     """The course with the law's force along it."""
     friction = model.friction(course.x, course.v, course.step)
     offset = 0.0 if model.has_motor else model.values["offset"]
     return replace(course, bristle=friction - offset)
 
 
-def opposing(course: ModelledRecord, model: DriveModel) -> Vector:
+def opposing(course: ModelledRecord, model: Drive) -> Vector:
     """The law's whole force along the course, on average over each interval, shape (n,) [N]."""
     law = model.friction(course.x, course.v, course.step)
     return law + model.linear_friction * course.middle_v
@@ -379,7 +377,7 @@ def true_current(course: ModelledRecord) -> Vector:
     return np.asarray(gain * (course.i - course.calibration["current_offset"]))
 
 
-def mean_current(course: ModelledRecord, model: DriveModel) -> Vector:
+def mean_current(course: ModelledRecord, model: Drive) -> Vector:
     """The true current, on average over the interval after each sample, shape (n,) [A]."""
     resistance = model.values["R"]
     jumps = np.diff(course.u, prepend=course.u[0]) / resistance

@@ -14,6 +14,8 @@ import numpy.typing as npt
 from ..records.record import Record
 from .balance import responses
 from .bands import cut, products
+from .causes import CAUSES
+from .causes.cause import CONSTANT_SPEEDS
 from .diagnosis import NextExperiment
 from .experiment_motions import Motion, survey
 from .explained import Explained
@@ -130,27 +132,5 @@ def _apart(study: Study, columns: Matrix, weights: Vector, spread: Vector) -> fl
 
 
 def trial_for(cause: str) -> str:
-    """The trial of the virtual rig, by name, that does the same there."""
-    return TRIALS_FOR.get(cause, TRIALS_FOR[UNNAMED])
-
-
-TRIALS_FOR = {
-    "direction_asymmetry": "viscous",
-    "load_bias": "viscous",
-    "position_periodic_friction": "2.3.1/1",
-    "position_trend_friction": "2.3.1/16",
-    "torque_ripple": "2.3.1/1",
-    "nonlinear_viscous": "viscous",
-    "stribeck_mismatch": "2.3.1",
-    "presliding_hysteresis": "presliding",
-    "compliance": "presliding",
-    "backlash": "2.4/1",
-    "unmodelled_inertia": "2.6/9",
-    "input_delay": "2.10/1",
-    "friction_drift": "viscous/1",
-    "resistance_drift": "viscous/1",
-    "voltage_saturation": "viscous/60",
-    "parameter_error": "2.3.1",
-    UNNAMED: "2.3.1",
-}
-"""Trials of `ballscrew rig` that tell a cause from those that it is mistaken for."""
+    """The trial of the virtual rig, by name, that shows it there."""
+    return CAUSES[cause].trial if cause in CAUSES else CONSTANT_SPEEDS

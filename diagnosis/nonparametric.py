@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 
 from .causes.cause import Shape, engaged
-from .drive_model import DriveModel
+from .drive import Drive
 from .modelled_record import ModelledRecord
 
 Vector = npt.NDArray[np.float64]
@@ -41,7 +41,7 @@ def way_since_reversal(x: Vector) -> Vector:
     return out
 
 
-def rivals(courses: Sequence[ModelledRecord], model: DriveModel) -> list[tuple[str, Shape]]:
+def rivals(courses: Sequence[ModelledRecord], model: Drive) -> list[tuple[str, Shape]]:
     """Where the structure of each lives, for a sentence, and its shape along these records."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]

@@ -60,11 +60,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{suspicion_sentence(diagnosis.suspects)}"
         )
     lives = f" It lives {lives}." if lives else ""
-    if likeliest:
-        verb = "are" if len(likeliest) > 1 else "is"
-        lives += (
-            f" The likeliest, {names_of(likeliest)}, {verb} built in.{scale_sentence(likeliest)}"
-        )
+    lives += _built_in(likeliest)
     suspects = suspicion_sentence(diagnosis.suspects)
     return (
         f"{percent(diagnosis.left_of_friction)} of the friction is left, and no cause is "

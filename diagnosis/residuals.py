@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from ..records.bad_record import BadRecord
 from .balance import Added, leftovers
 from .bands import moving
-from .drive_model import DriveModel
+from .drive import Drive
 from .modelled_record import ModelledRecord, read_anew
 from .weak_form import averaged, centres
 
@@ -64,7 +64,7 @@ def rms(values: Vector) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def check_motion(courses: Sequence[ModelledRecord], model: DriveModel) -> None:
+def check_motion(courses: Sequence[ModelledRecord], model: Drive) -> None:
     """Refuse records that show next to no motion.
 
     Raises
@@ -83,14 +83,14 @@ def check_motion(courses: Sequence[ModelledRecord], model: DriveModel) -> None:
         )
 
 
-def residual(courses: Sequence[ModelledRecord], model: DriveModel, added: Added) -> Residual:
+def residual(courses: Sequence[ModelledRecord], model: Drive, added: Added) -> Residual:
     """The unknown force that each record asks for, and what it does to a prediction.
 
     Forces are told at the prior model's force per unit of the command, see `balance`.
 
     Parameters
     ----------
-    model : DriveModel
+    model : Drive
         With the values to be judged.
     added : Added
         What is in the model beside its own equations.
@@ -106,7 +106,7 @@ def residual(courses: Sequence[ModelledRecord], model: DriveModel, added: Added)
     return Residual(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _telling(course: ModelledRecord, model: DriveModel) -> Vector:
+def _telling(course: ModelledRecord, model: Drive) -> Vector:
     """One for each window that tells of forces, shape (windows,).
 
     Where the law's force jumps, no sample tells when within its interval.
@@ -116,7 +116,7 @@ def _telling(course: ModelledRecord, model: DriveModel) -> Vector:
     return np.asarray(moving(course, model) * steady, dtype=float)
 
 
-def floor(courses: Sequence[ModelledRecord], model: DriveModel) -> Residual:
+def floor(courses: Sequence[ModelledRecord], model: Drive) -> Residual:
     """What rounding and noise of the instruments leave by themselves: what reading anew changes.
 
     The law's error along a motion that is not known better, see `force_variance`, is not in it.
@@ -153,7 +153,7 @@ def at_samples(course: ModelledRecord, values: Vector) -> Vector:
     return np.interp(np.arange(len(course.x)), centres(len(course.x), course.width), values)
 
 
-def _ahead(model: DriveModel, force: Vector, step: float) -> Vector:
+def _ahead(model: Drive, force: Vector, step: float) -> Vector:
     """Error of the position that comes of not knowing a force, from nothing at every second."""
     every = max(2, round(AHEAD / step))
     slowed = model.damping / model.inertia

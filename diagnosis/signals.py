@@ -16,7 +16,7 @@ from .causes import CAUSES
 from .causes.cause import Cause, Courses, Shape, Smaller, Values, Vector, of_command
 
 if TYPE_CHECKING:
-    from .drive_model import DriveModel
+    from .drive import Drive
     from .modelled_record import ModelledRecord
 
 _SHIFTS = (*range(-20, 0), *range(1, 21))
@@ -45,53 +45,53 @@ class Signal:
 
     name: str
     says: str
-    grid: Callable[[Courses, DriveModel], list[Values]]
-    at: Callable[[Courses, DriveModel, Values], Shape]
+    grid: Callable[[Courses, Drive], list[Values]]
+    at: Callable[[Courses, Drive, Values], Shape]
     confirm: str
     smaller: Smaller | None = None
 
 
-def _inertial(course: ModelledRecord, model: DriveModel) -> Vector:
+def _inertial(course: ModelledRecord, model: Drive) -> Vector:
     """Force that grows with the scale of x, shape (n,) [N]."""
     return model.inertia * course.mean_a + model.linear_friction * course.middle_v
 
 
-def _motion(model: DriveModel, course: ModelledRecord, force: Vector) -> tuple[Vector, Vector]:
+def _motion(model: Drive, course: ModelledRecord, force: Vector) -> tuple[Vector, Vector]:
     """A force, and the command of the back-EMF that goes with the motion, columns (n, 1)."""
     emf = model.back_emf * course.middle_v if model.has_motor else np.zeros(len(course.x))
     return force[:, None], -emf[:, None]
 
 
-def _scale_of_u(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _scale_of_u(courses: Courses, model: Drive, values: Values) -> Shape:
     return Shape(("scale_of_u",), command=[c.u[:, None] for c in courses], values=values)
 
 
-def _scale_of_i(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _scale_of_i(courses: Courses, model: Drive, values: Values) -> Shape:
     return Shape(("scale_of_i",), values=values, freed=(CURRENT_GAIN,))
 
 
-def _scale_of_x(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _scale_of_x(courses: Courses, model: Drive, values: Values) -> Shape:
     parts = [_motion(model, c, _inertial(c, model)) for c in courses]
     force, command = ([p[k] for p in parts] for k in (0, 1))
     return Shape(("scale_of_x",), force=force, command=command, values=values)
 
 
-def _sign_of_u(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _sign_of_u(courses: Courses, model: Drive, values: Values) -> Shape:
     command = [-2.0 * c.u[:, None] for c in courses]
     return Shape(("sign_of_u",), command=command, values=values, sure=_CERTAIN)
 
 
-def _sign_of_x(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _sign_of_x(courses: Courses, model: Drive, values: Values) -> Shape:
     parts = [_motion(model, c, _inertial(c, model) + c.bristle) for c in courses]
     force, command = ([-2.0 * p[k] for p in parts] for k in (0, 1))
     return Shape(("sign_of_x",), force=force, command=command, values=values, sure=_CERTAIN)
 
 
-def _shifts(courses: Courses, model: DriveModel) -> list[Values]:
+def _shifts(courses: Courses, model: Drive) -> list[Values]:
     return [{"shift": float(k)} for k in _SHIFTS]
 
 
-def _time_shift(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _time_shift(courses: Courses, model: Drive, values: Values) -> Shape:
     command = []
     for c in courses:
         at = np.clip(np.arange(len(c.u)) - int(values["shift"]), 0, len(c.u) - 1)
@@ -99,11 +99,11 @@ def _time_shift(courses: Courses, model: DriveModel, values: Values) -> Shape:
     return Shape(("time_shift",), command=command, values=values, sure=_CERTAIN)
 
 
-def _once(courses: Courses, model: DriveModel) -> list[Values]:
+def _once(courses: Courses, model: Drive) -> list[Values]:
     return [{}]
 
 
-def _with_current(courses: Courses, model: DriveModel) -> list[Values]:
+def _with_current(courses: Courses, model: Drive) -> list[Values]:
     return [{}] if all(c.has_current for c in courses) else []
 
 

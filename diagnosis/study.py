@@ -19,7 +19,7 @@ from ..records.bad_record import BadRecord
 from ..records.record import Record
 from .balance import EXACT, Added, calibrated, leftovers, recalibrated, sensitivities
 from .bands import Bands, cut, products
-from .drive_model import DriveModel
+from .drive import Drive
 from .modelled_record import (
     ModelledRecord,
     driven_by_current,
@@ -59,15 +59,15 @@ class Study:
 
     Attributes
     ----------
-    model : DriveModel
+    model : Drive
         Around whose values everything is linear.
-    prior_model : DriveModel
+    prior_model : Drive
     bands : Bands
     """
 
     courses: list[ModelledRecord]
-    model: DriveModel
-    prior_model: DriveModel
+    model: Drive
+    prior_model: Drive
     bands: Bands
 
     @property
@@ -290,7 +290,7 @@ def _left(products: Array, amplitude: Matrix) -> Array:
     return np.asarray(np.maximum(np.sum(half * signed, axis=(3, 4)), 0.0).transpose(0, 2, 1))
 
 
-def study_of(records: Sequence[Record], prior_model: DriveModel) -> Study:
+def study_of(records: Sequence[Record], prior_model: Drive) -> Study:
     """Records laid along the model, with its values adjusted within their tolerances.
 
     The motor's force is taken from the current or from the voltage, whichever leaves less.
@@ -309,7 +309,7 @@ def study_of(records: Sequence[Record], prior_model: DriveModel) -> Study:
     return studies[int(np.argmax(likely))][0]
 
 
-def _adjusted(courses: list[ModelledRecord], prior_model: DriveModel) -> tuple[Study, Fit]:
+def _adjusted(courses: list[ModelledRecord], prior_model: Drive) -> tuple[Study, Fit]:
     bands = cut(courses, prior_model)
     if not bands.used.any() or bands.counts[:, bands.used].sum() < 30.0:
         names = ", ".join(c.record.name for c in courses)

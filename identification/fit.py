@@ -16,7 +16,7 @@ The classical law says nothing of a block that sticks: there only the largest fo
 break-away counts, which is Fs.
 
 The maximum is found by Fisher scoring on the logarithms of the parameters, or on coordinates that
-suit the law better, see `values_of`. What is known may be held. Standard errors come
+suit the law better, see `FittedLaw.values_at`. What is known may be held. Standard errors come
 from the scores of pieces of the records (the piece is the unit of what is independent, so that
 residuals that hang together within it are accounted for), corrected for their leverage, with
 Student's t for their number; they are never smaller than what the likelihood says when it is not
@@ -40,7 +40,7 @@ from ..records.record import Record
 from ..solver.component import symbol
 from .fit_errors import intervals_of, sum_up
 from .fit_result import Fit, fitted_names, without_direction
-from .fitted_law import LAWS, OFFSET, FittedLaw, claim_of, coordinates_of
+from .fitted_law import LAWS, OFFSET, FittedLaw, claim_of
 from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .likelihood import Problem
@@ -103,7 +103,7 @@ def fit_along(
         for side, end in zip(sides, ("",) if tied else ("_pos", "_neg"), strict=True):
             for k, name in enumerate(described.parameters):
                 side[k] = fixed.get(name + end, fixed.get(name, side[k]))
-        parts = [coordinates_of(LAWS[law], side) for side in sides]
+        parts = [LAWS[law].coordinates_of(side) for side in sides]
         parts += [np.array([constant])] if described.offset else []
         climb = Climb(problem, np.concatenate(parts), held, hidden)
         hidden = climb.hidden

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from .fit_result import DRAWN, Fit, draw_coordinates, fitted_names, without_direction
-from .fitted_law import BRISTLES, OFFSET, values_of
+from .fitted_law import BRISTLES, OFFSET
 from .intervals import CONFIDENCE, NARROW, Interval, is_narrow
 from .law_along_record import with_backlash
 from .optimizer import OWN, Climb, Pieces
@@ -136,7 +136,7 @@ def _of_sensors(climb: Climb) -> Vector:
     problem, course = climb.problem, climb.problem.course
     law = problem.law
     fitted, _ = fitted_names(law, problem.tied)
-    found = values_of(law, climb.point.coordinates)
+    found = law.values_at(climb.point.coordinates)
     values = {n: float(v) for n, v in zip(fitted, found, strict=True)}
     variances = np.zeros(problem.size)
     for j, name in enumerate(fitted[: problem.of_law]):
@@ -198,7 +198,7 @@ def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
 def intervals_of(
     fit: Fit, climb: Climb, follow: bool, fixed: Mapping[str, float]
 ) -> dict[str, Interval]:
-    values = values_of(fit.law, fit.coordinates)
+    values = fit.law.values_at(fit.coordinates)
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
     errors = np.sqrt(np.diag(fit.covariance))
     drawn = draw_coordinates(fit) if fit.law.name in DRAWN else None

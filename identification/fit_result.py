@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from .fitted_law import OFFSET, FittedLaw, values_of
+from .fitted_law import OFFSET, FittedLaw
 from .intervals import Interval
 
 Vector = npt.NDArray[np.float64]
@@ -68,7 +68,7 @@ class Fit:
 
     @property
     def values(self) -> dict[str, float]:
-        values = values_of(self.law, self.coordinates)
+        values = self.law.values_at(self.coordinates)
         return {n: float(v) for n, v in zip(self.names, values, strict=True)}
 
 
@@ -81,8 +81,7 @@ def fitted_names(law: FittedLaw, tied: bool) -> tuple[tuple[str, ...], tuple[str
     last, unit = ((OFFSET,), ("N",)) if law.offset else ((), ())
     if tied:
         return law.parameters + last, law.units + unit
-    names = tuple(f"{n}_{side}" for side in ("pos", "neg") for n in law.parameters)
-    return names + last, law.units * 2 + unit
+    return law.by_side + last, law.units * 2 + unit
 
 
 def draw_coordinates(fit: Fit) -> Matrix:
@@ -99,4 +98,4 @@ def draw_coordinates(fit: Fit) -> Matrix:
     far = normal * heavy
     logarithms = far[:, : len(root) - fit.law.offset]
     np.clip(logarithms, -_FARTHEST, _FARTHEST, out=logarithms)
-    return values_of(fit.law, fit.coordinates + far)
+    return fit.law.values_at(fit.coordinates + far)

@@ -39,6 +39,59 @@ class FittedLaw:
     directional: bool = False
     offset: bool = False
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in the plants."""
+        return self.by_side if self.directional else self.parameters
+
+    @property
+    def by_side(self) -> tuple[str, ...]:
+        """Names of the parameters of each direction, forwards first."""
+        return tuple(f"{n}_{side}" for side in ("pos", "neg") for n in self.parameters)
+
+    def values_at(self, coordinates: Vector) -> Vector:
+        """Parameters from the coordinates in which they are fitted.
+
+        Logarithms, except for two laws. Bliman-Sorine's f1 and f2 grow together as eta nears one,
+        while their difference and f2*(1 - eta) hardly change: these two, eps_f and eta's odds are
+        its coordinates. Maxwell slip's shares are one together, since a common factor is that of Fc
+        and Fs: their ratios to the last are its coordinates, and the last's own coordinate does
+        nothing. A constant force beside the law is its own coordinate [N], the last.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (..., p) or (..., 2 p)
+            One more where the law has an offset.
+        """
+        if self.offset:
+            of_law = replace(self, offset=False).values_at(coordinates[..., :-1])
+            return np.concatenate([of_law, coordinates[..., -1:]], axis=-1)
+        values = np.exp(coordinates)
+        if self.name == "bliman_sorine":
+            parts = []
+            for k in range(0, coordinates.shape[-1], 4):
+                c, b, eps_f, odds = np.moveaxis(values[..., k : k + 4], -1, 0)
+                eta = odds / (1 + odds)
+                f2 = b * (1 + odds)
+                parts += [c + f2, f2, eps_f, eta]
+            return np.stack(parts, axis=-1)
+        if self.name == "maxwell_slip":
+            for k in range(ELEMENTS, coordinates.shape[-1], len(self.parameters)):
+                shares = values[..., k : k + ELEMENTS]
+                shares[..., -1] = 1.0
+                shares /= shares.sum(axis=-1, keepdims=True)
+        return np.asarray(values)
+
+    def coordinates_of(self, values: Vector) -> Vector:
+        """The inverse of `values_at`, for one set of parameters, shape (p,)."""
+        if self.name == "bliman_sorine":
+            f1, f2, eps_f, eta = values
+            return np.asarray(np.log([f1 - f2, f2 * (1 - eta), eps_f, eta / (1 - eta)]))
+        coordinates = np.log(values)
+        if self.name == "maxwell_slip":
+            coordinates[ELEMENTS : 2 * ELEMENTS] -= coordinates[2 * ELEMENTS - 1]
+        return np.asarray(coordinates)
+
 
 BRISTLES = ("lugre", "modified_lugre", "directional_lugre")
 """LuGre and its kin. Kv of these is held: no record says anything of it."""
@@ -71,49 +124,3 @@ def claim_of(name: str, what: str, values: Mapping[str, float], speed: float = 1
         return 0.0
     known = {p.name: p.default for p in law(name)(symbol("v")).parameters} | {"v": speed}
     return float(sp.sympify(promise).subs({symbol(n): v for n, v in (known | {**values}).items()}))
-
-
-def values_of(law: FittedLaw, coordinates: Vector) -> Vector:
-    """Parameters from the coordinates in which they are fitted.
-
-    Logarithms, except for two laws. Bliman-Sorine's f1 and f2 grow together as eta nears one, while
-    their difference and f2*(1 - eta) hardly change: these two, eps_f and eta's odds are its
-    coordinates. Maxwell slip's shares are one together, since a common factor is that of Fc and Fs:
-    their ratios to the last are its coordinates, and the last's own coordinate does nothing.
-    A constant force beside the law is its own coordinate [N], the last.
-
-    Parameters
-    ----------
-    law : FittedLaw
-    coordinates : ndarray, shape (..., p) or (..., 2 p)
-        One more where the law has an offset.
-    """
-    if law.offset:
-        of_law = values_of(replace(law, offset=False), coordinates[..., :-1])
-        return np.concatenate([of_law, coordinates[..., -1:]], axis=-1)
-    values = np.exp(coordinates)
-    if law.name == "bliman_sorine":
-        parts = []
-        for k in range(0, coordinates.shape[-1], 4):
-            c, b, eps_f, odds = np.moveaxis(values[..., k : k + 4], -1, 0)
-            eta = odds / (1 + odds)
-            f2 = b * (1 + odds)
-            parts += [c + f2, f2, eps_f, eta]
-        return np.stack(parts, axis=-1)
-    if law.name == "maxwell_slip":
-        for k in range(ELEMENTS, coordinates.shape[-1], len(law.parameters)):
-            shares = values[..., k : k + ELEMENTS]
-            shares[..., -1] = 1.0
-            shares /= shares.sum(axis=-1, keepdims=True)
-    return np.asarray(values)
-
-
-def coordinates_of(law: FittedLaw, values: Vector) -> Vector:
-    """The inverse of `values_of`, for one set of parameters, shape (p,)."""
-    if law.name == "bliman_sorine":
-        f1, f2, eps_f, eta = values
-        return np.asarray(np.log([f1 - f2, f2 * (1 - eta), eps_f, eta / (1 - eta)]))
-    coordinates = np.log(values)
-    if law.name == "maxwell_slip":
-        coordinates[ELEMENTS : 2 * ELEMENTS] -= coordinates[2 * ELEMENTS - 1]
-    return np.asarray(coordinates)

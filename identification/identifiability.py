@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from .fit_result import Fit
-from .fitted_law import BRISTLES, OFFSET, values_of
+from .fit_result import Fit, without_direction
+from .fitted_law import BRISTLES, OFFSET
 from .intervals import NARROW
 from .layout import StackedRecords
 from .likelihood import Problem
@@ -80,7 +80,7 @@ def _both_ways(speeds: list[float]) -> tuple[Callable[[Vector], Vector], ...]:
 
 def candidates(fit: Fit, parameter: str) -> list[CandidateTrial]:
     """Trials worth asking about for a parameter, simplest first."""
-    name = parameter.removesuffix("_pos").removesuffix("_neg")
+    name = without_direction(parameter)
     slow = CandidateTrial(
         "velocity 0.001*sin(t/6) m/s for 19 s from rest in either direction (Table 2.4)",
         (_sine(1e-3, 1 / 6), _sine(-1e-3, 1 / 6)),
@@ -166,12 +166,12 @@ def _expected_error(
     covariance = np.linalg.inv(before + alone)
     j = fit.names.index(parameter)
     tiny = 1e-5
-    base = math.log(values_of(fit.law, coordinates)[j])
+    base = math.log(fit.law.values_at(coordinates)[j])
     turn = np.empty(p)
     for k in range(p):
         moved = coordinates.copy()
         moved[k] += tiny
-        turn[k] = (math.log(values_of(fit.law, moved)[j]) - base) / tiny
+        turn[k] = (math.log(fit.law.values_at(moved)[j]) - base) / tiny
     return math.sqrt(float(turn @ covariance @ turn))
 
 
@@ -202,7 +202,7 @@ def _course(option: CandidateTrial, noise: float, resolution: float) -> StackedR
 
 def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
     """The reason why an interval is wide, from the motion that was recorded."""
-    name = parameter.removesuffix("_pos").removesuffix("_neg")
+    name = without_direction(parameter)
     sign = {"_pos": 1.0, "_neg": -1.0}.get(parameter[-4:], 0.0)
     speed = course.v * sign if sign else np.abs(course.v)
     way = "forwards" if sign > 0 else "backwards" if sign < 0 else "in either direction"

@@ -53,9 +53,7 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
     CannotHold
     """
     described = LAWS[law]
-    names = list(described.parameters)
-    if described.directional:
-        names = [n + end for end in SIDES.values() for n in names]
+    names = described.names
     together = TOGETHER.get(law, ())
     for name, value in fixed.items():
         if name in together:

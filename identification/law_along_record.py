@@ -162,47 +162,25 @@ def mean_friction_along(law: LawValues, x: Vector, v: Vector, step: float, parts
     return friction
 
 
-def force_behind_spring(
-    law: LawValues, x: Vector, v: Vector, step: float, stiffness: float, mass: float
+def force_behind(
+    joint: str, law: LawValues, x: Vector, v: Vector, step: float, size: float, mass: float
 ) -> Vector:
-    """Force of a spring that drags a block with a law where `x` goes on its other side, (n,) [N].
+    """Force on what drags a block with a law, on its other side, shape (n,) [N].
 
-    The spring's own damping is a tenth of critical, as of machine parts.
+    A spring has a damping of its own, as machine parts have. In the middle of a gap the block hangs
+    at first; contact is lost where it would have to be pulled, be it by friction or by its mass,
+    and made again without a rebound.
 
     Parameters
     ----------
+    joint : {"spring", "gap"}
     law : LawValues
     x, v : ndarray, shape (n,)
-        Motion before the spring [m], [m/s].
+        Motion before the joint [m], [m/s].
     step : float
         Sampling interval [s].
-    stiffness, mass : float
-        [N/m], [kg]
-    """
-    force = np.empty(len(x))
-    _library().force_behind_spring(
-        ct.byref(law.told()), at(x), at(v), len(x), step, stiffness, mass, at(force)
-    )
-    return force
-
-
-def force_behind_gap(
-    law: LawValues, x: Vector, v: Vector, step: float, gap: float, mass: float
-) -> Vector:
-    """Force on what pushes a block with a law across a gap, in whose middle it hangs first.
-
-    Contact is lost where the block would have to be pulled, be it by friction or by its mass, and
-    made again without a rebound.
-
-    Parameters
-    ----------
-    law : LawValues
-    x, v : ndarray, shape (n,)
-        Motion of what pushes [m], [m/s].
-    step : float
-        Sampling interval [s].
-    gap, mass : float
-        [m], [kg]
+    size, mass : float
+        Stiffness of the spring [N/m] or width of the gap [m], and the block's mass [kg].
 
     Returns
     -------
@@ -210,9 +188,8 @@ def force_behind_gap(
         On average over the interval after each sample [N].
     """
     force = np.empty(len(x))
-    _library().force_behind_gap(
-        ct.byref(law.told()), at(x), at(v), len(x), step, gap, mass, at(force)
-    )
+    follow = getattr(_library(), f"force_behind_{joint}")
+    follow(ct.byref(law.told()), at(x), at(v), len(x), step, size, mass, at(force))
     return force
 
 

@@ -20,6 +20,7 @@ from ..plant.law import claims, law
 from ..plant.lugre import stribeck
 from ..plant.maxwell_slip import ELEMENTS
 from ..plant.modified_lugre import smooth_sign
+from ..plant.two_masses import joint_force
 from ..solver.codegen import as_python
 from ..solver.component import ForceTerm, symbol
 from ..solver.translation import expression_in_c
@@ -35,7 +36,8 @@ enum {{ ELEMENTS = {ELEMENTS}, LUGRE_PARAMETERS = {len(LAWS["lugre"].parameters)
 """
 _V, _LEFT = (sp.Symbol(name, positive=True) for name in ("v", "left"))
 _S, _G, _H, _WAY, _RATIO = map(symbol, ("s", "g", "h", "way", "ratio"))
-_POINTERS, _SCALARS = ("state", "q", "b"), ("s", "v", "g", "h", "way", "Kv")
+_POINTERS = ("state", "q", "b")
+_SCALARS = ("s", "v", "g", "h", "way", "Kv", "stiffness", "mass")
 
 
 def header() -> str:
@@ -43,12 +45,14 @@ def header() -> str:
     functions = (*_curves(), *_lugre(), *_dahl(), *_bliman_sorine(), *_maxwell_slip())
     classical = _friction(law("classical")(symbol("v"))).xreplace({sp.sign(symbol("v")): _S})
     last = _function("classical", "friction", classical.xreplace({stribeck(symbol("v")): _G}))
-    return "\n".join((_HEAD, *functions, last))
+    spring = sp.diff(joint_force(symbol("mass"), spring=True, gap=False), symbol("v"))
+    return "\n".join((_HEAD, *functions, last, _function("spring", "damping", spring)))
 
 
 def _function(of: str, name: str, value: sp.Expr, **places: str) -> str:
-    """A law's expression as a function in C, of what it needs."""
-    known = {p: f"q[{k}]" for k, p in enumerate(LAWS[of].parameters)} | places
+    """An expression of a law, or of a joint, as a function in C of what it needs."""
+    parameters = LAWS[of].parameters if of in LAWS else ()
+    known = {p: f"q[{k}]" for k, p in enumerate(parameters)} | places
     used = {s.name for s in value.free_symbols}
     local = {n: place for n, place in known.items() if n in used}
     words = (used - {*local}).union(*(re.findall(r"\w+", place) for place in local.values()))

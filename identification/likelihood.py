@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .fitted_law import FittedLaw, values_of
+from .fitted_law import FittedLaw
 from .law_along_record import LawValues, friction_along, score
 from .layout import AROUND, StackedRecords, break_aways
 
@@ -66,7 +66,7 @@ class Problem:
         gain, bend = gains[0][self.owner], gains[1][self.owner] * self.per_way
         x = self.begin + way * (1 + gain + bend * way)
         v = speed * (1 + gain + 2 * bend * way)
-        values = values_of(self.law, coordinates)
+        values = self.law.values_at(coordinates)
         half = len(self.law.parameters)
         forwards, backwards = values[:half], values[self.of_law - half : self.of_law]
         constant = float(values[-1]) if self.law.offset else 0.0

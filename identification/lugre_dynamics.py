@@ -16,11 +16,6 @@ from .friction_estimation import FrictionEstimate
 from .stribeck_fit import STUCK
 
 
-def secant_stiffness(force: float, displacement: float) -> float:
-    """sigma0 = F/x, Eq. 2.14 [N/m]."""
-    return force / displacement
-
-
 def secant_bias(force: float, fs: float) -> float:
     """What Eq. 2.14 gives on a slowly loaded LuGre surface, as a share of the true sigma0.
 
@@ -35,13 +30,13 @@ def secant_bias(force: float, fs: float) -> float:
     return share / -math.log1p(-share)
 
 
-def assumed_damping(sigma0: float, sigma2: float, mass: float = 1.0) -> float:
-    """sigma1 = 2 sqrt(sigma0 m) - sigma2, Eq. 2.17 [N*s/m]: critical damping, assumed."""
-    return 2 * math.sqrt(sigma0 * mass) - sigma2
+def assumed_damping(sigma0: float, sigma2: float, mass: float = 1.0, share: float = 1.0) -> float:
+    """sigma1 = 2 sqrt(sigma0 m) - sigma2, Eq. 2.17 [N*s/m]: a share of the critical damping."""
+    return share * 2 * math.sqrt(sigma0 * mass) - sigma2
 
 
 def held_stiffness(record: Record, estimate: FrictionEstimate) -> tuple[float, float] | None:
-    """sigma0 by Eq. 2.14 [N/m] and the force held [N] of one trial; None if the block moved on."""
+    """sigma0 = F/x, Eq. 2.14 [N/m], and the force held [N] of a trial; None if the block moved."""
     x = estimate.motion.x
     if float(np.ptp(x)) > STUCK:
         return None
@@ -50,4 +45,4 @@ def held_stiffness(record: Record, estimate: FrictionEstimate) -> tuple[float, f
     force = float(estimate.friction[last].mean())
     if abs(displacement) < 3 * estimate.motion.noise or displacement * force <= 0:
         return None
-    return secant_stiffness(force, displacement), force
+    return force / displacement, force

@@ -35,12 +35,6 @@ def presliding_way(law: FittedLaw, values: Mapping[str, float], end: str = "") -
         Of the parameters' names, where directions are apart.
     """
     own = {n: values[n + end] for n in law.parameters}
-    if law.name == "classical":
-        return _RIGID_YIELDING
-    if law.name == "dahl":
-        return own["Fc"] / own["sigma"]
-    if law.name == "bliman_sorine":
-        return (own["f1"] - own["f2"]) * own["eps_f"] / (own["f1"] / own["eta"] - own["f2"])
     if law.name == "maxwell_slip":
         return own["Fs"] / sum(own[f"k{i}"] for i in range(1, ELEMENTS + 1))
     if law.name in BRISTLES:

@@ -141,6 +141,30 @@ class ParameterFile:
             )
         return plant_of(self.law or DEFAULT_LAW)
 
+    @property
+    def lead(self) -> float | None:
+        """Way of the screw per turn as `p` of the plant says it [m]."""
+        return 1 / self.plant["p"].value if "p" in self.plant else None
+
+    def with_lead(self, lead: float | None) -> ParameterFile:
+        """The file with the way of the screw per turn [m], where its plant has a screw.
+
+        Raises
+        ------
+        BadParameters
+            If the file says the lead, too.
+        """
+        if lead is None:
+            return self
+        if "p" in self.plant:
+            raise BadParameters(
+                f"--lead and p of {self.path} both say what a turn of the screw is; expected one "
+                "of them"
+            )
+        if self.kind != BALL_SCREW:
+            return self
+        return replace(self, plant={**self.plant, "p": Value(1 / lead, "1/m", None, "--lead")})
+
     def plant_values(
         self, known: Known, others: Collection[str] = ()
     ) -> tuple[dict[str, float], list[str]]:

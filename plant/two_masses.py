@@ -86,16 +86,17 @@ def with_load_on_spring(plant: Component) -> Component:
     """
     plant, load = _shares(plant)
     (whole,) = plant.balances
-    stiffness = symbol(LOAD_STIFFNESS.name)
-    damping = 2 * SPRING_DAMPING * sp.sqrt(stiffness * load)
-    pull = stiffness * (symbol("xl") - symbol("x")) + damping * (symbol("vl") - symbol("v"))
+    named = {"xb": "xl", "vb": "vl", STIFFNESS.name: LOAD_STIFFNESS.name}
+    pull = joint_force(load, spring=True, gap=False).xreplace(
+        {symbol(old): symbol(new) for old, new in named.items()}
+    )
     spring = ForceTerm(
         "load",
-        pull,
+        -pull,
         "a load behind a spring",
         states=(
             State("xl", "m", "position of the load", symbol("vl"), nominal=1e-3),
-            State("vl", "m/s", "velocity of the load", -pull / load, nominal=1e-3),
+            State("vl", "m/s", "velocity of the load", pull / load, nominal=1e-3),
         ),
         parameters=(LOAD_STIFFNESS,),
     )
@@ -110,7 +111,7 @@ def _has(plant: Component, parameter: Parameter) -> bool:
 def _joined(plant: Component, spring: bool, gap: bool) -> Component:
     apart = plant if "xb" in [s.name for s in plant.states] else _parted(plant)
     block = next(b.inertia for b in apart.balances if b.state == "vb")
-    pull = _force(block, spring, gap)
+    pull = joint_force(block, spring, gap)
     joint = {
         "v": ForceTerm("joint", -pull, "what joins the two, on the encoder's side"),
         "vb": ForceTerm("joint", pull, "what joins the two, on the block"),
@@ -129,7 +130,7 @@ def _joined(plant: Component, spring: bool, gap: bool) -> Component:
     )
 
 
-def _force(block: sp.Expr, spring: bool, gap: bool) -> sp.Expr:
+def joint_force(block: sp.Expr, spring: bool, gap: bool) -> sp.Expr:
     """Force on the block of what joins the two [N]."""
     longer = symbol("x") - symbol("xb")
     faster = symbol("v") - symbol("vb")
@@ -184,7 +185,7 @@ def _shares(plant: Component) -> tuple[Component, sp.Expr]:
     """The plant, which may no longer lose its rotor, and the mass of the block."""
     rotor = next((p for p in plant.parameters if p.name == "Jm"), None)
     if rotor is None:
-        return plant, symbol("m") / 2  # nobody told which part is where
+        return plant, block_of(plant)
     if rotor.default < _LEAST_ROTOR:
         raise OneBody(
             f"Jm is {rotor.default:g} kg*m^2: a spring or a gap before the block needs a rotor "
@@ -193,7 +194,12 @@ def _shares(plant: Component) -> tuple[Component, sp.Expr]:
     parameters = tuple(
         replace(p, minimum=_LEAST_ROTOR) if p is rotor else p for p in plant.parameters
     )
-    return replace(plant, parameters=parameters), symbol("m")
+    return replace(plant, parameters=parameters), block_of(plant)
+
+
+def block_of(plant: Component) -> sp.Expr:
+    """Mass that friction acts on; half of all where nobody told which part is where [kg]."""
+    return symbol("m") if any(p.name == "Jm" for p in plant.parameters) else symbol("m") / 2
 
 
 def _moved(term: ForceTerm, symbols: dict[sp.Symbol, sp.Expr]) -> ForceTerm:

@@ -25,8 +25,7 @@ from provenance import provenance
 from scipy.signal import savgol_filter
 
 from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.drive_model import DriveModel
-from ballscrew.diagnosis.prior_model import read_prior_model
+from ballscrew.diagnosis.drive import Drive, read_drive
 from ballscrew.records.reading import read_drive_records
 from ballscrew.solver.files import write_atomically
 
@@ -36,7 +35,7 @@ COLUMNS = {"qm": "x", "vir": "u", "t": "time", "qg": "x_ref"}
 DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
 
 
-def effects(model: DriveModel, x: Any, v: Any, t: Any) -> dict[str, tuple[str, Any]]:
+def effects(model: Drive, x: Any, v: Any, t: Any) -> dict[str, tuple[str, Any]]:
     """Hidden forces by a label: the name that is to be found, and the force [N]."""
     sign = np.tanh(v / 2e-3)
     middle, half = 0.5 * (x.min() + x.max()), 0.5 * np.ptp(x)
@@ -94,7 +93,7 @@ def main() -> int:
     if not path.exists():
         print(f"nothing proven: {path.name} is not here; see docs/emps.md", file=sys.stderr)
         return 2
-    prior_model = read_prior_model(ROOT / "docs" / "emps.toml")
+    prior_model = read_drive(ROOT / "docs" / "emps.toml")
     (record,) = read_drive_records([path], COLUMNS)
     record = replace(record, name="DATA_EMPS.mat")
     x, t = record.x, record.time - record.time[0]

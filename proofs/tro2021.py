@@ -29,7 +29,7 @@ from scipy.stats import t as student
 
 from ballscrew.identification.fit import fit_along
 from ballscrew.identification.fit_result import Fit
-from ballscrew.identification.fitted_law import OFFSET, values_of
+from ballscrew.identification.fitted_law import OFFSET
 from ballscrew.identification.identification import Identification
 from ballscrew.identification.identify import identify
 from ballscrew.orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
@@ -103,7 +103,7 @@ def steady_points(records: Sequence[Record]) -> list[Point]:
 
 def curve(fit: Fit, coordinates: Vector, v: float) -> float:
     """Force of the fitted law at a constant velocity, Eq. 1.8, with its offset [N]."""
-    values = dict(zip(fit.names, values_of(fit.law, coordinates), strict=True))
+    values = dict(zip(fit.names, fit.law.values_at(coordinates), strict=True))
     end = "" if fit.tied else "_pos" if v > 0 else "_neg"
     fc, fs, vs, viscous = (values[n + end] for n in ("Fc", "Fs", "Vs", "sigma2"))
     size = fc + (fs - fc) * math.exp(-((v / vs) ** 2)) + viscous * abs(v)

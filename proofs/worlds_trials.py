@@ -16,8 +16,7 @@ from worlds import OUTSIDE as NOT_IN_CATALOGUE
 from worlds import WORLDS, Unusable, draw_case, effects_of, write_case
 
 from ballscrew.diagnosis.commanded import commanded
-from ballscrew.diagnosis.drive_model import DriveModel
-from ballscrew.diagnosis.prior_model import read_prior_model
+from ballscrew.diagnosis.drive import Drive, read_drive
 from ballscrew.diagnosis.scores import OUTSIDE as IN_NO_CAUSE
 from ballscrew.records.reading import read_drive_records
 from ballscrew.records.record import Record
@@ -65,10 +64,10 @@ class Drawn:
     ratio: float
     shared: list[str]
 
-    def read(self) -> tuple[list[Record], DriveModel]:
+    def read(self) -> tuple[list[Record], Drive]:
         """The records and what their user believes."""
         paths = sorted(self.folder.glob("record*.csv"))
-        believed = read_prior_model(self.folder / "believed.toml")
+        believed = read_drive(self.folder / "believed.toml")
         records, model, _ = commanded(read_drive_records(paths), believed)
         return records, model
 

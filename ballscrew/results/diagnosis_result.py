@@ -67,9 +67,9 @@ class DiagnosisResult(Result, Diagnosis):
         ValueError
             If no plant can hold these causes; the message says why.
         """
-        from ..diagnosis.extended_plant import extended_plant
+        from ..diagnosis.with_causes import with_causes
 
-        return extended_plant(self.corrected, self.found())
+        return with_causes(self.corrected, self.found())
 
     def to_pandas(self) -> Any:
         """A row for each parameter of what is built in: value, interval, unit, gain held out.

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
+from ...plant.ball_screw import bare_ball_screw
 from ...solver.component import Component, ForceTerm, Parameter, symbol
-
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
-    from ..modelled_record import ModelledRecord
+from ..drive import Drive, compiled
+from ..modelled_record import ModelledRecord
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -64,10 +61,14 @@ class Shape:
     freed: tuple[str, ...] = ()
 
 
-Courses = Sequence["ModelledRecord"]
+Courses = Sequence[ModelledRecord]
 Values = Mapping[str, float]
 Smaller = Callable[[Courses, Shape, Vector], float]
+Grid = Callable[[Courses, Drive], list[Values]]
+Signals = Callable[[Courses, Drive, Values], Sequence[Mapping[str, Vector]]]
 
+CONSTANT_SPEEDS = "2.3.1"
+"""The rig's trial of constant speeds."""
 _SOME = 1e-3  # of the largest command, from which on a share of it means anything
 _LEAST = 1e-3  # of a command, that a shape leaves
 
@@ -83,6 +84,32 @@ def of_command(courses: Courses, shape: Shape, amplitudes: Vector) -> float:
 
 
 @dataclass(frozen=True)
+class Mechanism:
+    """One way in which machines have a cause, told from others by the names of its values.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+        What it is told by; the defaults are those of no effect.
+    at : function of (courses, model, values) to a Shape
+    grid : function of (courses, model) to a list of mappings
+        Values to try of what it depends on other than linearly; one empty mapping where there is
+        nothing of the kind.
+    extend : function of (plant, curve, cause) to a plant
+        The plant, not yet able to stick, with it; `curve` is the friction of steady sliding without
+        its viscous part, as a function of ``v``. The same plant where only its values are others.
+    refined : str
+        Which of its values is found between the grid's points, if any.
+    """
+
+    parameters: tuple[Parameter, ...]
+    at: Callable[[Courses, Drive, Values], Shape]
+    grid: Grid = lambda courses, model: [{}]
+    extend: Callable[[Component, sp.Expr, Cause], Component] = lambda plant, curve, cause: plant
+    refined: str = ""
+
+
+@dataclass(frozen=True)
 class Cause:
     """One thing that may be missing in a model, or wrong with it.
 
@@ -91,73 +118,53 @@ class Cause:
     name : str
     says : str
         What it is, for an engineer, in a clause.
-    grid : function of (courses, model) to a list of mappings
-        Values to try of what the cause depends on other than linearly; one empty mapping where
-        there is nothing of the kind.
-    at : function of (courses, model, values) to a Shape
-    parameters : tuple of Parameter
-        What it is told by; the defaults are those of no effect.
-    extend : function of (plant, curve, values) to a plant
-        The plant, not yet able to stick, with the cause in it; `curve` is the friction of steady
-        sliding without its viscous part, as a function of ``v``; `values` are those found.
+    mechanisms : tuple of Mechanism
     confirm : str
         What would confirm it.
     mistaken_for : tuple of str
-    refined : tuple of str
-        Those of `values` that are found between the grid's points; of each form one at most.
     beyond : function of (courses, model) to str or None
         Why these records cannot show it at all.
     on_screw : bool
         Its force acts on the screw's side, where a load cell before the block does not feel it.
     smaller : function of (courses, shape, amplitudes) to a number, optional
         By how much it makes all that is left smaller, were that noise, such as `of_command`.
+    trial : str
+        The trial of `ballscrew rig` that shows it there.
     """
 
     name: str
     says: str
-    grid: Callable[[Courses, DriveModel], list[Values]]
-    at: Callable[[Courses, DriveModel, Values], Shape]
-    parameters: tuple[Parameter, ...]
-    extend: Callable[..., Component]
+    mechanisms: tuple[Mechanism, ...]
     confirm: str
     mistaken_for: tuple[str, ...] = ()
-    refined: tuple[str, ...] = ()
-    beyond: Callable[[Courses, DriveModel], str | None] = lambda courses, model: None
+    beyond: Callable[[Courses, Drive], str | None] = lambda courses, model: None
     on_screw: bool = False
     smaller: Smaller | None = None
+    trial: str = CONSTANT_SPEEDS
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(dict.fromkeys(p for m in self.mechanisms for p in m.parameters))
+
+    def grid(self, courses: Courses, model: Drive) -> list[Values]:
+        """Values to try, of all mechanisms."""
+        return [values for m in self.mechanisms for values in m.grid(courses, model)]
+
+    def at(self, courses: Courses, model: Drive, values: Values) -> Shape:
+        """What it would do to these records."""
+        return self._told_by(values).at(courses, model, values)
+
+    def extend(self, plant: Component, curve: sp.Expr, values: Values) -> Component:
+        """The plant with it, see `Mechanism`."""
+        return self._told_by(values).extend(plant, curve, self)
 
     def refined_of(self, values: Values) -> str | None:
         """Which of these values is found between the grid's points, if any."""
-        return next((n for n in self.refined if n in values), None)
+        return self._told_by(values).refined or None
 
-
-def of_forms(first: Cause, *others: Cause) -> Cause:
-    """One cause that machines have in several forms, told by the names of their values.
-
-    Name and wording are those of the first.
-    """
-    forms = (first, *others)
-
-    def form_of(values: Values) -> Cause:
-        return next(f for f in forms if set(values) <= {p.name for p in f.parameters})
-
-    def grid(courses: Courses, model: DriveModel) -> list[Values]:
-        return [values for f in forms for values in f.grid(courses, model)]
-
-    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-        return form_of(values).at(courses, model, values)
-
-    def extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
-        return form_of(values).extend(plant, curve, values)
-
-    return replace(
-        first,
-        grid=grid,
-        at=at,
-        extend=extend,
-        parameters=tuple(dict.fromkeys(p for f in forms for p in f.parameters)),
-        refined=tuple(dict.fromkeys(n for f in forms for n in f.refined)),
-    )
+    def _told_by(self, values: Values) -> Mechanism:
+        own = (m for m in self.mechanisms if set(values) <= {p.name for p in m.parameters})
+        return next(own, self.mechanisms[0])
 
 
 def parameter(name: str, unit: str, meaning: str, default: float = 0.0) -> Parameter:
@@ -165,118 +172,132 @@ def parameter(name: str, unit: str, meaning: str, default: float = 0.0) -> Param
     return Parameter(name, default, unit, meaning, "found in measured data")
 
 
-@dataclass(frozen=True)
-class Constants:
-    """What a force depends on other than linearly.
-
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-    grid : function of (courses, model) to a list of mappings
-        Values of them to try.
-    refined : tuple of str
-        As of a `Cause`.
-    """
-
-    parameters: tuple[Parameter, ...]
-    grid: Callable[[Courses, DriveModel], list[Values]]
-    refined: tuple[str, ...] = ()
+def no_signals(courses: Courses, model: Drive, values: Values) -> Sequence[Mapping[str, Vector]]:
+    return [{}] * len(courses)
 
 
-NO_CONSTANTS = Constants((), lambda courses, model: [{}])
-
-
-def force_cause(
-    name: str,
-    says: str,
+def force(
     amplitudes: Mapping[Parameter, sp.Expr],
-    confirm: str,
-    mistaken_for: tuple[str, ...] = (),
-    constants: Constants = NO_CONSTANTS,
+    constants: tuple[Parameter, ...] = (),
+    grid: Grid = lambda courses, model: [{}],
+    refined: str = "",
     per_record: bool = False,
-    on_screw: bool = False,
-) -> Cause:
-    """A cause that is one more force, linear in its amplitudes.
+    signals: Signals = no_signals,
+) -> Mechanism:
+    """One more force, linear in its amplitudes.
 
     Parameters
     ----------
     amplitudes : mapping of Parameter to expression
         Force against motion in +x for the amplitude at one, in the symbols ``x``, ``v``, ``t``,
         `FRICTION`, `DRY`, `RELAXATION`, `ACTING`, the plant's parameters and the `constants`.
-    constants : Constants, optional
+    constants : tuple of Parameter, optional
+        What it depends on other than linearly.
+    grid, refined
+        As of a `Mechanism`.
     per_record : bool
         Each record has amplitudes of its own, as where a phase is another after each homing.
+    signals : function of (courses, model, values) to a mapping for each record, optional
+        Of symbols to what they are along it, in place of a constant value.
     """
     names = tuple(p.name for p in amplitudes)
-    expressions = list(amplitudes.values())
+    parameters = (*amplitudes, *constants)
 
-    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-        force = [_along(expressions, c, model, values) for c in courses]
+    def at(courses: Courses, model: Drive, values: Values) -> Shape:
+        more = signals(courses, model, values)
+        forces = [
+            _along(tuple(amplitudes.values()), c, model, values, own)
+            for c, own in zip(courses, more, strict=True)
+        ]
         told = names
         if per_record and len(courses) > 1:
             told = tuple(f"{n}.{r + 1}" for r in range(len(courses)) for n in names)
-            force = [
+            forces = [
                 np.hstack([f if r == k else np.zeros_like(f) for k in range(len(courses))])
-                for r, f in enumerate(force)
+                for r, f in enumerate(forces)
             ]
-        return Shape(told, force=force, values=values)
+        return Shape(told, force=forces, values=values)
 
-    def extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
-        del values
+    def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
         friction = -next(t.force for t in plant.terms if t.name == "friction")
-        acting = next(t.force for t in plant.terms if t.name in ("motor", "drive"))
         known = {p.name for p in plant.all_parameters}
         bristle = friction - symbol("sigma2") * symbol("v") if "sigma2" in known else friction
-        relaxation = symbol("sigma1") / symbol("sigma0") if "sigma0" in known else sp.Integer(0)
-        opposing = sp.Add(*[symbol(n) * e for n, e in zip(names, expressions, strict=True)])
+        table = {
+            FRICTION: friction,
+            DRY: bristle,
+            ENGAGED: bristle / curve,
+            ACTING: next(t.force for t in plant.terms if t.name in ("motor", "drive")),
+            RELAXATION: symbol("sigma1") / symbol("sigma0") if "sigma0" in known else sp.Integer(0),
+        }
+        opposing = sp.Add(*[symbol(p.name) * e for p, e in amplitudes.items()])
+        new = tuple(p for p in parameters if p.name not in known)
         return plant.with_force(
-            ForceTerm(
-                name=name,
-                force=-opposing.xreplace(
-                    {
-                        FRICTION: friction,
-                        DRY: bristle,
-                        ENGAGED: bristle / curve,
-                        ACTING: acting,
-                        RELAXATION: relaxation,
-                    }
-                ),
-                meaning=says,
-                parameters=tuple(
-                    p for p in (*amplitudes, *constants.parameters) if p.name not in known
-                ),
-            )
+            ForceTerm(cause.name, -opposing.xreplace(table), cause.says, parameters=new)
         )
 
-    return Cause(
-        name,
-        says,
-        constants.grid,
-        at,
-        (*amplitudes, *constants.parameters),
-        extend,
-        confirm,
-        mistaken_for,
-        constants.refined,
-        on_screw=on_screw,
-    )
+    return Mechanism(parameters, at, grid, extend, refined)
 
 
-def engaged(course: ModelledRecord, model: DriveModel) -> Vector:
+def voltage(
+    changed: Mapping[sp.Symbol, sp.Expr],
+    parameters: tuple[Parameter, ...],
+    grid: Grid,
+    refined: str = "",
+    sure: float | None = None,
+    signals: Signals = no_signals,
+) -> Mechanism:
+    """A change of what lies between the command and the motor's current.
+
+    Parameters
+    ----------
+    changed : mapping of Symbol to expression
+        What stands in the winding's balance in place of ``u`` or ``R``.
+    parameters : tuple of Parameter
+        The first is its amplitude. A plant that has them all has such an equation already.
+    sure : float, optional
+        As of a `Shape`; else the change is proportional to the amplitude.
+    """
+    first = parameters[0].name
+    before = symbol("L") * bare_ball_screw().derivative("i")
+    after = sp.expand(before).xreplace(dict(changed))
+    change = after - sp.expand(before) if sure else sp.diff(after, symbol(first))
+
+    def at(courses: Courses, model: Drive, values: Values) -> Shape:
+        more = signals(courses, model, values)
+        command = [
+            _along((change,), c, model, values, own) for c, own in zip(courses, more, strict=True)
+        ]
+        return Shape((first,), command=command, values=values, sure=sure)
+
+    def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
+        known = {p.name for p in plant.all_parameters}
+        new = [p for p in parameters if p.name not in known]
+        if not new:
+            return plant
+        return plant.substituted(changed, parameters=(*plant.parameters, *new))
+
+    return Mechanism(parameters, at, grid, extend, refined)
+
+
+def engaged(course: ModelledRecord, model: Drive) -> Vector:
     """`ENGAGED` along a record, shape (n,)."""
     return np.asarray(course.bristle / model.curve(course.middle_v))
 
 
 def _along(
-    expressions: Sequence[sp.Expr],
+    expressions: tuple[sp.Expr, ...],
     course: ModelledRecord,
-    model: DriveModel,
-    values: Mapping[str, float],
+    model: Drive,
+    values: Values,
+    own: Mapping[str, Vector],
 ) -> Matrix:
+    """What expressions are along a record, shape (n, expressions)."""
     signals: dict[str, Callable[[], Vector]] = {
         "x": lambda: course.middle_x,
         "v": lambda: course.middle_v,
         "t": lambda: course.time + 0.5 * course.step,
+        "u": lambda: course.u,
+        "i": lambda: course.mean_i,
         FRICTION.name: lambda: course.bristle + model.linear_friction * course.middle_v,
         DRY.name: lambda: course.bristle,
         ENGAGED.name: lambda: engaged(course, model),
@@ -286,17 +307,10 @@ def _along(
     }
     stiffness = model.values.get("sigma0", 0.0)
     relaxation = model.values.get("sigma1", 0.0) / stiffness if stiffness else 0.0
-    numbers = {**model.values, RELAXATION.name: relaxation, **values}
+    numbers = {**model.values, RELAXATION.name: relaxation, **values, **own}
     columns = []
     for expression in expressions:
-        free, function = _compiled(expression)
-        column = function(*(signals[n]() if n in signals else numbers[n] for n in free))
-        columns.append(np.broadcast_to(column, course.x.shape))
+        free, function = compiled(expression)
+        given = [signals[n]() if n in signals and n not in own else numbers[n] for n in free]
+        columns.append(np.broadcast_to(function(*given), course.x.shape))
     return np.column_stack(columns)
-
-
-@cache
-def _compiled(expression: sp.Expr) -> tuple[tuple[str, ...], Callable[..., Vector]]:
-    """Names of an expression's symbols, and a function of them."""
-    free = tuple(sorted(s.name for s in sp.sympify(expression).free_symbols))
-    return free, sp.lambdify([symbol(n) for n in free], expression, "numpy", cse=True)

@@ -2,49 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
 from ...solver.component import symbol
-from .cause import (
-    FRICTION,
-    Cause,
-    Constants,
-    Courses,
-    Shape,
-    Values,
-    Vector,
-    force_cause,
-    of_forms,
-    parameter,
-)
+from ..drive import Drive
+from ..modelled_record import ModelledRecord
+from .cause import FRICTION, Cause, Courses, Mechanism, Values, Vector, force, parameter
 from .in_time import InTime, in_time
 from .travel import changing, either_way, viscous_share
 
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
-    from ..modelled_record import ModelledRecord
-
 _SHARE = "drift_viscous_share"
-_NAME = "friction_drift"
-_SAYS = "friction changes in the course of the record"
-_CONFIRM = "the same motion again and again, with a thermometer: friction follows it"
 
 
-def _form(how: InTime) -> Cause:
-    return force_cause(
-        _NAME,
-        _SAYS,
+def _drifting(how: InTime) -> Mechanism:
+    return force(
         {parameter(how.change, "1", "share by which friction grows"): changing(_SHARE, how.course)},
-        confirm=_CONFIRM,
-        mistaken_for=("resistance_drift", "position_trend_friction"),
-        constants=Constants(
-            (how.constant, viscous_share(_SHARE)),
-            lambda courses, model: either_way(how.grid(courses, model), _SHARE),
-            refined=how.refined,
-        ),
+        (how.constant, viscous_share(_SHARE)),
+        lambda courses, model: either_way(how.grid(courses, model), _SHARE),
+        how.refined,
     )
 
 
@@ -57,41 +34,32 @@ def _temperature(course: ModelledRecord) -> Vector | None:
     return np.interp(course.time, course.time[known], recorded[known])
 
 
-def _with_temperature_grid(courses: Courses, model: DriveModel) -> list[Values]:
-    del model
+def _where_recorded(courses: Courses, model: Drive) -> list[Values]:
     warmth = [_temperature(c) for c in courses]
     return [{"warming": 0.0}] if all(t is not None and np.ptp(t) > 0 for t in warmth) else []
 
 
-def _with_temperature_at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _warming(courses: Courses, model: Drive, values: Values) -> list[Mapping[str, Vector]]:
     warmth = [t for t in map(_temperature, courses) if t is not None]
     mean = float(np.concatenate(warmth).mean())
-    force = [
-        ((c.bristle + model.linear_friction * c.middle_v) * (t - mean))[:, None]
-        for c, t in zip(courses, warmth, strict=True)
-    ]
-    return Shape(("friction_per_kelvin",), force=force, values=values)
+    return [{"warming": t - mean} for t in warmth]
 
 
-_WITH_TEMPERATURE = replace(
-    force_cause(
-        _NAME,
-        _SAYS,
-        {
-            parameter("friction_per_kelvin", "1/K", "share by which friction grows per degree"): (
-                FRICTION * symbol("warming")
-            )
-        },
-        confirm=_CONFIRM,
-        constants=Constants(
-            (parameter("warming", "K", "of the screw, above the mean of the records"),),
-            _with_temperature_grid,
-        ),
-    ),
-    at=_with_temperature_at,
+_WITH_TEMPERATURE = force(
+    {
+        parameter("friction_per_kelvin", "1/K", "share by which friction grows per degree"): (
+            FRICTION * symbol("warming")
+        )
+    },
+    (parameter("warming", "K", "of the screw, above the mean of the records"),),
+    _where_recorded,
+    signals=_warming,
 )
-
-CAUSE = of_forms(
-    *(_form(how) for how in in_time("friction", "drift_time")),
-    _WITH_TEMPERATURE,
+CAUSE = Cause(
+    "friction_drift",
+    "friction changes in the course of the record",
+    (*map(_drifting, in_time("friction", "drift_time")), _WITH_TEMPERATURE),
+    confirm="the same motion again and again, with a thermometer: friction follows it",
+    mistaken_for=("resistance_drift", "position_trend_friction"),
+    trial="viscous/1",
 )

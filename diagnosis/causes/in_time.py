@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import sympy as sp
 
 from ...solver.component import TIME, Parameter, symbol
-from .cause import Courses, Values, parameter
-
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+from .cause import Courses, Grid, parameter
 
 # what is over at once, or comes at the very end, is another constant value for nearly all the time
 _SETTLING = (0.15, 0.25, 0.45)  # of the record
@@ -20,56 +15,46 @@ _STEPS = 16  # parts of a record; a step is not in the first two or the last
 _SUDDEN = 0.01  # of a step [s]
 
 
-@dataclass(frozen=True)
-class InTime:
-    """One course of a change that is 0 at first and 1 when all of it has come.
+class InTime(NamedTuple):
+    """A change of a name, in a course that is 0 at first and 1 when all of it has come.
 
-    Attributes
-    ----------
-    change : str
-        What the change is called.
-    course : expression of the time and `constant`
-    constant : Parameter
-    grid : function of (courses, model) to a list of mappings
-    refined : tuple of str
+    The course is told by a constant, see `Mechanism` for its values and whether it is refined.
     """
 
     change: str
     course: sp.Expr
     constant: Parameter
-    grid: Callable[[Courses, DriveModel], list[Values]]
-    refined: tuple[str, ...]
+    grid: Grid
+    refined: str = ""
+
+
+def _longest(courses: Courses) -> float:
+    return max(float(c.time[-1]) for c in courses)
 
 
 def in_time(name: str, line: str) -> tuple[InTime, ...]:
     """The courses of a change of `name`; `line` is the constant of the straight one."""
     settling, step = f"{name}_settling_time", f"{name}_step_time"
-
-    def longest(courses: Courses) -> float:
-        return max(float(c.time[-1]) for c in courses)
-
+    parts = [k / _STEPS for k in range(2, _STEPS - 1)]
     return (
         InTime(
             f"{name}_drift",
             TIME / symbol(line),
             parameter(line, "s", "time of that growth", 1.0),
-            lambda courses, model: [{line: longest(courses)}],
-            (),
+            lambda courses, model: [{line: _longest(courses)}],
         ),
         InTime(
             f"{name}_settling",
             1 - sp.exp(-TIME / symbol(settling)),
             parameter(settling, "s", "time constant of that growth", 1.0),
-            lambda courses, model: [{settling: k * longest(courses)} for k in _SETTLING],
-            (settling,),
+            lambda courses, model: [{settling: k * _longest(courses)} for k in _SETTLING],
+            settling,
         ),
         InTime(
             f"{name}_step",
             (1 + sp.tanh((TIME - symbol(step)) / _SUDDEN)) / 2,
             parameter(step, "s", "time of that change", 1.0),
-            lambda courses, model: [
-                {step: k / _STEPS * longest(courses)} for k in range(2, _STEPS - 1)
-            ],
-            (step,),
+            lambda courses, model: [{step: k * _longest(courses)} for k in parts],
+            step,
         ),
     )

@@ -1,22 +1,24 @@
-"""A command that arrives late: all of it at once, or smeared by a filter or a mean."""
+"""A command that arrives late: all of it at once, or smeared by a filter or a mean.
+
+The plant has a delay or a filter as an instrument before it. A recorded command is held from sample
+to sample, and what becomes of it is known exactly as a mean over each interval: an expression in
+time has no such step.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING
+from math import comb
 
 import numpy as np
 import sympy as sp
 
 from ...instruments.late_command import with_command_behind, with_late_command
 from ...solver.component import Component, Parameter, symbol
+from ..drive import Drive
 from ..weak_form import lagged
-from .cause import Cause, Courses, Shape, Values, Vector, of_forms, parameter
-
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+from .cause import Cause, Courses, Mechanism, Shape, Values, Vector, parameter
 
 _SHARES = 2.0 ** np.arange(-5.0, 12.0)  # of a sampling interval
 _LONGEST = 5e-3  # s, or eight samples
@@ -51,74 +53,70 @@ def smeared(u: Vector, window: float, step: float) -> Vector:
     return np.asarray((means[-count:] - means[-count - n :][:count] + rest) / (n + share))
 
 
-def _filtered(u: Vector, time_constant: float, step: float, filters: int) -> Vector:
-    """Mean over each interval of a held command behind filters in series.
-
-    Each filter has what the one before gives on average over an interval, held.
-    """
-    given = u[:, None]
-    for _ in range(filters):
-        given = lagged(given, step, time_constant)
-    return np.asarray(given[:, 0])
-
-
-def _form(
+def _late_by(
     name: str,
     meaning: str,
     arrives: Callable[[Vector, float, float], Vector],
     built: Callable[[Component, Parameter], Component],
-) -> Cause:
-    """A form that is told by one time."""
+) -> Mechanism:
+    """A command that is late by one time."""
     time = parameter(name, "s", meaning, 1e-4)
 
-    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-        del model
+    def at(courses: Courses, model: Drive, values: Values) -> Shape:
         command = [(arrives(c.u, values[name], c.step) - c.u)[:, None] for c in courses]
         return Shape((name,), command=command, values=values, sure=0.35)
 
-    def extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
-        del curve, values
-        return built(plant, replace(time, minimum=1e-7))
-
-    return Cause(
-        "input_delay",
-        "the command reaches the drive late",
-        lambda courses, model: [{name: float(t)} for t in _times(courses)],
-        at,
+    return Mechanism(
         (time,),
-        extend,
-        confirm="a step of the command with the current recorded: the current begins late",
-        refined=(name,),
-        mistaken_for=("unmodelled_inertia",),
+        at,
+        lambda courses, model: [{name: float(t)} for t in _times(courses)],
+        lambda plant, curve, cause: built(plant, replace(time, minimum=1e-7)),
+        name,
     )
 
 
-def _behind(
-    coefficients: Callable[[sp.Symbol], Sequence[sp.Expr]],
-) -> Callable[[Component, Parameter], Component]:
+def _behind_filters(name: str, meaning: str, count: int) -> Mechanism:
+    """A command behind filters of first order in series.
+
+    Along a record, each has what the one before gives on average over an interval, held.
+    """
+
+    def arrives(u: Vector, time_constant: float, step: float) -> Vector:
+        given = u[:, None]
+        for _ in range(count):
+            given = lagged(given, step, time_constant)
+        return np.asarray(given[:, 0])
+
+    time = symbol(name)
+    return _late_by(
+        name, meaning, arrives, _behind([comb(count, k) * time**k for k in range(1, count + 1)])
+    )
+
+
+def _behind(coefficients: Sequence[sp.Expr]) -> Callable[[Component, Parameter], Component]:
     """What puts a plant's command behind a filter, see `with_command_behind`."""
-    return lambda plant, time: with_command_behind(plant, time, coefficients(symbol(time.name)))
+    return lambda plant, time: with_command_behind(plant, time, coefficients)
 
 
-CAUSE = of_forms(
-    _form("delay", "by which the command arrives late", late, with_late_command),
-    _form(
-        "command_lag",
-        "time constant of the command's filter",
-        partial(_filtered, filters=1),
-        _behind(lambda time: (time,)),
+_WINDOW = symbol("command_window")
+CAUSE = Cause(
+    "input_delay",
+    "the command reaches the drive late",
+    (
+        _late_by("delay", "by which the command arrives late", late, with_late_command),
+        _behind_filters("command_lag", "time constant of the command's filter", 1),
+        _behind_filters(
+            "command_lag_twice", "time constant of each of the command's two filters", 2
+        ),
+        _late_by(
+            _WINDOW.name,
+            "time over which the command is averaged",
+            smeared,
+            # Pade's approximation of a mean over a window, with a numerator of degree zero
+            _behind([_WINDOW / 2, _WINDOW**2 / 12]),
+        ),
     ),
-    _form(
-        "command_lag_twice",
-        "time constant of each of the command's two filters",
-        partial(_filtered, filters=2),
-        _behind(lambda time: (2 * time, time**2)),
-    ),
-    _form(
-        "command_window",
-        "time over which the command is averaged",
-        smeared,
-        # Pade's approximation of a mean over a window, with a numerator of degree zero
-        _behind(lambda time: (time / 2, time**2 / 12)),
-    ),
+    confirm="a step of the command with the current recorded: the current begins late",
+    mistaken_for=("unmodelled_inertia",),
+    trial="2.10/1",
 )

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sympy as sp
 
-from .cause import force_cause, parameter
+from .cause import Cause, force, parameter
 
-CAUSE = force_cause(
+CAUSE = Cause(
     "load_bias",
     "a constant force acts on the block",
-    {parameter("load", "N", "constant force against motion in +x"): sp.Integer(1)},
+    (force({parameter("load", "N", "constant force against motion in +x"): sp.Integer(1)}),),
     confirm="the force that just moves the block, both ways: the two differ, at all speeds alike",
     mistaken_for=("direction_asymmetry",),
+    trial="viscous",
 )

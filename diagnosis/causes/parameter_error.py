@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from itertools import combinations
-from typing import TYPE_CHECKING
 
-import sympy as sp
-
-from ...solver.component import Component
-from .cause import Cause, Courses, Shape, Values
-
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+from ..drive import Drive
+from .cause import Cause, Courses, Mechanism, Shape, Values
 
 _OTHERS = ("m", "Jm", "offset", "Fs", "Vs")
 """Values whose error is another cause: more mass, a load, a bend of the friction curve."""
 
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
-    del courses
+def _grid(courses: Courses, model: Drive) -> list[Values]:
     names = [n for n in model.adjustable if n.partition("_")[0] not in _OTHERS]
     # more than two at once can be anything: all forces together are the mass
     sets = [*combinations(names, 1), *combinations(names, 2)]
@@ -27,23 +20,14 @@ def _grid(courses: Courses, model: DriveModel) -> list[Values]:
     return [{n: model.values[n] for n in those} for those in sets]
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    del courses, model
+def _at(courses: Courses, model: Drive, values: Values) -> Shape:
     return Shape(tuple(values), freed=tuple(values))
-
-
-def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
-    del curve, values
-    return plant  # its values are others
 
 
 CAUSE = Cause(
     "parameter_error",
     "a value of the model is wrong",
-    _grid,
-    _at,
-    (),
-    _extend,
+    (Mechanism((), _at, _grid),),
     confirm="measure that value by itself",
     mistaken_for=("unmodelled_inertia", "compliance", "stribeck_mismatch"),
 )

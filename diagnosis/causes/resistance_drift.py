@@ -2,53 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import numpy as np
-import sympy as sp
-
-from ...solver.component import TIME, Component, symbol
-from .cause import Cause, Courses, Shape, Values, of_forms, parameter
+from ...solver.component import symbol
+from .cause import Cause, Mechanism, parameter, voltage
 from .in_time import InTime, in_time
 
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+_R = symbol("R")
 
 
-def _form(how: InTime) -> Cause:
-    constant = how.constant.name
-    course = sp.lambdify([TIME, symbol(constant)], how.course, "numpy")
-
-    def at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-        r = model.values["R"]
-        command = [
-            (-r * c.mean_i * np.asarray(course(c.time + 0.5 * c.step, values[constant])))[:, None]
-            for c in courses
-        ]
-        return Shape((how.change,), command=command, values=values)
-
-    def extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
-        del curve, values
-        r = symbol("R")
-        warm = r * (1 + symbol(how.change) * how.course)
-        return plant.substituted({r: warm}, parameters=(*plant.parameters, *parameters))
-
-    parameters = (
-        parameter(how.change, "1", "share by which the resistance grows"),
-        how.constant,
-    )
-    return Cause(
-        "resistance_drift",
-        "the motor's resistance changes in the course of the record",
+def _drifting(how: InTime) -> Mechanism:
+    return voltage(
+        {_R: _R * (1 + symbol(how.change) * how.course)},
+        (parameter(how.change, "1", "share by which the resistance grows"), how.constant),
         how.grid,
-        at,
-        parameters,
-        extend,
-        confirm="record the current: voltage over current at standstill, before and after",
-        mistaken_for=("friction_drift",),
-        refined=how.refined,
-        beyond=lambda courses, model: None if model.has_motor else "the model has no motor",
+        how.refined,
     )
 
 
-CAUSE = of_forms(*(_form(how) for how in in_time("R", "warming_time")))
+CAUSE = Cause(
+    "resistance_drift",
+    "the motor's resistance changes in the course of the record",
+    tuple(map(_drifting, in_time("R", "warming_time"))),
+    confirm="record the current: voltage over current at standstill, before and after",
+    mistaken_for=("friction_drift",),
+    beyond=lambda courses, model: None if model.has_motor else "the model has no motor",
+    trial="viscous/1",
+)

@@ -3,38 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import sympy as sp
 
+from ...plant.lugre import stribeck
 from ...solver.component import Component, symbol
+from ..drive import Drive
 from ..modelled_record import with_law_force
-from .cause import ENGAGED, Constants, Courses, Shape, Values, force_cause, of_forms, parameter
-
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+from .cause import ENGAGED, Cause, Courses, Shape, Values, force, parameter
 
 _SPEEDS = 14
 _SMALL = 0.05  # of the friction: a bend so small that its effect is proportional to it
 _DEEPEST = 0.9  # of the friction, that a bend may take from it
-_BEND = sp.exp(-((symbol("v") / symbol("V_mismatch")) ** 2))
-
+_BEYOND = "friction at low speed beyond the model's"
+_FALLEN = "speed by which it has fallen to 1/e"
+# Stribeck's own curve from one to nothing, as the law along a record has it
+_BEND = stribeck(symbol("v")).xreplace(
+    {symbol("Fc"): sp.Integer(0), symbol("Fs"): sp.Integer(1), symbol("Vs"): symbol("V_mismatch")}
+)
 _FALL = sp.exp(-sp.Abs(symbol("v")) / symbol("V_fall"))
 
 
-def _grid(courses: Courses, model: DriveModel) -> list[Values]:
+def _speeds(courses: Courses) -> list[float]:
     """Characteristic speeds within those of the record."""
-    del model
     speeds = np.abs(np.concatenate([c.v for c in courses]))
     high = 0.5 * float(np.quantile(speeds, 0.98))
     low = max(0.03 * high, float(np.quantile(speeds, 0.05)))
-    if not high > 1.2 * low:
-        return []
-    return [{"V_mismatch": float(v)} for v in np.geomspace(low, high, _SPEEDS)]
+    return [float(v) for v in np.geomspace(low, high, _SPEEDS)] if high > 1.2 * low else []
 
 
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
+def _at(courses: Courses, model: Drive, values: Values) -> Shape:
     if not model.can_bend:
         return _ADDED.at(courses, model, values)
     scale = model.friction_scale
@@ -42,16 +41,16 @@ def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
     if abs(size) < _SMALL * scale:
         size = _SMALL * scale
     bent = model.changed({**values, "dF_low": size})
-    force = [((with_law_force(c, bent).bristle - c.bristle) / size)[:, None] for c in courses]
-    return Shape(("dF_low",), force=force, values=values)
+    forces = [((with_law_force(c, bent).bristle - c.bristle) / size)[:, None] for c in courses]
+    return Shape(("dF_low",), force=forces, values=values)
 
 
-def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
+def _extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
     """The bend goes into the law's curve where it has Stribeck's, else beside the law."""
     names = [p.name for p in plant.all_parameters]
     bent = [n for n in names if n.partition("_")[0] in ("Fc", "Fs")]
     if not any(n.startswith("Fs") for n in bent):
-        return _ADDED.extend(plant, curve, values)
+        return _ADDED.extend(plant, curve, cause)
     bend = symbol("dF_low") * _BEND
     return plant.substituted(
         {symbol(n): symbol(n) + bend for n in bent},
@@ -59,29 +58,22 @@ def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
     )
 
 
-_ADDED = force_cause(
+_ADDED = force(
+    {parameter("dF_low", "N", _BEYOND): _BEND * ENGAGED},
+    (parameter("V_mismatch", "m/s", _FALLEN, 1.0),),
+    lambda courses, model: [{"V_mismatch": v} for v in _speeds(courses)],
+    "V_mismatch",
+)
+_EXPONENTIAL = force(
+    {parameter("dF_fall", "N", _BEYOND): _FALL * ENGAGED},
+    (parameter("V_fall", "m/s", _FALLEN, 1.0),),
+    lambda courses, model: [{"V_fall": v} for v in _speeds(courses)],
+    "V_fall",
+)
+CAUSE = Cause(
     "stribeck_mismatch",
     "friction at low speed rises or falls otherwise than the model's curve",
-    {parameter("dF_low", "N", "friction at low speed beyond the model's"): _BEND * ENGAGED},
+    (replace(_ADDED, at=_at, extend=_extend), _EXPONENTIAL),
     confirm="constant speeds, close together where the curve bends: Table 2.3's experiment",
     mistaken_for=("nonlinear_viscous", "parameter_error"),
-    constants=Constants(
-        (parameter("V_mismatch", "m/s", "speed by which it has fallen to 1/e", 1.0),),
-        _grid,
-        refined=("V_mismatch",),
-    ),
 )
-
-_EXPONENTIAL = force_cause(
-    _ADDED.name,
-    _ADDED.says,
-    {parameter("dF_fall", "N", "friction at low speed beyond the model's"): _FALL * ENGAGED},
-    confirm=_ADDED.confirm,
-    constants=Constants(
-        (parameter("V_fall", "m/s", "speed by which it has fallen to 1/e", 1.0),),
-        lambda courses, model: [{"V_fall": v["V_mismatch"]} for v in _grid(courses, model)],
-        refined=("V_fall",),
-    ),
-)
-
-CAUSE = of_forms(replace(_ADDED, at=_at, extend=_extend), _EXPONENTIAL)

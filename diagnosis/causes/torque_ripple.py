@@ -2,48 +2,38 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import sympy as sp
 
-from ...solver.component import symbol
-from .cause import ACTING, Cause, Constants, Courses, Values, force_cause, of_forms, parameter
-from .travel import periods
-
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
+from .cause import ACTING, Cause, Mechanism, force, parameter
+from .travel import periods, waves
 
 
-def _form(
-    swings: str, names: str, unit: str, of: sp.Expr, harmonics: tuple[int, ...], tried: range
-) -> Cause:
-    def grid(courses: Courses, model: DriveModel) -> list[Values]:
-        return periods(courses, model, swings, tried)
-
-    amplitudes = {}
-    for times in harmonics:
-        angle = 2 * sp.pi * times * symbol(swings) * symbol("x")
-        suffix = f"_{times}" if len(harmonics) > 1 else ""
-        for name, wave in (("cos", sp.cos(angle)), ("sin", sp.sin(angle))):
-            told = parameter(
-                f"{names}_{name}{suffix}", unit, f"swing with the {name}ine of the angle"
-            )
-            amplitudes[told] = of * wave
-    return force_cause(
-        "torque_ripple",
-        "the drive's force swings with the motor's angle, whichever way it turns",
-        amplitudes,
-        confirm="move slowly over a few turns both ways: the swing keeps its sign",
-        mistaken_for=("position_periodic_friction",),
-        constants=Constants((parameter(swings, "1/m", "swings per metre", 1.0),), grid),
+def _swinging(
+    per_metre: str, names: str, unit: str, of: sp.Expr, harmonics: tuple[int, ...], tried: range
+) -> Mechanism:
+    return force(
+        {
+            parameter(f"{names}_{wave.name}", unit, f"swing with the {wave.kind} of the angle"): of
+            * wave.course
+            for wave in waves(per_metre, harmonics)
+        },
+        (parameter(per_metre, "1/m", "swings per metre", 1.0),),
+        lambda courses, model: periods(courses, model, per_metre, tried),
         per_record=True,
-        on_screw=True,
     )
 
 
 _ONE = sp.Integer(1)
-CAUSE = of_forms(
-    _form("ripples_per_metre", "ripple", "N", _ONE, (1,), range(1, 9)),
-    _form("double_ripples_per_metre", "ripple", "N", _ONE, (1, 2), range(1, 5)),
-    _form("constant_ripples_per_metre", "constant_ripple", "1", -ACTING, (1,), range(1, 7)),
+CAUSE = Cause(
+    "torque_ripple",
+    "the drive's force swings with the motor's angle, whichever way it turns",
+    (
+        _swinging("ripples_per_metre", "ripple", "N", _ONE, (1,), range(1, 9)),
+        _swinging("double_ripples_per_metre", "ripple", "N", _ONE, (1, 2), range(1, 5)),
+        _swinging("constant_ripples_per_metre", "constant_ripple", "1", -ACTING, (1,), range(1, 7)),
+    ),
+    confirm="move slowly over a few turns both ways: the swing keeps its sign",
+    mistaken_for=("position_periodic_friction",),
+    on_screw=True,
+    trial="2.3.1/1",
 )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +12,9 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
 from ...solver.component import Parameter, symbol
+from ..drive import Drive
+from ..modelled_record import ModelledRecord
 from .cause import DRY, FRICTION, RELAXATION, Courses, Values, Vector, parameter
-
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
-    from ..modelled_record import ModelledRecord
 
 _FEWEST_PERIODS = 2  # in the travel
 _MOST_PERIODS = 250
@@ -48,6 +46,21 @@ def either_way(values: list[Values], name: str) -> list[Values]:
     return [{**v, name: share} for v in values for share in (0.0, 1.0)]
 
 
+class Wave(NamedTuple):
+    name: str
+    kind: str
+    course: sp.Expr
+
+
+def waves(per_metre: str, harmonics: Sequence[int]) -> Iterator[Wave]:
+    """Cosine and sine of each multiple of as many swings; of several, names have its number."""
+    for times in harmonics:
+        angle = 2 * sp.pi * times * symbol(per_metre) * symbol("x")
+        suffix = f"_{times}" if len(harmonics) > 1 else ""
+        yield Wave(f"cos{suffix}", "cosine", sp.cos(angle))
+        yield Wave(f"sin{suffix}", "sine", sp.sin(angle))
+
+
 def middle_and_half(courses: Courses) -> tuple[float, float]:
     """Middle of the travel and half its length [m]."""
     low = min(float(c.x.min()) for c in courses)
@@ -60,9 +73,7 @@ def fast_speed(courses: Courses) -> float:
     return float(np.quantile(np.abs(np.concatenate([c.v for c in courses])), 0.98))
 
 
-def periods(
-    courses: Courses, model: DriveModel, name: str, harmonics: Sequence[int]
-) -> list[Values]:
+def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int]) -> list[Values]:
     """Swings per metre to try: those of the screw's turn, and the strongest of the record.
 
     Those of forces that change sign with the velocity and of forces that do not: whichever it is,

@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import sympy as sp
-
-from ...solver.component import Component
-from .cause import Cause, Courses, Shape, Values, parameter
-
-if TYPE_CHECKING:
-    from ..drive_model import DriveModel
-
-
-def _at(courses: Courses, model: DriveModel, values: Values) -> Shape:
-    del courses, model
-    return Shape(("m",), values=values, freed=("m",))
-
-
-def _extend(plant: Component, curve: sp.Expr, values: Values) -> Component:
-    del curve, values
-    return plant  # the mass is another one
-
+from .cause import Cause, Mechanism, Shape, parameter
 
 CAUSE = Cause(
     "unmodelled_inertia",
     "more mass is moved than the model has",
-    lambda courses, model: [{}],
-    _at,
-    (parameter("m", "kg", "mass of the block", 1.0),),
-    _extend,
+    (
+        Mechanism(
+            (parameter("m", "kg", "mass of the block", 1.0),),
+            lambda courses, model, values: Shape(("m",), values=values, freed=("m",)),
+        ),
+    ),
     confirm="accelerate hard both ways at the same speeds: force over acceleration",
     mistaken_for=("parameter_error", "input_delay"),
+    trial="2.6/9",
 )

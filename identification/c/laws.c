@@ -354,7 +354,7 @@ API void force_behind_spring(const Law *law, const double *x, const double *v, i
     double state[STATES], block = x[0];
     begin(law, state);
     Pace speed = pace_of(law, v[0]);
-    const double damping = 0.2 * sqrt(stiffness * mass), rate = sqrt(stiffness / mass);
+    const double damping = spring_damping(stiffness, mass), rate = sqrt(stiffness / mass);
     const int parts = (int)fmax(4.0, ceil(step * rate / SPRING_STEP));
     const double h = step / parts;
     for (int64_t k = 1; k < n; k++) {

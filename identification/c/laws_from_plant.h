@@ -169,3 +169,8 @@ static inline double classical_friction(const double *q, double s, double v, dou
     const double sigma2 = q[0];
     return ((g * s) + (sigma2 * v));
 }
+
+static inline double spring_damping(double stiffness, double mass)
+{
+    return (0.2 * sqrt((mass * stiffness)));
+}

@@ -6,7 +6,7 @@ import pytest
 from cases import ballscrew, case
 
 from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.prior_model import lead_of, prior_model_from, with_lead
+from ballscrew.diagnosis.drive import drive_of
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.reading import check_record, read_drive_records
 
@@ -15,9 +15,9 @@ LEAD = 0.001
 
 def right(folder):
     """The record with the right voltage, and its model."""
-    told = with_lead(read_parameters(folder / "axis.toml"), LEAD)
-    (record,) = read_drive_records([folder / "right.csv"], lead=lead_of(told, LEAD))
-    return record, prior_model_from(told, None)
+    told = read_parameters(folder / "axis.toml").with_lead(LEAD)
+    (record,) = read_drive_records([folder / "right.csv"], lead=LEAD)
+    return record, drive_of(told, None)
 
 
 def test_the_line_to_line_voltage_taken_for_the_phases_is_unexplained_with_exit_code_one(tmp_path):

@@ -13,7 +13,7 @@ from ballscrew.diagnosis.balance import Added
 from ballscrew.diagnosis.commanded import commanded, driven_by_current
 from ballscrew.diagnosis.corrected import corrected
 from ballscrew.diagnosis.diagnose import diagnose
-from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.judge import judge_records
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.residuals import residual
@@ -82,14 +82,14 @@ def test_records_keep_what_the_model_takes(signals):
 
 
 def test_a_drive_leaves_its_current_aside(signals):
-    drive = DriveModel("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
+    drive = Drive("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
     (record,), _, _ = commanded([check_record("both", signals)], drive)
     assert "i" not in record.signals
 
 
 def test_commands_that_no_model_takes_are_one_line(signals):
     both, current = check_record("both", signals), check_record("current", without(signals, "u"))
-    drive = DriveModel("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
+    drive = Drive("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
     for records, model, words in (
         ([both, current], nominal(), "current: has the current as its only command, and both"),
         ([current], drive, "and give gain in N/A"),

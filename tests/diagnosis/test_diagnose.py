@@ -27,7 +27,7 @@ from worlds import write_case as write_world
 
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
-from ballscrew.diagnosis.prior_model import read_prior_model
+from ballscrew.diagnosis.drive import read_drive
 from ballscrew.diagnosis.scores import OUTSIDE
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.reading import check_record, read_drive_records
@@ -152,7 +152,7 @@ def test_each_record_may_have_an_offset_of_its_own(tmp_path):
     """The second half of a faultless record, as if another force pulled at it."""
     paths, parameters = write_world(draw_world("linear_drive", (), 82000), tmp_path)
     (record,) = read_drive_records(paths)
-    prior_model = read_prior_model(parameters)
+    prior_model = read_drive(parameters)
     half, more = len(record.x) // 2, 0.2 * prior_model.friction_scale
     pulled = record.signals["u"] + more / prior_model.values["gain"]
     parts = [

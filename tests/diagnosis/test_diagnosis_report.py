@@ -13,6 +13,7 @@ import plotly.graph_objects as go
 import pytest
 from browser import PROGRAM, opened
 
+from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.closed_loop_effect import (
     NoClosedLoop,
     closed_loop_effect,
@@ -27,10 +28,10 @@ from ballscrew.diagnosis.diagnosis import (
 )
 from ballscrew.diagnosis.diagnosis_pictures import binned, end_to_end, pictures_of, smoothed
 from ballscrew.diagnosis.diagnosis_report import ClosedLoopSection, report
-from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.experiment_motions import Motion
 from ballscrew.diagnosis.load_cell import ValidationSignal
-from ballscrew.diagnosis.next_experiment import TRIALS_FOR
+from ballscrew.diagnosis.next_experiment import trial_for
 from ballscrew.diagnosis.page_pictures import MOST, plotly_figure, thinned
 from ballscrew.diagnosis.report_words import rig_command, suspect_lines
 
@@ -335,7 +336,7 @@ def found(**changes) -> Diagnosis:
         after=Level(0.75, 1e-6),
         confirm="slow reversals",
     )
-    model = DriveModel("ball_screw", "modified_lugre", {"Fc": 1.25, "Jm": 4e-7}, {"Fc": 0.03})
+    model = Drive("ball_screw", "modified_lugre", {"Fc": 1.25, "Jm": 4e-7}, {"Fc": 0.03})
     given = {
         "verdict": "explained",
         "where": "It lives at reversals.",
@@ -523,7 +524,7 @@ def test_what_a_stranger_s_file_says_does_not_become_part_of_the_page():
     assert page.count("&lt;script&gt;alert(1)&lt;/script&gt;&amp;amp;.csv") == 2
 
 
-@pytest.mark.parametrize("trial", sorted(set(TRIALS_FOR.values())))
+@pytest.mark.parametrize("trial", sorted({trial_for(name) for name in CAUSES}))
 def test_the_rig_knows_every_trial_that_is_asked_for(trial):
     from ballscrew.cli import command_parser
 
@@ -611,10 +612,10 @@ def valid(figure):
 
 
 def test_a_closed_loop_with_the_prior_plant_on_both_sides_differs_in_nothing(diagnosed):
-    from ballscrew.diagnosis.extended_plant import extended_plant
-    from ballscrew.diagnosis.prior_model import read_prior_model
+    from ballscrew.diagnosis.drive import read_drive
+    from ballscrew.diagnosis.with_causes import with_causes
 
-    plant = extended_plant(read_prior_model(diagnosed.parameters), [])
+    plant = with_causes(read_drive(diagnosed.parameters), [])
     effect = closed_loop_effect(plant, plant)
     assert effect.farthest == 0.0
     assert effect.prior.becomes == "stuck on a line of equilibria"
@@ -625,12 +626,12 @@ def test_a_closed_loop_with_the_prior_plant_on_both_sides_differs_in_nothing(dia
 
 def test_a_late_command_in_the_plant_is_told_from_states_at_its_nodes(diagnosed):
     """The slowest pair of eigenvalues is near that of the loop without a delay."""
-    from ballscrew.diagnosis.extended_plant import extended_plant
-    from ballscrew.diagnosis.prior_model import read_prior_model
+    from ballscrew.diagnosis.drive import read_drive
+    from ballscrew.diagnosis.with_causes import with_causes
 
-    model = read_prior_model(diagnosed.parameters)
+    model = read_drive(diagnosed.parameters)
     late = [("input_delay", {"delay": 1e-3})]
-    effect = closed_loop_effect(extended_plant(model, []), extended_plant(model, late))
+    effect = closed_loop_effect(with_causes(model, []), with_causes(model, late))
     assert effect.extended.becomes == effect.prior.becomes
     assert effect.farthest > 1e-7
     assert effect.extended.slowest == pytest.approx(effect.prior.slowest, rel=0.05)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
-from ballscrew.diagnosis.prior_model import read_prior_model
+from ballscrew.diagnosis.drive import read_drive
 from ballscrew.records.reading import check_record, read_drive_records
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,7 +40,7 @@ def test_half_the_coulomb_friction_of_a_real_machine_is_not_nothing():
     file = DATA / "DATA_EMPS.mat"
     if not file.is_file():
         pytest.skip("DATA_EMPS.mat is not here: get it from nonlinearbenchmark.org")
-    model = read_prior_model(ROOT / "docs" / "emps.toml")
+    model = read_drive(ROOT / "docs" / "emps.toml")
     model = model.changed({"Fc": 0.5 * model.values["Fc"]})
     (record,) = read_drive_records([file], COLUMNS)
     every_eighth = {n: s[::8] for n, s in record.signals.items()}  # 125 Hz are enough for it
@@ -53,7 +53,7 @@ def test_half_the_coulomb_friction_of_a_real_machine_is_not_nothing():
 
 
 def test_the_published_values_are_read():
-    model = read_prior_model(ROOT / "docs" / "emps.toml")
+    model = read_drive(ROOT / "docs" / "emps.toml")
     assert model.kind == "drive"
     assert model.values["m"] == 95.1089
     assert "offset" not in model.adjustable

@@ -12,7 +12,7 @@ from diagnosed import nominal
 from worlds import layout as at
 
 from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.drive import Drive
 from ballscrew.records.reading import check_record
 
 STEP = 0.089  # N, of the rig's converter
@@ -70,7 +70,7 @@ def test_a_drive_whose_cell_sits_nobody_knows_where_says_so():
     v, a = np.gradient(x, time), np.gradient(np.gradient(x, time), time)
     u = (10.0 * a + 20.0 * v + 5.0 * np.sign(v)) / 30.0
     values = {"m": 10.0, "gain": 30.0, "offset": 0.0, "Fc": 5.0, "Fs": 5.0, "Vs": 0.01}
-    model = DriveModel("drive", "classical", values | {"sigma2": 20.0}, {"m": 0.03, "Fc": 0.03})
+    model = Drive("drive", "classical", values | {"sigma2": 20.0}, {"m": 0.03, "Fc": 0.03})
     random = np.random.default_rng(0)
     signals = {"time": time, "u": u, "x": x + 1e-6 * random.standard_normal(4000), "force": u}
     found = diagnose_records([check_record("made", signals)], model)

@@ -8,7 +8,7 @@ import pytest
 from diagnosed import nominal
 
 from ballscrew.diagnosis.causes import CAUSES
-from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.experiment_motions import COMMAND_FILE, survey
 from ballscrew.diagnosis.machine_reach import Reach, reach_of
 from ballscrew.diagnosis.modelled_record import lay_along
@@ -22,7 +22,7 @@ MACHINES = {
     # the axis: light, held back by its motor; a heavy one that its mass holds back; a slow one
     "axis": (nominal(), Reach(-0.02, 0.06, 0.12, 2.0, 20.0, 1e-3, 2e-6, 20.0)),
     "heavy": (
-        DriveModel("drive", "classical", EMPS, {}),
+        Drive("drive", "classical", EMPS, {}),
         Reach(0.0, 0.22, 0.18, 1.2, 6.0, 1e-3, 1e-6, 24.0),
     ),
     "slow": (nominal(), Reach(0.1, 0.13, 0.01, 0.05, 5.0, 5e-3, 0.0, 8.0)),
@@ -35,7 +35,7 @@ def needed(model, x, step):
     a = np.gradient(v, step)
     friction = max(model.values["Fc"], model.values["Fs"]) + abs(model.values.get("offset", 0.0))
     force = model.inertia * a + friction * np.sign(v)
-    return (force + (model.linear_friction + model.braking) * v) / model.per_command
+    return (force + model.damping * v) / model.per_command
 
 
 LASTS = (20.0, 60.0)

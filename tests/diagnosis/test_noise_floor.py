@@ -14,7 +14,7 @@ from worlds import layout as at
 
 from ballscrew.diagnosis.balance import Added
 from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.noise_floor import NoiseFloor
 from ballscrew.diagnosis.residuals import Residual, floor, residual, rms
@@ -41,7 +41,7 @@ def test_at_most_twice_the_floor_in_newtons_is_noise_and_more_is_not(sizes):
 def test_no_variance_of_the_laws_force_is_below_nothing():
     """Where the law is the same at all speeds, only reversals make any."""
     values = {"m": 95.1, "gain": 35.2, "offset": -3.2, "sigma2": 203.5, "Fc": 20.4, "Fs": 20.4}
-    model = DriveModel("drive", "classical", values | {"Vs": 1.0})
+    model = Drive("drive", "classical", values | {"Vs": 1.0})
     time = 1e-3 * np.arange(6000)
     x = 0.01 * np.abs(time % 2 - 1) + 1e-7 * np.random.default_rng(0).standard_normal(6000)
     record = check_record("made", {"time": time, "u": np.sin(time), "x": x})

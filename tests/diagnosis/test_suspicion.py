@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from worlds import layout as at
 
 from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.prior_model import lead_of, prior_model_from, read_prior_model, with_lead
+from ballscrew.diagnosis.drive import drive_of, read_drive
 from ballscrew.diagnosis.sets import probabilities
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.reading import check_record, read_drive_records
@@ -66,10 +66,10 @@ def test_a_strong_effect_is_in_the_set_with_its_size(changes, name, value, size)
 @pytest.mark.parametrize("factor", [0.5, 3**0.5, 10.0])
 def test_a_voltage_at_another_scale_is_a_suspect_with_its_factor(tmp_path, factor):
     folder = case("diagnose_voltage_scaled_none", tmp_path)
-    told = with_lead(read_parameters(folder / "axis.toml"), LEAD)
-    (record,) = read_drive_records([folder / "right.csv"], lead=lead_of(told, LEAD))
+    told = read_parameters(folder / "axis.toml").with_lead(LEAD)
+    (record,) = read_drive_records([folder / "right.csv"], lead=LEAD)
     signals = {**record.signals, "u": factor * record.signals["u"]}
-    found = diagnose_records([check_record("scaled", signals)], prior_model_from(told, None))
+    found = diagnose_records([check_record("scaled", signals)], drive_of(told, None))
     scale = (*found.causes, *found.suspects)[0]
     assert scale.name == "scale_of_u"
     assert scale.parameters["scale_of_u"] == pytest.approx(1 / factor, rel=0.1)
@@ -79,7 +79,7 @@ def test_a_voltage_at_another_scale_is_a_suspect_with_its_factor(tmp_path, facto
 def test_noise_under_a_heavy_friction_is_no_mass(tmp_path, rate):
     folder = case("heavy_friction_names_inertia", tmp_path)
     records = read_drive_records([folder / f"f_m25_{rate}Hz.csv"])
-    found = diagnose_records(records, read_prior_model(folder / "p25.toml"))
+    found = diagnose_records(records, read_drive(folder / "p25.toml"))
     assert found.causes == ()
     assert "unmodelled_inertia" not in {s.name for s in found.suspects}
     assert found.verdict == "none"

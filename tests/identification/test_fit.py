@@ -19,7 +19,7 @@ from synthetic.records import (
 from synthetic.rigs import PRESCRIBED, identify_random_rig
 
 from ballscrew.identification.fit import fit_along
-from ballscrew.identification.fitted_law import LAWS, coordinates_of
+from ballscrew.identification.fitted_law import LAWS
 from ballscrew.identification.law_along_record import LawValues, friction_along, score
 from ballscrew.identification.layout import lay_out
 from ballscrew.identification.likelihood import Problem
@@ -310,7 +310,7 @@ def test_fs_below_fc_is_pulled_back_as_its_slope_says():
     course = lay_out([record_of(sine_velocity(1e-3, 0.5, 6.3), "lugre", LUGRE, random)])
     law = LAWS["lugre"]
     off = LUGRE | {"Fs": 0.95 * LUGRE["Fc"]}
-    guess = coordinates_of(law, np.array([off[n] for n in law.parameters]))
+    guess = law.coordinates_of(np.array([off[n] for n in law.parameters]))
     climb = Climb(Problem(course, law, True), guess)
     pulled = climb.normal(climb.point).slope - np.concatenate(
         [climb.normal(climb.point).columns @ climb.problem.gradient[0], np.zeros(5)]
@@ -356,6 +356,6 @@ def test_truth_is_nearly_the_most_likely_point_without_noise():
     course = lay_out(records)
     law = LAWS["lugre"]
     truth = np.array([LUGRE[n] for n in law.parameters])
-    climb = Climb(Problem(course, law, True), coordinates_of(law, truth))
+    climb = Climb(Problem(course, law, True), law.coordinates_of(truth))
     residual = course.force - climb.force(climb.point)
     assert residual.std() < 1.1 * math.hypot(0.02, 0.089 / math.sqrt(12))

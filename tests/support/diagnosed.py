@@ -11,13 +11,13 @@ from typing import Any
 
 from axis_records import NOMINAL
 
-from ballscrew.diagnosis.drive_model import DriveModel
+from ballscrew.diagnosis.drive import Drive
 
 
-def nominal() -> DriveModel:
+def nominal() -> Drive:
     """The axis of `axis_records` as believed where nothing is wrong, each value within 3 %."""
     tolerance = {n: 0.03 for n in NOMINAL if n not in ("p", "Kv", "L")}
-    return DriveModel("ball_screw", "modified_lugre", dict(NOMINAL), tolerance)
+    return Drive("ball_screw", "modified_lugre", dict(NOMINAL), tolerance)
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,12 @@
 """The parameter file: what is not said, what makes no sense, and an extended plant's own file."""
 
+from types import SimpleNamespace
+
 import pytest
 
-from ballscrew.diagnosis.drive_model import DriveModel
-from ballscrew.diagnosis.extended_plant import extended_plant, parameter_file
-from ballscrew.diagnosis.prior_model import BadParameters, read_prior_model
+from ballscrew.diagnosis.corrected import corrected
+from ballscrew.diagnosis.drive import BadParameters, read_drive
+from ballscrew.diagnosis.with_causes import with_causes
 from ballscrew.identification.fitted_law import LAWS
 
 EMPS = """
@@ -32,8 +34,8 @@ def written(tmp_path):
 
 
 def test_an_empty_file_or_none_is_the_nominal_axis(written):
-    model = read_prior_model(written(""))
-    assert model == read_prior_model()
+    model = read_drive(written(""))
+    assert model == read_drive()
     assert (model.kind, model.law) == ("ball_screw", "modified_lugre")
     assert model.values["R"] == 21.4
     assert model.values["sigma0"] == 66967.231
@@ -42,7 +44,7 @@ def test_an_empty_file_or_none_is_the_nominal_axis(written):
 
 
 def test_a_drive_without_a_motor_and_without_a_break_away_force(written):
-    model = read_prior_model(written(EMPS))
+    model = read_drive(written(EMPS))
     assert model.kind == "drive"
     assert model.values["Fs"] == model.values["Fc"] == 20.39
     assert model.values["offset"] == -3.16
@@ -52,19 +54,19 @@ def test_a_drive_without_a_motor_and_without_a_break_away_force(written):
 
 
 def test_a_tolerance_of_zero_holds_a_value(written):
-    model = read_prior_model(written(EMPS.replace("m = 0.1", "m = 0")))
+    model = read_drive(written(EMPS.replace("m = 0.1", "m = 0")))
     assert "m" not in model.adjustable
     assert "gain" in model.adjustable
 
 
 def test_each_direction_has_its_own_break_away_force(written):
     text = 'law = "directional_lugre"\n[plant]\nFc_pos = 1.5\nFs_neg = 3.0\nFc_neg = 1.2'
-    model = read_prior_model(written(text))
+    model = read_drive(written(text))
     assert (model.values["Fs_pos"], model.values["Fs_neg"]) == (1.5, 3.0)
 
 
 def test_another_law_takes_what_it_knows_of_the_file(written):
-    model = read_prior_model(written(EMPS), law="dahl")
+    model = read_drive(written(EMPS), law="dahl")
     assert model.law == "dahl"
     assert model.values["Fc"] == 20.39
     assert "sigma2" not in model.values
@@ -93,29 +95,45 @@ def test_another_law_takes_what_it_knows_of_the_file(written):
 )
 def test_what_makes_no_sense_is_one_line(written, text, said):
     with pytest.raises(BadParameters, match=said) as caught:
-        read_prior_model(written(text))
+        read_drive(written(text))
     assert "\n" not in str(caught.value)
     assert "axis.toml" in str(caught.value)
 
 
 def test_a_missing_file_is_one_line(tmp_path):
     with pytest.raises(BadParameters, match=r"none\.toml cannot be read"):
-        read_prior_model(tmp_path / "none.toml")
+        read_drive(tmp_path / "none.toml")
+
+
+def written_by_a_diagnosis(model, name, values):
+    """The text of its parameter file, with one cause found."""
+    cause = SimpleNamespace(name=name, parameters=values, intervals={})
+    result = SimpleNamespace(
+        records=("one.csv",),
+        command="voltage",
+        command_shift=0.0,
+        prior=model,
+        adjusted=model,
+        corrected=model,
+        causes=[cause],
+    )
+    return corrected(result, with_causes(model, [(name, values)]), None).text()
 
 
 @pytest.mark.parametrize("kind", ["ball_screw", "drive"])
 @pytest.mark.parametrize("law", LAWS)
 def test_an_extended_plants_file_is_read_back(written, kind, law):
-    model = read_prior_model(written(f'kind = "{kind}"\nlaw = "{law}"\n[plant]\nm = 0.1234567'))
-    found = [("load_bias", {"load": 0.3}), ("unmodelled_inertia", {"m": 1.0 / 3.0})]
-    again = read_prior_model(written(parameter_file(extended_plant(model, found)).text()))
+    model = read_drive(written(f'kind = "{kind}"\nlaw = "{law}"\n[plant]\nm = 0.1234567'))
+    again = read_drive(written(written_by_a_diagnosis(model, "load_bias", {"load": 0.3})))
+    assert again == model
+    heavier = written_by_a_diagnosis(model, "unmodelled_inertia", {"m": 1.0 / 3.0})
+    again = read_drive(written(heavier))
     assert again == model.changed({"m": 1.0 / 3.0})
 
 
 def test_bristles_found_under_the_classical_law_are_a_law_of_the_file(written):
-    prior_model = read_prior_model(written(EMPS))
-    plant = extended_plant(prior_model, [("presliding_hysteresis", {"sigma0": 1e6})])
-    again = read_prior_model(written(parameter_file(plant).text()))
+    prior_model = read_drive(written(EMPS))
+    found = ("presliding_hysteresis", {"sigma0": 1e6})
+    again = read_drive(written(written_by_a_diagnosis(prior_model, *found)))
     assert again.law == "modified_lugre"
     assert again.values["sigma0"] == 1e6
-    assert isinstance(again, DriveModel)

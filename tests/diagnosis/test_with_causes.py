@@ -10,22 +10,17 @@ import pytest
 
 from ballscrew.cli import main
 from ballscrew.diagnosis.causes import CAUSES
-from ballscrew.diagnosis.drive_model import DriveModel, midway
-from ballscrew.diagnosis.extended_plant import (
-    BadExtension,
-    extended_plant,
-    write_extended_plant,
-)
+from ballscrew.diagnosis.drive import Drive, midway
 from ballscrew.diagnosis.modelled_record import ModelledRecord
-from ballscrew.diagnosis.prior_model import read_prior_model
-from ballscrew.fmus.export import with_law_ports
+from ballscrew.diagnosis.with_causes import BadExtension, with_causes
+from ballscrew.fmus.export import export, with_law_ports
 from ballscrew.plant.ball_screw import PARAMETERS as SCREW
 from ballscrew.plant.direct_drive import PARAMETERS as DRIVE
 from ballscrew.plant.law import law
 from ballscrew.plant.two_masses import OneBody
 from ballscrew.records.record import Record
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import symbol
+from ballscrew.solver.component import ContractError, symbol
 from ballscrew.solver.kernel import Model
 
 STEP = 1e-3
@@ -133,11 +128,11 @@ def prior_model(kind="ball_screw", law_name="modified_lugre", **values):
     drive = SCREW if kind == "ball_screw" else DRIVE
     defaults = {p.name: p.default for p in (*drive, *law(law_name)(symbol("v")).parameters)}
     rotor = {"Jm": ROTOR} if kind == "ball_screw" else {}
-    return DriveModel(kind, law_name, defaults | rotor | values)
+    return Drive(kind, law_name, defaults | rotor | values)
 
 
 def plant_with(model, *names):
-    return extended_plant(model, [(n, FOUND[n]) for n in names])
+    return with_causes(model, [(n, FOUND[n]) for n in names])
 
 
 @pytest.mark.parametrize("name", CAUSES)
@@ -145,19 +140,18 @@ def plant_with(model, *names):
 def test_every_cause_can_be_exported_with_its_values(tmp_path, name, law_name):
     if name == "presliding_hysteresis":
         law_name = "classical"  # the only law without presliding
-    files = write_extended_plant(plant_with(prior_model(law_name=law_name), name), tmp_path)
-    described = {v.name: v for v in fmpy.read_model_description(str(files.fmu)).modelVariables}
+    plant = plant_with(prior_model(law_name=law_name), name)
+    fmu = export(plant, tmp_path / "extended_plant.fmu")
+    described = {v.name: v for v in fmpy.read_model_description(str(fmu)).modelVariables}
     for parameter, value in FOUND[name].items():
         assert float(described[parameter].start) == value
-    assert read_prior_model(files.parameters).kind == "ball_screw"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["extended_plant.fmu", "parameters.toml"]
 
 
 @pytest.mark.parametrize(
     ("name", "values"), OTHER_FORMS, ids=lambda p: "+".join(p) if isinstance(p, dict) else p
 )
 def test_every_form_of_a_cause_is_part_of_the_plant_with_its_values(name, values):
-    plant = extended_plant(prior_model(), [(name, values)])
+    plant = with_causes(prior_model(), [(name, values)])
     known = {p.name: p.default for p in plant.all_parameters}
     assert {n: known[n] for n in values} == values
     assert generate(with_law_ports(plant)).states
@@ -168,7 +162,7 @@ def test_bristles_with_less_damping_have_it_as_sigma1():
     sigma1 = []
     for ratio in (0.0, 0.35, 1.0):
         values = {"sigma0": 2e5, "damping_ratio": ratio}
-        plant = extended_plant(model, [("presliding_hysteresis", values)])
+        plant = with_causes(model, [("presliding_hysteresis", values)])
         sigma1.append({p.name: p.default for p in plant.all_parameters}["sigma1"])
     assert sigma1[2] == pytest.approx(2.0 * np.sqrt(2e5 * model.block), rel=1e-12)
     assert sigma1[:2] == pytest.approx([0.0, 0.35 * sigma1[2]])
@@ -196,7 +190,7 @@ def test_of_several_records_the_last_ones_phase_is_taken():
     values = {"periods_per_metre": 1000.0}
     values |= {f"friction_cos.{k}": 0.01 * k for k in range(1, 12)}
     values |= {f"friction_sin.{k}": 0.02 * k for k in range(1, 12)}
-    plant = extended_plant(prior_model(), [("position_periodic_friction", values)])
+    plant = with_causes(prior_model(), [("position_periodic_friction", values)])
     known = {p.name: p.default for p in plant.all_parameters}
     assert known["friction_cos"] == pytest.approx(0.11)
     assert known["friction_sin"] == pytest.approx(0.22)
@@ -207,12 +201,12 @@ def test_of_several_records_the_last_ones_phase_is_taken():
     [
         ("ball_screw", ("gremlins", {}), "no cause 'gremlins'; there are direction_asymmetry"),
         ("ball_screw", ("load_bias", {"weight": 1.0}), "no parameter 'weight'"),
-        ("drive", ("resistance_drift", FOUND["resistance_drift"]), "a drive has no resistance"),
+        ("drive", ("resistance_drift", FOUND["resistance_drift"]), "the model has no motor"),
     ],
 )
 def test_what_cannot_be_built_in_is_one_line(kind, found, said):
-    with pytest.raises(BadExtension, match=said) as caught:
-        extended_plant(prior_model(kind), [found])
+    with pytest.raises((BadExtension, ContractError), match=said) as caught:
+        with_causes(prior_model(kind), [found])
     assert "\n" not in str(caught.value)
 
 
@@ -268,7 +262,7 @@ def command():
 
 
 def simulated(model, found):
-    run = Model(generate(with_law_ports(extended_plant(model, found))))
+    run = Model(generate(with_law_ports(with_causes(model, found))))
     names = [s.name for s in run.kernel.states]
     states = np.empty((SAMPLES * PARTS + 1, len(names)))
     states[0] = run.x
@@ -390,7 +384,7 @@ def test_a_late_command_arrives_as_was_foretold(found):
     ids="_".join,
 )
 def test_an_extended_plant_runs_and_swaps_like_any_other(tmp_path, names):
-    fmu = write_extended_plant(plant_with(prior_model(), *names), tmp_path / "made").fmu
+    fmu = export(plant_with(prior_model(), *names), tmp_path / "extended_plant.fmu")
     loop = ["--plant", str(fmu), "--out", str(tmp_path)]
     assert main(["run", "--controller", "nctf", "--stop", "0.5", *loop]) == 0
     figures = json.loads((tmp_path / "metrics.json").read_text())
@@ -406,7 +400,7 @@ def test_an_extended_plant_runs_and_swaps_like_any_other(tmp_path, names):
 def test_a_drive_that_sticks_runs_under_a_controller(tmp_path):
     model = prior_model("drive", "classical", offset=0.2)
     plant = plant_with(model, "position_trend_friction", "load_bias")
-    fmu = write_extended_plant(plant, tmp_path / "made").fmu
+    fmu = export(plant, tmp_path / "extended_plant.fmu")
     left = []
     for trend in ("0.3", "0"):
         run = ["run", "--plant", str(fmu), "--controller", "pid", "--stop", "1"]
