@@ -84,11 +84,11 @@ def params_values(
 
 def _plant_values(told: ParameterFile, plant: str) -> dict[str, float]:
     """The file's values for a plant; what the plant has no use for is said."""
-    from .orchestration.parameter_file import BALL_SCREW
+    from .orchestration.parameter_file import FMU
     from .orchestration.parts import Part
 
     others: Collection[str] = ()
-    if told.law and told.kind == BALL_SCREW and told.plant_name != plant:
+    if told.law and told.kind != FMU and told.plant_name != plant:
         # a file of another law has values that this plant has no use for
         others = Part(told.plant_name).parameters
     values, _ = told.plant_values(Part(plant).parameters, others)

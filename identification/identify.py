@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from ..orchestration.parameter_file import DRIVE, ParameterFile
+from ..orchestration.parameter_file import DRIVE, ParameterFile, Value
 from ..records.record import Record
 from ..records.velocity import INTEGRATED
 from ..solver.nearest import nearest
@@ -97,7 +97,9 @@ def identify(
     law : str
         One of `LAWS`.
     told : ParameterFile, optional
-        What is known of the drive beside; the result's parameter file keeps it.
+        What is known of the drive beside; the result's parameter file keeps it. Default: of records
+        of the rig nothing beside the nominal axis, of others a drive of their mass whose command is
+        the force.
     fixed : mapping of str to float, optional
         Parameters that are held at a value, SI; `OFFSET` may be one.
     offset : bool, optional
@@ -115,6 +117,8 @@ def identify(
         raise UnknownLaw(f"no law {law!r} to identify; there are {', '.join(LAWS)}")
     if not records:
         raise ValueError("no records to identify from")
+    if told is None and not any(r.about for r in records):
+        told = _drive_of(records[0].mass)
     estimates = [estimate_friction(r) for r in records]
     course = lay_out(records, estimates)
     fixed = dict(fixed or {})
@@ -150,6 +154,15 @@ def identify(
         told=told,
         fixed=fixed,
     )
+
+
+def _drive_of(mass: float) -> ParameterFile:
+    """What is known of a machine of which there are records of force and position only."""
+    values = {
+        "m": Value(mass, "kg", None, "of the records: between load cell and block"),
+        "gain": Value(1.0, "N/V", None, "the command is the force"),
+    }
+    return ParameterFile(kind=DRIVE, plant=values)
 
 
 def _each_way(

@@ -30,7 +30,7 @@ from .step_choice import StepChoice, choose_step, only_step
 from .whole_loop import run_monolithic
 from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
 
-LIMIT = "voltage_limit"  # the plant's parameter
+LIMIT, CURRENT_LIMIT = "voltage_limit", "current_limit"  # parameters of a plant with a motor
 _Fmu = FmuInstance | IsolatedInstance
 _RunAt = Callable[[float, bool], LoopRun]
 
@@ -47,7 +47,7 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
     """
     if loop.coupling is Coupling.MONOLITHIC:
         run = _run_monolithic(loop, progress)
-        found = amplifier_notes(run, [LIMIT], loop.plant_values, "--limit-voltage ")
+        found = amplifier_notes(run, loop.plant.parameters, loop.plant_values, "--limit-voltage ")
         return ClosedLoopResult(loop, run, (*loop.notes, *found))
     notes: tuple[str, ...] = ()
 
@@ -229,7 +229,7 @@ def fixed_step_notes(step: float, *fmus: _Fmu) -> tuple[str, ...]:
 def amplifier_notes(
     run: LoopRun, parameters: Iterable[str], values: Mapping[str, float], option: str
 ) -> tuple[str, ...]:
-    """A note where a plant with an amplifier is asked for more than the nominal one gives.
+    """A note where a motor's amplifier is asked for more than the nominal one gives.
 
     Parameters
     ----------
@@ -242,7 +242,8 @@ def amplifier_notes(
         What sets the amplifier's limit.
     """
     limit = values.get(LIMIT, UNLIMITED)
-    if LIMIT not in parameters or "u" not in run.commands or limit <= NOMINAL_VOLTAGE:
+    of_motor = {LIMIT, CURRENT_LIMIT} <= {*parameters}
+    if not of_motor or "u" not in run.commands or limit <= NOMINAL_VOLTAGE:
         return ()
     peak = float(np.max(np.abs(run.commands["u"])))
     if not peak > NOMINAL_VOLTAGE or run.stopped:  # how a loop diverged says nothing of amplifiers

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.set_point import START_VALUE
 from ..instruments import bare
-from ..plant import DEFAULT_LAW, LAWS, PLANTS
+from ..plant import DESCRIBED
 from ..solver.kernel import CONTROLLER, PLANT
 from .couplings import Coupling, coupling_named
 from .limits import (
@@ -24,7 +24,7 @@ from .limits import (
     check_step,
     check_time_limit,
 )
-from .parameter_file import BALL_SCREW, FMU, ParameterFile, list_used
+from .parameter_file import FMU, ParameterFile, list_used
 from .parts import Part, PartLike, readable, resolve_controller, resolve_plant
 from .reference_motions import read_set_point
 from .reference_signal import Reference
@@ -204,12 +204,11 @@ class Loop(HowCoupled):
         known = plant.settable(values)
         found = list_used(known, values, {**told.plant, **told.found}, source)
         kind, law, own = FMU, "", set(known)
-        name = plant.name.removeprefix("plant").removeprefix("_") or DEFAULT_LAW
-        if plant.name in PLANTS and name in LAWS:
-            kind, law = BALL_SCREW, name
+        if plant.name in DESCRIBED:
+            kind, law = DESCRIBED[plant.name]
         elif self.told is not None and set(told.plant) <= own:
             kind, law, own = told.kind, told.law, set(told.plant)
-            if kind == BALL_SCREW:
+            if kind != FMU:
                 own |= set(Part(told.plant_name).parameters)
         described = list_used(
             self.controller.settable(self.controller_values),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.interface import START, TOLERANCE
 from ..fmus.units import base_exponents
-from ..plant import DEFAULT_LAW, plant_of
+from ..plant import DEFAULT_LAW, NOMINAL, plant_of
 from ..solver.files import write_atomically
 from ..solver.nearest import did_you_mean
 
@@ -134,12 +134,12 @@ class ParameterFile:
         BadParameters
             If it describes none.
         """
-        if self.kind != BALL_SCREW:
+        if self.kind not in NOMINAL:
             raise BadParameters(
                 f"{self.path}: kind is {self.kind!r}, which is no plant of the catalogue; say "
                 "which plant the values are for, by --plant"
             )
-        return plant_of(self.law or DEFAULT_LAW)
+        return plant_of(self.law or DEFAULT_LAW, self.kind)
 
     @property
     def lead(self) -> float | None:

@@ -17,13 +17,26 @@ DEFAULT_LAW = "modified_lugre"
 """The law of the nominal plant."""
 
 
-def plant_of(law: str) -> str:
+NOMINAL = {"ball_screw": "plant", "drive": "drive"}
+"""The plant of each kind with the nominal law; kinds are those of parameter files."""
+
+
+def plant_of(law: str, kind: str = "ball_screw") -> str:
     """Name of the plant with a law: ``plant`` with the nominal one, else ``plant_<law>``."""
-    return "plant" if law == DEFAULT_LAW else f"plant_{law}"
+    return NOMINAL[kind] if law == DEFAULT_LAW else f"{NOMINAL[kind]}_{law}"
 
 
+DESCRIBED = {plant_of(law, kind): (kind, law) for kind in NOMINAL for law in LAWS}
+"""Kind and law of the plants that a parameter file can describe."""
+
+_MODULES = {"ball_screw": "axis", "drive": "direct_drive"}
 PLANTS = {
     "plant": "ballscrew.plant.axis:axis",
-    **{plant_of(law): f"ballscrew.plant.axis:plant_{law}" for law in LAWS if law != DEFAULT_LAW},
+    "drive": "ballscrew.plant.direct_drive:drive",
+    **{
+        name: f"ballscrew.plant.{_MODULES[kind]}:{name}"
+        for name, (kind, law) in DESCRIBED.items()
+        if law != DEFAULT_LAW
+    },
     "plant_loaded": "ballscrew.plant.axis:loaded_axis",
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import sympy as sp
 
@@ -19,8 +20,10 @@ from ..solver.component import (
     State,
     symbol,
 )
+from . import LAWS
 from .ball_screw import acted_on_of, inner_outputs
 from .classical import classical, with_sticking
+from .law import Law, law
 from .modified_lugre import modified_lugre
 
 PARAMETERS = (
@@ -48,6 +51,11 @@ def direct_drive(
     """
     drive = bare_direct_drive(friction, name)
     return with_sticking(drive) if friction is classical else drive
+
+
+def drive(friction: Law = modified_lugre, name: str = "drive") -> Component:
+    """The drive as it is exported: its command may have a limit."""
+    return replace(with_command_limit(direct_drive(friction)), name=name)
 
 
 def bare_direct_drive(
@@ -97,3 +105,11 @@ def with_command_limit(plant: Component) -> Component:
     (parameter,) = (p for p in AMPLIFIER if p.name == limit.name)
     parameter = replace(parameter, meaning="largest command, either sign; 1e6: no limit")
     return plant.substituted({u: clip(u, -limit, limit)}, parameters=(*plant.parameters, parameter))
+
+
+def __getattr__(name: str) -> Callable[[], Component]:
+    """The functions that `PLANTS` names: ``drive_<law>`` makes the drive with that law."""
+    known = name.removeprefix("drive_")
+    if known == name or known not in LAWS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return partial(drive, law(known), name)

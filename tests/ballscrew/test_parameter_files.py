@@ -187,7 +187,7 @@ def test_swap_and_map_write_what_they_used(axis, tmp_path):
         ("[controller.pid]\nKpp = 1", "[controller.pid] there is no 'Kpp', did you mean Kp"),
         ("[controler.pid]\nKp = 1", "there is no 'controler', did you mean controller"),
         ('format = "ballscrew-parameters 2"', "expected 'ballscrew-parameters 1'"),
-        ('kind = "drive"', "kind is 'drive', which is no plant of the catalogue"),
+        ('kind = "fmu"', "kind is 'fmu', which is no plant of the catalogue"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(axis, tmp_path, text, said):

@@ -43,12 +43,13 @@ def evaluated(expression, values, velocity=0.0):
     return function(*[(values | {"v": velocity})[n] for n in names])
 
 
-def plant_of(name):
-    return "plant" if name == "modified_lugre" else f"plant_{name}"
+def plant_of(name, kind="plant"):
+    return kind if name == "modified_lugre" else f"{kind}_{name}"
 
 
-def test_every_law_is_a_plant():
-    assert {plant_of(name) for name in LAWS} == set(PLANTS) - {"plant_loaded"}
+def test_every_law_is_a_plant_and_a_drive():
+    made = {plant_of(name, kind) for name in LAWS for kind in ("plant", "drive")}
+    assert made == set(PLANTS) - {"plant_loaded"}
 
 
 def test_an_unknown_law_is_answered_with_the_known_ones():
