@@ -53,6 +53,14 @@ DEPENDS_ON = {
         "proofs/worlds",
         "proofs/calibrate_sets.py",
     ),
+    "ablation": (
+        "solver",
+        "plant",
+        *ESTIMATED,
+        "diagnosis",
+        "proofs/worlds",
+        "proofs/ablation.py",
+    ),
     "diagnosis_loop": (
         "solver",
         "plant",
@@ -92,6 +100,7 @@ SHOWS = {
     "variational": "exponents over FMUs are those of one solver",
     "diagnosis_sets": "what sets of suspects hold, by records of thirteen worlds",
     "diagnosis_held_back": "what sets hold, by records of two worlds never calibrated with",
+    "ablation": "what each piece of the scores of a diagnosis brings",
     "diagnosis_loop": "whole diagnoses of worlds' records, before and after the next experiment",
     "reproduction": "Chapter 3 of the thesis beside this program",
     "emps": "effects hidden in the record of a real machine are named",
