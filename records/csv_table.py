@@ -25,12 +25,13 @@ from .units import NO_UNIT, quantity_of
 Vector = npt.NDArray[np.float64]
 Rows = list[list[str]]
 
-_SEPARATORS = ("\t", ";", ",", " ")
+_SEPARATORS = ("\t", ";", ",", "|", " ")
 _LOOKED_AT = 400  # lines of the file's second half that tell how it is written
 _DOTS = "the file has decimal commas: write a comma for each decimal point, and take other dots out"
 _COMMAS = "the file has decimal points: take the commas between thousands out"
 _LVM = "LabVIEW Measurement"
 _LVM_END = "***End_of_Header***"
+_MARK = "#"  # before remarks, and before names that are written as one
 _SHOWN = 40  # characters of a cell that is no number
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")  # 19.882 and 1.019.882,5
 _THOUSANDS_OF_POINTS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")  # 1,019,882.5
@@ -165,10 +166,11 @@ def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) 
         begins = style.is_number(row[0]) or not (row[0] and firm)
         if (_fits(row, width) or named) and begins and style.is_row(row[:width]):
             break
-        above.append(row)
+        above.append([c for c in row if c != _MARK] if style.separator == " " else row)
     first = len(above)
     head = len(above[-1]) if above else 0
-    full = head if width < len(row) <= head or head == width + 1 else width
+    remarks = head == width + 1 and style.separator != " " and _MARK not in above[-1][0]
+    full = head if width < len(row) <= head or remarks else width
     names, units = _header(path, above, style, full, filled)
     lines = np.array([k for k, _ in numbered[first:]])
     # separators at the ends of lines make columns that have neither name nor number
@@ -300,7 +302,7 @@ def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
     best, most, width, used, firm = None, 0.0, 0, 0, True
     for separator in _SEPARATORS:
         for comma in (False, True):
-            if comma and separator == ",":
+            if comma and separator == "," and not any('"' in t for t in some):
                 continue
             style = _Style(separator, comma)
             rows = [row for row in map(style.cells, some) if len(row) > 1 and style.is_row(row)]
@@ -349,6 +351,7 @@ def _header(
             + ("; commas both between numbers and in them?" if twice else "")
         )
     header = (header + [""] * width)[:width]
+    header[0] = header[0].removeprefix(_MARK).lstrip()
     names = [name or number for name, number in zip(header, numbers, strict=True)]
     parts = [names[a:b] for a, b in _parts(names)]
     twice_there = [n for part in parts for n, count in Counter(part).items() if count > 1]

@@ -55,6 +55,11 @@ def joined(
                 )
             out[name] = values
             continue
+        if len(own.columns["time"]) != len(values):
+            raise BadRecord(
+                f"{path}: {name} of {part.group} has {len(values)} samples and its time "
+                f"{len(own.columns['time'])}; say which its time is, as --map TABLE/COLUMN=time"
+            )
         stamps = own.columns["time"] * _scale(path, own.units.get("time", ""), unit)
         if np.array_equal(stamps, time):
             out[name] = values

@@ -156,14 +156,19 @@ def _dspace(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
     if not axes or not signals:
         return []
     tables = []
-    for k, axis in enumerate(axes, 1):
+    sizes = [_numbers(axis["Data"]).size for axis in axes]
+    for k, axis in enumerate(axes):
         arrays = {"time": _numbers(axis["Data"])}
         units = {"time": _text(axis.get("Unit"))}
         for signal in signals:
-            if int(signal.get("XIndex", 1) or 1) == k:
+            values, said = _numbers(signal["Data"]), int(signal.get("XIndex", 1) or 1) - 1
+            fitting = [j for j, size in enumerate(sizes) if size == values.size]
+            if (said if said in fitting else next(iter(fitting), None)) == k:
                 label = _text(signal["Name"])
-                arrays[label], units[label] = _numbers(signal["Data"]), _text(signal.get("Unit"))
-        tables.append(table_of(path, arrays, units, name if len(axes) == 1 else f"{name}.X({k})"))
+                arrays[label], units[label] = values, _text(signal.get("Unit"))
+        tables.append(
+            table_of(path, arrays, units, name if len(axes) == 1 else f"{name}.X({k + 1})")
+        )
     return tables
 
 

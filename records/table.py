@@ -43,7 +43,12 @@ def read_tables(path: Path) -> list[Table]:
         raise BadRecord(f"{path}: there is no such file") from None
     except OSError as error:
         raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
-    return [_with_units(t) for t in tables_in(path, data)]
+    tables = [_with_units(t) for t in tables_in(path, data)]
+    again = Counter(t.group for t in tables)
+    return [
+        replace(t, group=f"{t.group} ({k})") if again[t.group] > 1 else t
+        for k, t in enumerate(tables, 1)
+    ]
 
 
 def _with_units(table: Table) -> Table:

@@ -249,6 +249,23 @@ def test_a_line_of_a_word_and_numbers_above_the_table_is_no_row(tmp_path):
     assert table.lines[0] == 4
 
 
+@pytest.mark.parametrize(
+    ("head", "separator"),
+    [("# time x u", " "), ("#time x u", " "), ("# time,x,u", ","), ("time|x|u", "|")],
+)
+def test_names_behind_a_mark_of_remarks_stand_over_their_columns(tmp_path, head, separator):
+    rows = [line.replace(",", separator) for line in LINES]
+    table = read_table(write(tmp_path, "\n".join(["# logger 3", head, *rows, ""])))
+    assert list(table.columns) == ["time", "x", "u"]
+    np.testing.assert_array_equal(table.columns["u"], 2 * np.arange(10.0))
+
+
+def test_decimal_commas_in_quotes_stand_between_commas(tmp_path):
+    rows = [",".join(f'"{c}"'.replace(".", ",") for c in line.split(",")) for line in LINES]
+    table = read_table(write(tmp_path, "\n".join(["time,x,u", *rows, ""])))
+    np.testing.assert_allclose(table.columns["time"], np.arange(10) / 1000)
+
+
 def test_signals_with_times_of_their_own_are_tables_of_their_own(tmp_path):
     rows = ["0.0\t1.0\t0.0\t5.0", "0.1\t2.0\t0.2\t6.0", "0.2\t3.0\t0.4\t7.0", "0.3\t4.0\t\t"]
     path = write(tmp_path, "\n".join(["t\tx\tt\tu", *rows, ""]))
