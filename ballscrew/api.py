@@ -620,7 +620,7 @@ def read_force_records(
     Parameters
     ----------
     paths : sequence of path-like
-        CSV or MAT files, or folders that the rig wrote.
+        Files of measured data of any known format, or folders that the rig wrote.
     mapping : mapping of str to str, optional
         Names of columns, ``theirs -> ours``: ``time``, ``x``, ``force``.
     units : mapping of str to str, optional
@@ -655,7 +655,7 @@ def read_drive_records(
     Parameters
     ----------
     paths : sequence of path-like
-        CSV, MAT or Parquet files.
+        Files of measured data of any known format.
     mapping, units, lead
         As in `read_force_records`; columns are ``time``, ``u``, ``x`` and perhaps ``i``.
 
@@ -761,7 +761,7 @@ def diagnose(
     Parameters
     ----------
     data : path-like or sequence of path-like
-        CSV, MAT or Parquet files with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A].
+        Files of measured data with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A].
     params : path-like, optional
         Parameter file of the model as it is believed to be; the nominal axis by default.
     law : str, optional

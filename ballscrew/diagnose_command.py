@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .solver.component import Component
 
 
-_EXAMPLES = """DATA are CSV, MAT or Parquet files with the columns time [s], u [V] and x [m], or
+_EXAMPLES = """DATA are files of measured data with the columns time [s], u [V] and x [m], or
 v [m/s] where no position was recorded, and i [A] where it was measured; i without u is taken as the
 command. Several are one study. Separators, decimal commas, lines before the table and a line of
 units are found by themselves; a column without a name goes by its number. With kind = "drive", u
@@ -78,7 +78,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         nargs="*",
         type=Path,
         metavar="DATA",
-        help="CSV, MAT or, with pyarrow, Parquet files",
+        help="text, MAT, TDMS, MDF, HDF5, Excel, Parquet or NumPy files",
     )
     add_params(add, "the model as you believe it to be")
     add("--law", metavar="NAME", help="friction law, in place of the file's")

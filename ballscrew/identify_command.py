@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from .identification.intervals import Interval
     from .orchestration.parameter_file import ParameterFile
 
-_EXAMPLES = """DATA are folders that `ballscrew rig` wrote, or CSV or MAT files with the columns
-time [s], force [N] (on the block, positive in +x) and x [m], x_fine [m] or v [m/s]. Separators,
-decimal commas, lines before the table and a line of units are found by themselves; a column without
-a name goes by its number. A rotary drive has x in rad, deg or rev, or v in rpm, and its torque as
-force.
+_EXAMPLES = """DATA are folders that `ballscrew rig` wrote, or files of measured data with the
+columns time [s], force [N] (on the block, positive in +x) and x [m], x_fine [m] or v [m/s].
+Separators, decimal commas, lines before the table and a line of units are found by themselves; a
+column without a name goes by its number. A rotary drive has x in rad, deg or rev, or v in rpm, and
+its torque as force.
 
 examples:
   ballscrew identify out/trials --law modified_lugre --out out/identified
@@ -59,7 +59,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("data", nargs="+", type=Path, metavar="DATA", help="rig folders, CSV or MAT files")
+    add(
+        "data",
+        nargs="+",
+        type=Path,
+        metavar="DATA",
+        help="rig folders, or files: text, MAT, TDMS, MDF, HDF5, Excel, Parquet, NumPy",
+    )
     add("--law", required=True, metavar="NAME", help=", ".join(LAWS))
     add("--out", required=True, type=out_folder, metavar="DIR")
     add_record_options(add)

@@ -61,7 +61,7 @@ def diagnose(
     Parameters
     ----------
     data : sequence of path-like
-        CSV, MAT or Parquet files with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A];
+        Files of measured data with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A];
         ``i`` alone is taken as the command, see `commanded`.
     params : path-like, optional
         The prior model, see `read_drive`; the nominal axis by default.

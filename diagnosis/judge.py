@@ -147,7 +147,7 @@ def judge(
     Parameters
     ----------
     data : sequence of path-like
-        CSV, MAT or Parquet files, see `read_drive_records`.
+        Files of measured data, see `read_drive_records`.
     params : path-like
         The ``parameters.toml`` that a diagnosis wrote.
     mapping, units : mapping of str to str, optional

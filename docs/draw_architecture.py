@@ -12,12 +12,14 @@ LAYERS = (
         ("plant", "friction laws,\nscrew and motor"),
         ("controllers", "control laws\nand their design"),
     ),
-    (("fmus", "a component as an FMU, a loop as .ssp;\nthird-party files"),),
+    (
+        ("fmus", "a component as an FMU, a loop as .ssp;\nthird-party files"),
+        ("records", "measured tables, units, checks"),
+    ),
     (("orchestration", "couplings, master, verdict, isolation,\nruns and swaps"),),
     (
         ("stability", "exponents,\nattractors, maps"),
         ("rig", "virtual test rig,\nrecords with the truth"),
-        ("records", "measured data,\nunits, checks"),
     ),
     (
         ("identification", "friction laws from records"),
@@ -29,7 +31,7 @@ LAYERS = (
 FLOWS = (
     "components",
     "components",
-    "FMU files, kernels",
+    "FMU files, kernels, tables",
     "runs, kernels",
     "records, runs",
     "results",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.set_point import DERIVATIVES, SET_POINT
+from ..records.bad_record import BadRecord
+from ..records.table import listed, read_tables
+from ..records.units import NO_UNIT, UNITS, spell
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -21,6 +23,14 @@ TERMS = 8
 ROUND_OFF = 1e-9  # of a step: times closer to each other are one
 
 _COLUMNS = (SET_POINT, *DERIVATIVES)
+_SI = {"m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "mm/s^2": 1e-3, "rad/s^2": 1.0}
+_MEASURES = dict(
+    zip(
+        ("time", *_COLUMNS),
+        (("time",), ("length", "angle"), ("velocity", "angular velocity"), ("acceleration",)),
+        strict=True,
+    )
+)
 
 
 class BadReference(ValueError):
@@ -56,9 +66,10 @@ class Reference:
 
     @classmethod
     def read(cls, path: Path | str) -> Reference:
-        """Read a CSV file with the columns ``time`` [s] and ``x_d`` [m].
+        """Read a table with the columns ``time`` [s] and ``x_d`` [m], in any format of records.
 
-        ``v_d`` [m/s] and ``a_d`` [m/s^2] are taken from it, too, where it has them.
+        ``v_d`` [m/s] and ``a_d`` [m/s^2] are taken from it, too, where it has them. Units that the
+        file says are converted.
 
         Raises
         ------
@@ -66,32 +77,22 @@ class Reference:
             If the file is missing or is not such a table.
         """
         try:
-            with open(path, newline="", encoding="utf-8-sig") as stream:
-                rows = list(csv.reader(stream))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise BadReference(f"{path}: cannot be read: {error}") from error
-        header = [name.strip() for name in rows[0]] if rows else []
-        if "time" not in header or "x_d" not in header:
+            tables = read_tables(Path(path))
+        except BadRecord as error:
+            raise BadReference(str(error)) from error
+        fitting = [t for t in tables if {"time", SET_POINT} <= t.columns.keys()]
+        if len(fitting) != 1:
+            there = "; ".join(listed(t.columns) for t in fitting or tables)
+            many = f"{len(fitting)} tables with " if fitting else ""
             raise BadReference(
-                f"{path}: has the columns {', '.join(header) or 'none'}, expected time and x_d"
+                f"{path}: has {many}the columns {there}, expected one table with time and x_d"
             )
-        names = ["time", *(n for n in _COLUMNS if n in header)]
-        for name in names:
-            if header.count(name) > 1:
-                raise BadReference(f"{path}: the column {name!r} is there twice, expected once")
-        columns = [header.index(name) for name in names]
-        points = []
-        for number, row in enumerate(rows[1:], start=2):
-            if not any(cell.strip() for cell in row):
-                continue
-            try:
-                points.append([float(row[c]) for c in columns])
-            except (ValueError, IndexError) as error:
-                what = "no pair of numbers" if len(names) == 2 else f"not {len(names)} numbers"
-                raise BadReference(f"{path}: line {number} is {what}") from error
-        table = np.array(points, dtype=float).reshape(-1, len(names))
-        if not len(table):
-            raise BadReference(f"{path}: has a header and no rows")
+        columns, units = fitting[0].columns, fitting[0].units
+        names = ["time", *(n for n in _COLUMNS if n in columns)]
+        lengths = {len(columns[n]) for n in names}
+        if len(lengths) > 1:
+            raise BadReference(f"{path}: has columns of different length, expected one")
+        table = np.column_stack([columns[n] * _size(path, n, units.get(n, "")) for n in names])
         if not np.isfinite(table).all():
             raise BadReference(f"{path}: holds values that are not finite")
         rises = np.diff(table[:, 0])
@@ -247,6 +248,16 @@ class Reference:
         index = np.searchsorted(self.times, middle, side="right")
         since = times - self.times[np.maximum(index - 1, 0)]
         return times, [_moved(self.pieces(order)[index], since) for order in orders]
+
+
+def _size(path: Path | str, name: str, unit: str) -> float:
+    """What makes SI of a column."""
+    if unit in NO_UNIT:
+        return 1.0
+    known = {u: f for quantity in _MEASURES[name] for u, f in UNITS.get(quantity, _SI).items()}
+    if spell(unit) not in known:
+        raise BadReference(f"{path}: {name} is in {unit!r}, expected one of {', '.join(known)}")
+    return known[spell(unit)]
 
 
 def _differences(times: Vector, values: Vector) -> Vector:

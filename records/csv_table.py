@@ -11,23 +11,31 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from .bad_record import BadRecord
+from .stamps import is_stamp, seconds
 from .units import NO_UNIT, quantity_of
 
 Vector = npt.NDArray[np.float64]
 Rows = list[list[str]]
 
-_SEPARATORS = ("\t", ";", ",", " ")
+_SEPARATORS = ("\t", ";", ",", "|", " ")
 _LOOKED_AT = 400  # lines of the file's second half that tell how it is written
 _DOTS = "the file has decimal commas: write a comma for each decimal point, and take other dots out"
+_COMMAS = "the file has decimal points: take the commas between thousands out"
+_LVM = "LabVIEW Measurement"
+_LVM_END = "***End_of_Header***"
+_MARK = "#"  # before remarks, and before names that are written as one
 _SHOWN = 40  # characters of a cell that is no number
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")  # 19.882 and 1.019.882,5
+_THOUSANDS_OF_POINTS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")  # 1,019,882.5
+_BETWEEN_DIGITS = re.compile(r"(?<=\d)['\u2019\u00a0\u202f](?=\d{3})")  # 1'019'882
 _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # stand in lines of units
 
 
@@ -44,12 +52,21 @@ class Table:
         What the file says of its columns' units, in its own words.
     lines : ndarray of int, shape (n,), or None
         Where the rows stand in a text file, from 1 on.
+    group : str
+        What the file calls this table, where it has several.
+    numbers : dict of str to str
+        Names by the place of the column in a text, from 1 on.
+    notes : tuple of str
+        What a reader of the table should know.
     """
 
     path: Path
     columns: dict[str, Vector]
     units: dict[str, str] = field(default_factory=dict)
     lines: npt.NDArray[np.int64] | None = None
+    group: str = ""
+    numbers: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def row(self, k: int) -> int:
         """What a user calls the `k`-th sample, from 0 on: its line, or its number from 1 on."""
@@ -76,18 +93,29 @@ class _Style:
         return [c.strip() for c in line.split(self.separator)]
 
     def number(self, cell: str) -> float | None:
+        cell = _BETWEEN_DIGITS.sub("", cell)
         if not self.comma:
-            return _float(cell)
+            return _float(cell.replace(",", "") if _THOUSANDS_OF_POINTS.fullmatch(cell) else cell)
         if "." in cell and not _THOUSANDS.fullmatch(cell):
             return None
         return _float(cell.replace(".", "").replace(",", "."))
 
-    def has_point(self, cell: str) -> bool:
-        """Whether a cell would be a number with a decimal point, where decimals have commas."""
-        return self.comma and "." in cell and _float(cell) is not None
+    def is_doubtful(self, cell: str) -> bool:
+        """Whether a cell would be another number with the other decimal sign."""
+        if self.comma:
+            return "." in cell and _float(cell) is not None
+        return cell.count(",") == 1 and "." not in cell and self.number(cell) is not None
+
+    @property
+    def doubt(self) -> str:
+        """What to do about a column of cells that are all doubtful."""
+        return f"has a dot; {_DOTS}" if self.comma else f"has a comma; {_COMMAS}"
 
     def is_number(self, cell: str) -> bool:
-        return self.number(cell) is not None or self.has_point(cell)
+        return self.number(cell) is not None or self.is_doubtful(cell) or is_stamp(cell)
+
+    def sure_numbers_in(self, cells: Sequence[str]) -> float:
+        return self.numbers_in(cells) - 0.5 * sum(map(self.is_doubtful, cells))
 
     def numbers_in(self, cells: Sequence[str]) -> int:
         return sum(self.is_number(c) for c in cells)
@@ -105,46 +133,150 @@ def _float(text: str) -> float | None:
         return None
 
 
-def read_csv(path: Path) -> Table:
-    """Read a text table with any usual separator, decimal sign, encoding and header.
+def read_text(path: Path, data: bytes) -> list[Table]:
+    """Read a text with any usual separator, decimal sign, encoding and header.
+
+    Several tables are in it where each signal has its own column of time, and in LabVIEW's files
+    of several segments.
 
     Raises
     ------
     BadRecord
         If there is no table of numbers, or a row of it is broken.
-    OSError
     """
-    numbered = [(k, t) for k, t in enumerate(_text(path).splitlines(), 1) if t.strip(" \t,;")]
+    text = _text(path, data)
+    numbered = list(enumerate(text.splitlines(), 1))
+    if text.startswith(_LVM):
+        return _segments(path, numbered)
+    return _tables(path, numbered, cut=not text.endswith("\n"))
+
+
+def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) -> list[Table]:
+    """The tables in numbered lines, of which the last may be cut off."""
+    numbered = [(k, t) for k, t in numbered if t.strip(" \t,;")]
     if not numbered:
         raise BadRecord(f"{path}: is empty, expected a header row of names and rows of numbers")
     texts = [t for _, t in numbered]
-    style, width, filled = _style(path, texts)
+    style, width, filled, firm = _style(path, texts)
     above: Rows = []
+    row: list[str] = []
     for text in texts:
         row = style.cells(text)
-        if _fits(row, width) and style.is_row(row[:width]):
+        named = bool(above) and width < len(row) <= len(above[-1])  # words in a last column
+        begins = style.is_number(row[0]) or not (row[0] and firm)
+        if (_fits(row, width) or named) and begins and style.is_row(row[:width]):
             break
-        above.append(row)
+        above.append([c for c in row if c != _MARK] if style.separator == " " else row)
     first = len(above)
-    names, units = _header(path, above, style, width, filled)
+    head = len(above[-1]) if above else 0
+    remarks = head == width + 1 and style.separator != " " and _MARK not in above[-1][0]
+    full = head if width < len(row) <= head or remarks else width
+    names, units = _header(path, above, style, full, filled)
     lines = np.array([k for k, _ in numbered[first:]])
     # separators at the ends of lines make columns that have neither name nor number
-    wide = filled if names[filled:] == [str(k + 1) for k in range(filled, width)] else width
+    wide = filled if names[filled:] == [str(k + 1) for k in range(filled, full)] else full
     plain = _plain(texts[first:], style, wide)
+    columns: list[Vector | None]
+    notes: list[str] = []
     if plain is None:
-        table = _numbers(path, list(map(style.cells, texts[first:])), lines, names, style)
-        columns = {n: v for n, v in zip(names, table, strict=True) if v is not None}
+        rows, lines, notes = _rows(list(map(style.cells, texts[first:])), lines, width, style, cut)
+        rows = [r + [""] * (full - len(r)) if len(r) >= width else r for r in rows]
+        columns, dated = _numbers(path, rows, lines, names, style)
+        units |= dict.fromkeys(dated, "s")
+        notes += [f"{n} is in seconds from {start}" for n, start in dated.items()]
     else:
-        columns = {n: plain[:, k].copy() for k, n in enumerate(names[:wide])}
-    return Table(path, columns, {n: u for n, u in units.items() if n in columns}, lines)
+        columns = [plain[:, k].copy() for k in range(wide)] + [None] * (full - wide)
+    tables = _by_time(Table(path, {}, units, lines), names, columns)
+    return [replace(t, notes=tuple(notes)) for t in tables]
 
 
-def _text(path: Path) -> str:
-    data = path.read_bytes()
+def _by_time(frame: Table, names: Sequence[str], columns: Sequence[Vector | None]) -> list[Table]:
+    """One table, or one for each column of time where signals have their own and these differ."""
+    parts = _parts(names)
+    found = []
+    for start, end in parts:
+        there = {k: c for k in range(start, end) if (c := columns[k]) is not None}
+        time = there.get(start)
+        samples = None
+        if len(parts) > 1 and time is not None and np.isnan(time[-1]):  # ends before others
+            samples = len(time) - int(np.argmax(np.isfinite(time[::-1])))
+        lines = frame.lines if frame.lines is None else frame.lines[:samples]
+        part = {names[k]: c[:samples] for k, c in there.items()}
+        units = {n: u for n, u in frame.units.items() if n in part}
+        own = names[start + 1] if len(parts) > 1 else ""
+        numbers = {str(k + 1): names[k] for k in there}
+        found.append(Table(frame.path, part, units, lines, own, numbers))
+    times = [t.columns.get(names[0], np.empty(0)) for t in found]
+    if len(found) > 1 and all(np.array_equal(t, times[0]) for t in times):
+        every = {n: c for t in found for n, c in t.columns.items()}
+        numbers = {k: n for t in found for k, n in t.numbers.items()}
+        return [Table(frame.path, every, frame.units, frame.lines, numbers=numbers)]
+    return found
+
+
+def _rows(
+    rows: Rows, lines: npt.NDArray[np.int64], width: int, style: _Style, cut: bool
+) -> tuple[Rows, npt.NDArray[np.int64], list[str]]:
+    """The rows without lines that are none of the table, and a note of these.
+
+    Lines without a number, and at the end lines that begin with a word and one that is cut off.
+    """
+    out = {k for k, row in enumerate(rows) if len(row) < width and not style.numbers_in(row)}
+    last = len(rows) - 1
+    if cut and last > 0 and len(rows[last]) < width and style.is_number(rows[last][0]):
+        out.add(last)
+        last -= 1
+    while last > 0 and (last in out or _begins_with_word(rows[last], rows[0], style)):
+        out.add(last)
+        last -= 1
+    if not out:
+        return rows, lines, []
+    kept = [k for k in range(len(rows)) if k not in out]
+    first = int(lines[min(out)])
+    what = "line that is no row" if len(out) == 1 else "lines that are no rows"
+    note = f"{len(out)} {what} of the table left out, the first is line {first}"
+    return [rows[k] for k in kept], lines[kept], [note]
+
+
+def _begins_with_word(row: Sequence[str], first: Sequence[str], style: _Style) -> bool:
+    return bool(row[0]) and style.is_number(first[0]) and not style.is_number(row[0])
+
+
+def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
+    """The segments of a LabVIEW measurement file."""
+    ends = [k for k, (_, text) in enumerate(numbered) if text.startswith(_LVM_END)]
+    about = _said(numbered[: ends[0]] if ends else [])
+    starts = [
+        max((k for k in range(a, b) if numbered[k][1].startswith("Channels")), default=a)
+        for a, b in pairwise(ends)
+    ]
+    found: list[Table] = []
+    for start, end, after in zip(starts, ends[1:], [*starts[1:], None], strict=True):
+        told = _said(numbered[start:end])
+        for table in _tables(path, numbered[end + 1 : after]):
+            columns, units = dict(table.columns), dict(table.units)
+            x, *signals = columns
+            if about.get("X_Columns") == ["No"]:
+                begin, step = (float(told[n][0].replace(",", ".")) for n in ("X0", "Delta_X"))
+                columns[x] = np.asarray(begin + step * np.arange(len(columns[x])), dtype=float)
+            if about.get("X_Columns") != ["Multi"]:
+                units |= dict(zip(signals, told.get("Y_Unit_Label", []), strict=False))
+            group = f"segment {len(found) + 1}" if len(starts) > 1 else table.group
+            found.append(replace(table, columns=columns, units=units, group=group))
+    return found or _tables(path, numbered[ends[0] + 1 :] if ends else numbered)
+
+
+def _said(numbered: Sequence[tuple[int, str]]) -> dict[str, list[str]]:
+    """Lines of a name and what is said of it."""
+    cells = [re.split(r"[\t;]|,(?=\D)", text.strip()) for _, text in numbered]
+    return {first: rest for first, *rest in cells if first}
+
+
+def _text(path: Path, data: bytes) -> str:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ["utf-16"]
     elif b"\0" in data:
-        raise BadRecord(f"{path}: is no text table: it has zero bytes")
+        raise BadRecord(f"{path}: is no text table: it has zero bytes; save it as CSV")
     else:
         encodings = ["utf-8-sig", "cp1252", "latin-1"]
     for encoding in encodings:
@@ -155,27 +287,39 @@ def _text(path: Path) -> str:
     raise BadRecord(f"{path}: is no text table")
 
 
-def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int]:
-    """How most of the lines become rows of at least two numbers; cells in them, and filled ones."""
+def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
+    """How most of the lines become rows of at least two numbers.
+
+    Returns
+    -------
+    style : _Style
+    width, filled : int
+        Cells of a row, and those in use.
+    firm : bool
+        Whether all of these rows begin with a number.
+    """
     some = texts[-min(_LOOKED_AT, len(texts) // 2 + 1) :]
-    best, most, width, used = None, 0, 0, 0
+    best, most, width, used, firm = None, 0.0, 0, 0, True
     for separator in _SEPARATORS:
         for comma in (False, True):
-            if comma and separator == ",":
+            if comma and separator == "," and not any('"' in t for t in some):
                 continue
             style = _Style(separator, comma)
-            rows = [row for row in map(style.cells, some) if style.is_row(row)]
-            usual, _ = Counter(map(len, rows)).most_common(1)[0] if rows else (0, 0)
-            filled = sum(style.numbers_in(row) for row in rows if len(row) == usual)
-            if usual > 1 and filled > most:
+            rows = [row for row in map(style.cells, some) if len(row) > 1 and style.is_row(row)]
+            lengths = Counter(map(len, rows))
+            usual = min((n for n in lengths if lengths[n] == max(lengths.values())), default=0)
+            filled = sum(map(style.sure_numbers_in, rows))
+            if filled > most:
                 best, most, width = style, filled, usual
+                usuals = [row for row in rows if len(row) == usual]
+                firm = all(style.is_number(row[0]) for row in usuals)
                 used = 1 + max(k for row in rows for k in range(usual) if k < len(row) and row[k])
     if best is None:
         raise BadRecord(
             f"{path}: has no rows of numbers, expected columns with names, separated by tabs, "
             "semicolons or commas"
         )
-    return best, width, used
+    return best, width, used, firm
 
 
 def _fits(row: Sequence[str], width: int) -> bool:
@@ -186,6 +330,9 @@ def _header(
     path: Path, above: Rows, style: _Style, width: int, filled: int
 ) -> tuple[list[str], dict[str, str]]:
     """Names and units from the lines above the numbers, of which `filled` cells are in use."""
+    names, units = _scope_header(above, width)
+    if names:
+        return names, units
     block: Rows = []
     for row in reversed(above):
         if len(row) < 2 or not _fits(row + [""] * width, width) or style.numbers_in(row) > 0:
@@ -204,12 +351,32 @@ def _header(
             + ("; commas both between numbers and in them?" if twice else "")
         )
     header = (header + [""] * width)[:width]
+    header[0] = header[0].removeprefix(_MARK).lstrip()
     names = [name or number for name, number in zip(header, numbers, strict=True)]
-    twice_there = [n for n, count in Counter(names).items() if count > 1]
+    parts = [names[a:b] for a, b in _parts(names)]
+    twice_there = [n for part in parts for n, count in Counter(part).items() if count > 1]
     if twice_there:
         raise BadRecord(f"{path}: the column {twice_there[0]!r} is there twice")
     said = block[0] if has_units else []
     return names, {n: _bare(u) for n, u in zip(names, said, strict=False) if _bare(u)}
+
+
+def _scope_header(above: Rows, width: int) -> tuple[list[str], dict[str, str]]:
+    """Names and units of an export of TwinCAT's scope; empty for other files."""
+    rows = [row for row in above if len(row) == width and len(set(row[0::2])) == 1]
+    told = {row[0]: row[1::2] for row in rows if width % 2 == 0}
+    if "Name" not in told or not any(n.startswith("SampleTime") for n in told):
+        return [], {}
+    signals = told["Name"]
+    units = {n: u for n, u in zip(signals, told.get("Unit", []), strict=False) if u}
+    return [n for signal in signals for n in ("time", signal)], units
+
+
+def _parts(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Where the columns of each column of time begin and end; one part if there is one time."""
+    starts = [k for k, name in enumerate(names) if name == names[0]]
+    parts = list(zip(starts, [*starts[1:], len(names)], strict=True))
+    return parts if all(b - a > 1 for a, b in parts) else [(0, len(names))]
 
 
 def _bare(unit: str) -> str:
@@ -237,26 +404,50 @@ def _numbers(
     lines: npt.NDArray[np.int64],
     names: Sequence[str],
     style: _Style,
-) -> list[Vector | None]:
-    """The columns; None for one of words, or without a name and without a number."""
+) -> tuple[list[Vector | None], dict[str, str]]:
+    """The columns, and the first stamp of those of dates.
+
+    None for a column of words, or without a name and without a number.
+    """
     width = len(names)
     for row, line in zip(rows, lines, strict=True):
         if not _fits(row, width):
             raise BadRecord(f"{path}, row {line}: {len(row)} cells, expected {width}")
     columns: list[Vector | None] = []
+    dated = {}
     for k, name in enumerate(names):
         cells = [row[k] for row in rows]
         filled = list(filter(None, cells))
-        if filled and all(map(style.has_point, filled)):  # in thousands, or with decimal points?
-            raise BadRecord(f"{path}, column {name!r}: {filled[0]!r} has a dot; {_DOTS}")
+        if filled and all(map(style.is_doubtful, filled)):  # in thousands, or with decimal points?
+            raise BadRecord(f"{path}, column {name!r}: {filled[0]!r} {style.doubt}")
+        stamps = sum(map(is_stamp, filled))
+        if stamps > len(filled) / 2:
+            if stamps < len(filled):
+                at = next(j for j, c in enumerate(cells) if c and not is_stamp(c))
+                raise BadRecord(
+                    f"{path}, row {lines[at]}, column {name!r}: {cells[at][:_SHOWN]!r} is no time "
+                    "of day, as others are"
+                )
+            columns.append(seconds(cells))
+            if columns[-1] is None:
+                raise BadRecord(
+                    f"{path}, column {name!r}: {filled[0]!r} may be of two days; write dates as "
+                    "2024-03-31 12:00:00"
+                )
+            dated[name] = filled[0]
+            continue
         numbers = [style.number(c) if c else math.nan for c in cells]
         if not any(map(style.is_number, cells)) and (filled or name == str(k + 1)):
+            columns.append(None)
+            continue
+        few = len(filled) < len(cells) / 2
+        if k == width - 1 and few and None in numbers:  # remarks
             columns.append(None)
             continue
         for cell, number, line in zip(cells, numbers, lines, strict=True):
             if number is None:
                 shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
-                why = f"; {_DOTS}" if style.has_point(cell) else ""
+                why = f"; {_DOTS}" if style.comma and style.is_doubtful(cell) else ""
                 raise BadRecord(f"{path}, row {line}, column {name!r}: {shown!r} is no number{why}")
         columns.append(np.array(numbers, dtype=float))
-    return columns
+    return columns, dated

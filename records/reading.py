@@ -1,4 +1,4 @@
-"""Read records from anybody's files: a rig's folder, or a CSV, MAT or Parquet file.
+"""Read records from anybody's files: a rig's folder, or a file of any known format.
 
 Columns are mapped by name and units are said, never guessed: numbers that look like another unit
 are refused with what to say.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,8 @@ import numpy.typing as npt
 from .bad_record import BadRecord
 from .record import CURRENT, FORCE, VOLTAGE, Record
 from .rig_trial import described, read_about
-from .sampling import HOLES, even_out
-from .table import in_si, read_table, rename
+from .sampling import HOLES, even_out, pieces_between_gaps
+from .table import choose, in_si, read_tables
 from .units import UNITS
 from .velocity import INTEGRATED, VELOCITY, columns_wanted, with_position
 
@@ -119,7 +119,7 @@ def read_force_records(
         raise BadRecord(f"the mass is {mass} kg, expected a number of at least 0")
     records = []
     for path in _expanded(paths):
-        recorded = _read(path, FORCE_RECORD, mapping or {}, units or {}, lead)
+        (recorded,) = _read(path, FORCE_RECORD, mapping or {}, units or {}, lead)
         record = described(recorded, read_about(path), mass)
         for name, unit in ((record.position_name, "m"), ("force", "N")):
             values = record.signals[name]
@@ -143,7 +143,7 @@ def read_drive_records(
     Parameters
     ----------
     paths : iterable of Path or str
-        CSV, MAT or Parquet files, rig folders with ``record.csv``, or folders of such.
+        Files of any known format, rig folders with ``record.csv``, or folders of such.
     mapping : mapping of str to str, optional
         ``theirs -> ours`` names of columns.
     units : mapping of str to str, optional
@@ -156,7 +156,8 @@ def read_drive_records(
     BadRecord
         If a file is no record, with one line that says why.
     """
-    return [_read(p, DRIVE_RECORD, mapping or {}, units or {}, lead) for p in _expanded(paths)]
+    read = (_read(p, DRIVE_RECORD, mapping or {}, units or {}, lead) for p in _expanded(paths))
+    return [record for records in read for record in records]
 
 
 def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
@@ -169,22 +170,41 @@ def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
         if not inner:
             raise BadRecord(
                 f"{path}: holds no record.csv, nor does a folder in it; expected a folder that "
-                "`ballscrew rig` wrote, or a CSV or MAT file"
+                "`ballscrew rig` wrote, or a file of measured data"
             )
         yield from inner
 
 
 def _read(
     path: Path, use: _Use, mapping: Mapping[str, str], units: Mapping[str, str], lead: float | None
-) -> Record:
-    found = read_table(path / "record.csv" if path.is_dir() else path)
-    wanted = columns_wanted(found, mapping, use.columns)
-    table = rename(found, mapping, wanted, use.needed)
-    signals, measured = in_si(table, units, {n: QUANTITIES[n] for n in use.columns}, lead)
+) -> list[Record]:
+    """The record in a file; its pieces where it has gaps."""
+    tables = read_tables(path / "record.csv" if path.is_dir() else path)
+    there = {n for t in tables for n in t.columns}
+    wanted = columns_wanted(there, mapping, use.columns)
+    table = choose(tables, mapping, wanted, use.needed)
+    signals, measured, notes = in_si(table, units, {n: QUANTITIES[n] for n in use.columns}, lead)
     command = measured.get("u", CURRENT)
     command = FORCE if command == "torque" else command
     said = {*units, *table.units}
-    return check_record(str(path), signals, command, use, said, table.row)
+    notes = [*table.notes, *notes]
+    pieces, note = pieces_between_gaps(signals["time"], use.samples, use.lasts)
+    if not (use.mends and note):
+        record = check_record(str(path), signals, command, use, said, table.row)
+        return [replace(record, notes=(*notes, *record.notes))]
+    records: list[Record] = []
+    for piece in pieces:
+        name = f"{path} ({len(records) + 1} of {len(pieces)})" if len(pieces) > 1 else str(path)
+        part = {n: v[piece] for n, v in signals.items()}
+        row = _from(table.row, piece.start)
+        record = check_record(name, part, command, use, said, row)
+        records.append(replace(record, notes=(note, *notes, *record.notes)))
+    return records
+
+
+def _from(row: Callable[[int], int], first: int) -> Callable[[int], int]:
+    """What the user calls a sample of a piece."""
+    return lambda k: row(first + k)
 
 
 def check_record(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -100,6 +101,36 @@ def even_out(
         "between samples"
     )
     return out, step, said
+
+
+def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[slice], str]:
+    """The pieces of a record between its gaps that are long enough, and a note.
+
+    No note where it has no gap, or no piece is long enough.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        As recorded [s].
+    samples, lasts : int, float
+        Of the shortest piece [s].
+    """
+    steps = np.diff(time)
+    if not len(steps) or not np.isfinite(steps).all() or np.any(steps < 0):
+        return [], ""
+    gaps = np.flatnonzero(steps > (_LONGEST_GAP + 1.5) * np.median(steps))
+    edges = [0, *(gaps + 1).tolist(), len(time)]
+    pieces = [slice(a, b) for a, b in pairwise(edges)]
+    long = [p for p in pieces if p.stop - p.start >= samples]
+    long = [p for p in long if time[p.stop - 1] - time[p.start] >= lasts]
+    if not len(gaps) or not long:
+        return [], ""
+    lost = 100 * (1 - sum(p.stop - p.start for p in long) / len(time))
+    note = (
+        f"{len(gaps)} gaps, the first of {steps[gaps[0]]:.4g} s after {time[gaps[0]]:.6g} s: the "
+        f"record was cut there into {len(long)} pieces of at least {lasts:g} s"
+    )
+    return long, note + (f"; {lost:.2g} % of its samples are in shorter ones" if lost else "")
 
 
 def _instants(time: Vector, step: float) -> npt.NDArray[np.int64]:

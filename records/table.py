@@ -1,28 +1,33 @@
-"""Read tables of numbers: CSV, MAT and Parquet files with columns of any name."""
+"""Tables of numbers with columns of any name: the one that is asked for, under our names."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from ..solver.nearest import nearest
-from ..solver.tables import PYARROW
 from .bad_record import BadRecord
-from .csv_table import Table, read_csv
+from .csv_table import Table
+from .formats import tables_in
+from .joined import joined
 from .units import NO_UNIT, UNITS, Conversion, quantity_of
+from .wraps import unwrapped
 
 Vector = npt.NDArray[np.float64]
 
 _WITH_UNIT = re.compile(r"(.*\S)\s*[\[(](.+)[\])]")  # time [ms], x (mm)
+_LISTED = 12  # names in a message
+_POSITIONS = ("x", "x_fine", "x_ref", "time")  # what may wrap
 
 
-def read_table(path: Path) -> Table:
-    """All columns of numbers of a CSV, MAT or Parquet file.
+def read_tables(path: Path) -> list[Table]:
+    """All tables of numbers in a file, whose format its first bytes tell.
 
     A word in brackets after a name, as in ``time [ms]``, is the column's unit, known or not; the
     name is what stands before it, where no other column has that name.
@@ -30,23 +35,33 @@ def read_table(path: Path) -> Table:
     Raises
     ------
     BadRecord
-        If the file is not there or no table of numbers.
+        If the file is not there or holds no table of numbers.
     """
-    readers = {".mat": _read_mat, ".parquet": _read_parquet}
     try:
-        table = readers.get(path.suffix.lower(), read_csv)(path)
+        data = path.read_bytes()
     except FileNotFoundError:
         raise BadRecord(f"{path}: there is no such file") from None
     except OSError as error:
         raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
-    columns, units = {}, {}
+    tables = [_with_units(t) for t in tables_in(path, data)]
+    again = Counter(t.group for t in tables)
+    return [
+        replace(t, group=f"{t.group} ({k})") if again[t.group] > 1 else t
+        for k, t in enumerate(tables, 1)
+    ]
+
+
+def _with_units(table: Table) -> Table:
+    columns, units, names = {}, {}, {}
     times = Counter(_name_and_unit(name)[0] for name in table.columns)
     for name, values in table.columns.items():
         bare, unit = _name_and_unit(name)
-        own = bare if times[bare] == 1 else name
+        own = names[name] = bare if times[bare] == 1 else name
         columns[own] = values
         units[own] = unit or table.units.get(name, "")
-    return Table(path, columns, {n: u for n, u in units.items() if u}, table.lines)
+    units = {n: u for n, u in units.items() if u}
+    numbers = {k: names[n] for k, n in table.numbers.items()}
+    return replace(table, columns=columns, units=units, numbers=numbers)
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:
@@ -54,56 +69,97 @@ def _name_and_unit(name: str) -> tuple[str, str]:
     return (found[1], found[2].strip()) if found else (name, "")
 
 
-def _read_parquet(path: Path) -> Table:
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise BadRecord(f"{path} {PYARROW}") from None
-    if not path.is_file():
-        raise FileNotFoundError
-    try:
-        table = pq.read_table(path)
-    except pa.ArrowInvalid as error:
-        raise BadRecord(f"{path}: is no Parquet file: {str(error).splitlines()[0]}") from error
-    columns = {}
-    for name, column in zip(table.column_names, table.columns, strict=True):
+def choose(
+    tables: Sequence[Table],
+    mapping: Mapping[str, str],
+    known: Sequence[str],
+    needed: Sequence[Sequence[str]],
+) -> Table:
+    """The one of a file's tables that has what is asked for, or columns of several, put together.
+
+    Parameters
+    ----------
+    tables : sequence of Table
+    mapping, known, needed
+        As in `rename`; a column of a table is also ``TABLE/COLUMN``.
+
+    Raises
+    ------
+    BadRecord
+        If none has it, or several have.
+    """
+    if len(tables) == 1:
+        return rename(tables[0], mapping, known, needed)
+    whole = []
+    for table in tables:
         try:
-            columns[name] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=float)
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-            continue  # words and dates are nobody's signal
-    return Table(path, columns)
-
-
-def _read_mat(path: Path) -> Table:
-    from scipy.io import loadmat
-
-    try:
-        data = loadmat(path, squeeze_me=True, struct_as_record=True)
-    except NotImplementedError:
+            whole.append(rename(table, mapping, known, needed))
+        except BadRecord:
+            continue
+    if len(whole) == 1:
+        return whole[0]
+    path = tables[0].path
+    if whole:
+        names = [t.group for t in whole]
         raise BadRecord(
-            f"{path}: is a MAT file of version 7.3; save it with `-v7` or as CSV"
-        ) from None
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # the reader raises many kinds on damaged files
-        raise BadRecord(f"{path}: is no MAT file: {error}") from error
-    columns: dict[str, Vector] = {}
-    for name, values in data.items():
-        if not name.startswith("__"):
-            columns |= _vectors(name, np.asarray(values))
-    return Table(path, columns)
+            f"{path}: has {len(whole)} tables with these columns: {listed(names)}; choose one, "
+            f"as --map {names[0]}/{_theirs('time', mapping)}=time"
+        )
+    found: dict[str, list[Table]] = {}
+    for table in tables:
+        for ours in known:
+            theirs = _theirs(ours, mapping)
+            if _column(table, theirs):
+                part = rename(table, {theirs: ours}, [ours], [])
+                found.setdefault(ours, []).append(part)
+    for ours, parts in found.items():
+        if ours != "time" and len(parts) > 1:
+            raise BadRecord(
+                f"{path}: has {_theirs(ours, mapping)!r} in {listed([t.group for t in parts])}; "
+                f"choose one, as --map {parts[0].group}/{_theirs(ours, mapping)}={ours}"
+            )
+    lost = [t for t, ours in mapping.items() if ours in known and ours not in found]
+    if lost or any(not {*names} & found.keys() for names in needed):
+        there = listed([f"{t.group} ({listed(t.columns)})" for t in tables])
+        what = f"a column {lost[0]!r}" if lost else f"the columns {_asked(needed, mapping)}"
+        raise BadRecord(
+            f"{path}: none of its tables has {what}; there are {there}; say which is which, as "
+            f"--map TABLE/COLUMN={needed[-1][0]}"
+        )
+    first = {name for names in needed for name in names}
+    times = {t.group: t for t in found.pop("time")}
+    for table in tables:  # a table's own time, where that which is mapped is of another
+        if table.group not in times and "time" in table.columns:
+            times[table.group] = rename(table, {}, ["time"], [])
+    return joined(path, {n: parts[0] for n, parts in found.items()}, times, first)
 
 
-def _vectors(name: str, array: npt.NDArray[np.generic]) -> dict[str, Vector]:
-    """An array's vector of numbers; of a structure, those of its fields as ``name.field``."""
-    if array.dtype.names and array.size == 1:
-        whole = array.reshape(1).tolist()[0]
-        fields = dict(zip(array.dtype.names, map(np.asarray, whole), strict=True))
-        return {k: v for n, f in fields.items() for k, v in _vectors(f"{name}.{n}", f).items()}
-    if array.dtype.kind in "fiu" and array.size == max(array.shape, default=1):
-        return {name: array.astype(float).ravel()}
-    return {}
+def _theirs(ours: str, mapping: Mapping[str, str]) -> str:
+    return next((t for t, o in mapping.items() if o == ours), ours)
+
+
+def _asked(needed: Sequence[Sequence[str]], mapping: Mapping[str, str]) -> str:
+    return ", ".join(" or ".join(_theirs(n, mapping) for n in names) for names in needed)
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names for a message; the first of many."""
+    every = list(names)
+    more = len(every) - _LISTED
+    shown = every if more <= 1 else [*every[:_LISTED], f"{more} more"]
+    return ", ".join(shown) or "none"
+
+
+def _column(table: Table, theirs: str) -> str:
+    """The table's name of a column that the user calls so; empty for none."""
+    if table.group and theirs.startswith(f"{table.group}/"):
+        theirs = theirs[len(table.group) + 1 :]
+    if theirs in table.columns:
+        return theirs
+    bare, unit = _name_and_unit(theirs)
+    if unit and table.units.get(bare) == unit and bare in table.columns:
+        return bare
+    return table.numbers.get(theirs, "")
 
 
 def rename(
@@ -129,16 +185,15 @@ def rename(
     BadRecord
     """
     path, columns = table.path, table.columns
-    there = ", ".join(columns) or "none"
+    there = listed(columns)
     theirs_of: dict[str, str] = {}
     for theirs, ours in mapping.items():
         if ours not in known:
             raise BadRecord(
                 f"--map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(known)}"
             )
-        bare, unit = _name_and_unit(theirs)
-        name = bare if unit and table.units.get(bare) == unit else theirs
-        if name not in columns:
+        name = _column(table, theirs)
+        if not name:
             raise BadRecord(
                 f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
                 f"{nearest(theirs, columns)}; there are {there}"
@@ -163,7 +218,7 @@ def rename(
             "Bring them to one rate first"
         )
     units = {n: table.units[t] for n, t in theirs_of.items() if t in table.units}
-    return Table(path, named, units, table.lines)
+    return replace(table, columns=named, units=units, numbers={})
 
 
 def in_si(
@@ -171,8 +226,10 @@ def in_si(
     units: Mapping[str, str],
     quantities: Mapping[str, Sequence[str]],
     lead: float | None,
-) -> tuple[dict[str, Vector], dict[str, str]]:
-    """A table's columns in SI units of a linear motion, and the quantity that each measures.
+) -> tuple[dict[str, Vector], dict[str, str], list[str]]:
+    """A table's columns in SI units of a linear motion, what each measures, and notes.
+
+    Positions, and times, that begin anew after a turn or the counter's range go on.
 
     Parameters
     ----------
@@ -192,7 +249,7 @@ def in_si(
     for name, text in units.items():
         if name not in quantities:
             raise BadRecord(f"--unit {name}={text}: columns are {', '.join(quantities)}")
-    signals, measured = {}, {}
+    signals, measured, notes = {}, {}, []
     for name, values in table.columns.items():
         may_be = quantities[name]
         said = units.get(name, table.units.get(name, ""))
@@ -206,5 +263,9 @@ def in_si(
                 f"one of {known}, or with a number of them, which is the size of one {said!r}"
             )
         conversion = Conversion(name, said, may_be, lead)
+        if name in _POSITIONS:
+            turn = conversion.quantity == "angle" and lead
+            values, said_of_it = unwrapped(name, values, turn / conversion.factor if turn else None)
+            notes += said_of_it
         signals[name], measured[name] = conversion.factor * values, conversion.quantity
-    return signals, measured
+    return signals, measured, notes

@@ -8,8 +8,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
-from .csv_table import Table
-
 Vector = npt.NDArray[np.float64]
 
 VELOCITY = "v"
@@ -20,19 +18,21 @@ INTEGRATED = (
 _POSITIONS = {"x", "x_fine"}
 
 
-def columns_wanted(table: Table, mapping: Mapping[str, str], known: Iterable[str]) -> list[str]:
+def columns_wanted(
+    there: Iterable[str], mapping: Mapping[str, str], known: Iterable[str]
+) -> list[str]:
     """Our names without the velocity, where the file has a position and nobody mapped a velocity.
 
     Parameters
     ----------
-    table : Table
-        Under the file's names.
+    there : iterable of str
+        The file's names.
     mapping : mapping of str to str
         ``theirs -> ours``.
     known : iterable of str
         Our names.
     """
-    measured = _POSITIONS & {*table.columns, *mapping.values()}
+    measured = _POSITIONS & {*there, *mapping.values()}
     needless = measured and VELOCITY not in mapping.values()
     return [n for n in known if n != VELOCITY or not needless]
 

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 STANDS_ON_THOSE_BEFORE = (
-    "solver instruments plant controllers fmus orchestration stability rig records "
+    "solver instruments plant controllers fmus records orchestration stability rig "
     "identification diagnosis ballscrew gallery"
 ).split()
 

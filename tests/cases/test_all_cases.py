@@ -5,16 +5,7 @@ from pathlib import Path
 import pytest
 from cases import CASES
 
-# formats and records that the reader of measured data does not know yet
-NOT_YET = {
-    "angle_wraps",
-    "binary_measurement_files",
-    "identify_exact_record_not_trusted",
-    "labview_lvm",
-    "mat_matrix",
-    "time_as_date",
-    "twincat_scope_eof",
-}
+NOT_YET = {"identify_exact_record_not_trusted"}
 
 
 def test_every_case_has_a_test():

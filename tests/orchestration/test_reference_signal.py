@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.io
 
 from ballscrew.orchestration.reference_signal import BadReference, Reference
 
@@ -25,11 +26,11 @@ def test_two_rows_at_one_time_are_a_jump(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "has the columns none, expected time and x_d"),
+        ("", "is empty, expected a header row of names"),
         ("time,y\n0,1\n", "has the columns time, y, expected"),
-        ("time,x_d\n", "has a header and no rows"),
-        ("time,x_d\n0,0\n1,abc\n", "line 3 is no pair of numbers"),
-        ("time,x_d\n0,0\n1\n", "line 3 is no pair of numbers"),
+        ("time,x_d\n", "has no rows of numbers"),
+        ("time,x_d\n0,0\n1,abc\n", "row 3, column 'x_d': 'abc' is no number"),
+        ("time,x_d\n0,0\n1\n", "row 3: 1 cells, expected 2"),
         ("time,x_d\n0,0\n1,nan\n", "not finite"),
         ("time,x_d\n0,0\n1,1\n0.5,2\n", "time does not rise after 1 s"),
         ("time,x_d\n0,0\n1,1\n1,2\n1,3\n", "time does not rise after 1 s"),
@@ -42,6 +43,25 @@ def test_bad_files_are_refused_with_the_place(tmp_path, text, message):
         Reference.read(path)
 
 
+def test_set_points_are_read_as_records_are(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text(
+        "Machine 7\ntime [ms];x_d [mm];v_d [mm/s];remark\n0,0;0,5;10;start\n500;1;-10\n"
+    )
+    reference = Reference.read(path)
+    assert reference.at(0.25) == pytest.approx(0.75e-3)
+    np.testing.assert_allclose(reference.velocity, [0.01, -0.01])
+    scipy.io.savemat(tmp_path / "r.mat", {"time": [0.0, 1.0], "x_d": [0.0, 0.1]})
+    assert Reference.read(tmp_path / "r.mat").at(0.5) == pytest.approx(0.05)
+
+
+def test_a_unit_of_a_set_point_that_nobody_knows_is_refused(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("time [s],x_d [counts]\n0,0\n1,5\n")
+    with pytest.raises(BadReference, match=r"x_d is in 'counts', expected one of m, cm, mm"):
+        Reference.read(path)
+
+
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(BadReference, match=r"none\.csv: cannot be read"):
+    with pytest.raises(BadReference, match=r"none\.csv: there is no such file"):
         Reference.read(tmp_path / "none.csv")

@@ -211,6 +211,27 @@ def test_times_that_cannot_be_put_right_are_refused(keep, words):
         check_record("mine", {n: v[keep] for n, v in MOTION.items()})
 
 
+def test_a_record_with_gaps_is_its_pieces(tmp_path):
+    time = np.arange(0.0, 6.0, 1e-3)
+    keep = np.r_[0:2000, 2500:2600, 3000:6000]  # the middle one is too short
+    given = {"time": time, "u": 3 * np.sin(5 * time), "x": 0.1 * np.sin(3 * time)}
+    path = write(tmp_path / "a.csv", {n: v[keep] for n, v in given.items()})
+    first, second = read_drive_records([path])
+    assert (first.name, second.name) == (f"{path} (1 of 2)", f"{path} (2 of 2)")
+    np.testing.assert_allclose(first.x, given["x"][:2000], atol=1e-9)
+    np.testing.assert_allclose(second.time, time[3000:], atol=1e-9)
+    (note,) = second.notes
+    assert note.startswith("2 gaps, the first of 0.501 s after 1.999 s: the record was cut there")
+    assert note.endswith("into 2 pieces of at least 1 s; 2 % of its samples are in shorter ones")
+
+
+def test_a_record_whose_pieces_are_all_too_short_is_refused(tmp_path):
+    keep = np.r_[0:500, 600:1100, 1200:1700]
+    path = write(tmp_path / "a.csv", {n: v[keep] for n, v in MOTION.items()})
+    with pytest.raises(BadRecord, match=r"a gap of 0.101 s .* cut the record into pieces"):
+        read(path)
+
+
 def test_a_column_that_is_mostly_empty_is_refused_with_the_line_of_the_first_gap(tmp_path):
     given = MOTION | {"x": np.where(TIME > 1.5, np.nan, MOTION["x"])}
     path = write(tmp_path / "a.csv", given)
@@ -342,10 +363,10 @@ def test_numbers_that_look_like_another_unit_are_refused_until_the_unit_is_said(
     np.testing.assert_allclose(record.signals[name], table[name])
 
 
-def test_what_is_no_file_and_what_is_no_mat_file_is_said(tmp_path):
+def test_what_is_no_file_and_what_is_no_table_is_said_whatever_it_is_called(tmp_path):
     assert "no such file" in complaint(tmp_path / "none.csv")
     (tmp_path / "bad.mat").write_bytes(b"nonsense")
-    assert "no MAT file" in complaint(tmp_path / "bad.mat")
+    assert "no rows of numbers" in complaint(tmp_path / "bad.mat")
     for read_all in (read_force_records, read_drive_records):
         with pytest.raises(BadRecord, match=r"no record\.csv"):
             read_all([tmp_path])

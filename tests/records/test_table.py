@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.table import read_table, rename
+from ballscrew.records.table import read_tables, rename
 
 ROWS = np.array([[0.0, -1.5, 0.25], [0.001, 2.25, 0.5], [0.002, 3e-4, -0.75], [0.003, 7.0, 1.0]])
 # As a motor controller exports a recording: lines about itself, then names, then units.
@@ -27,6 +27,11 @@ ms;rpm;%
 256.000;-1;-25.6
 384.000;-1;-31.4
 """
+
+
+def read_table(path):
+    (table,) = read_tables(path)
+    return table
 
 
 def write(tmp_path, text, encoding="utf-8"):
@@ -177,3 +182,136 @@ def test_structures_in_mat_files_give_their_fields(tmp_path):
     table = read_table(path)
     assert list(table.columns) == ["data.t", "data.x"]
     np.testing.assert_array_equal(table.columns["data.x"], ROWS[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("row", "separator"),
+    [("{:.3f};{:,.3f}", ";"), ('{:.3f},"{:,.3f}"', ","), ("{:.3f}\t{:,.3f}", "\t")],
+)
+def test_commas_between_thousands_stand_beside_decimal_points(tmp_path, row, separator):
+    values = [0.25, 999.5, 1000.125, -1234567.5, 12.0]
+    rows = [row.format(k / 1000, v) for k, v in enumerate(values)]
+    path = write(tmp_path, "\n".join([f"time{separator}x", *rows, ""]))
+    np.testing.assert_array_equal(read_table(path).columns["x"], values)
+
+
+@pytest.mark.parametrize("mark", ["'", "\N{RIGHT SINGLE QUOTATION MARK}", "\N{NO-BREAK SPACE}"])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_other_marks_between_thousands_are_passed_over(tmp_path, mark, decimal):
+    values = [0.25, 999.5, 1000.125, -1234567.5]
+    texts = [f"{v:,.3f}".replace(",", "_").replace(".", decimal) for v in values]
+    rows = [f"{k}{decimal}5;{t.replace('_', mark)}" for k, t in enumerate(texts)]
+    path = write(tmp_path, "\n".join(["time;x", *rows, ""]))
+    np.testing.assert_array_equal(read_table(path).columns["x"], values)
+
+
+def test_a_comma_that_may_be_either_in_a_whole_column_is_refused(tmp_path):
+    path = write(tmp_path, "\n".join(["time;n", *(f"{k / 1000};1,23{k}" for k in range(9)), ""]))
+    with pytest.raises(BadRecord, match=r"column 'n': '1,230' has a (comma|dot)"):
+        read_table(path)
+
+
+LINES = [f"{k / 1000:.3f},{k},{2 * k}" for k in range(10)]
+
+
+@pytest.mark.parametrize(
+    ("lines", "left_out", "first"),
+    [
+        ([*LINES, "EOF"], 1, 12),
+        ([*LINES, "", "Min,0,0", "Max,9,18", "end of export"], 3, 13),
+        ([*LINES[:4], "overrun", *LINES[4:]], 1, 6),
+    ],
+)
+def test_lines_of_words_within_and_behind_the_table_are_left_out_and_told(
+    tmp_path, lines, left_out, first
+):
+    table = read_table(write(tmp_path, "\n".join(["time,x,u", *lines, ""])))
+    np.testing.assert_array_equal(table.columns["x"], np.arange(10.0))
+    (note,) = table.notes
+    assert note.startswith(f"{left_out} line")
+    assert note.endswith(f"the first is line {first}")
+
+
+def test_a_last_line_that_breaks_off_is_left_out_and_one_that_is_short_is_refused(tmp_path):
+    text = "\n".join(["time,x,u", *LINES, "0.010,1"])
+    table = read_table(write(tmp_path, text))
+    assert len(table.columns["time"]) == 10
+    assert table.notes == ("1 line that is no row of the table left out, the first is line 12",)
+    for short in (text + "\n", text.replace("0.004,4,8", "0.004,4") + "\n"):
+        with pytest.raises(BadRecord, match="2 cells, expected 3"):
+            read_table(write(tmp_path, short))
+
+
+def test_a_line_of_a_word_and_numbers_above_the_table_is_no_row(tmp_path):
+    head = ["Samples,10,10", "Offset,0.0,0.0", "time,x,u"]
+    table = read_table(write(tmp_path, "\n".join([*head, *LINES, ""])))
+    assert list(table.columns) == ["time", "x", "u"]
+    assert table.lines[0] == 4
+
+
+@pytest.mark.parametrize(
+    ("head", "separator"),
+    [("# time x u", " "), ("#time x u", " "), ("# time,x,u", ","), ("time|x|u", "|")],
+)
+def test_names_behind_a_mark_of_remarks_stand_over_their_columns(tmp_path, head, separator):
+    rows = [line.replace(",", separator) for line in LINES]
+    table = read_table(write(tmp_path, "\n".join(["# logger 3", head, *rows, ""])))
+    assert list(table.columns) == ["time", "x", "u"]
+    np.testing.assert_array_equal(table.columns["u"], 2 * np.arange(10.0))
+
+
+def test_decimal_commas_in_quotes_stand_between_commas(tmp_path):
+    rows = [",".join(f'"{c}"'.replace(".", ",") for c in line.split(",")) for line in LINES]
+    table = read_table(write(tmp_path, "\n".join(["time,x,u", *rows, ""])))
+    np.testing.assert_allclose(table.columns["time"], np.arange(10) / 1000)
+
+
+def test_signals_with_times_of_their_own_are_tables_of_their_own(tmp_path):
+    rows = ["0.0\t1.0\t0.0\t5.0", "0.1\t2.0\t0.2\t6.0", "0.2\t3.0\t0.4\t7.0", "0.3\t4.0\t\t"]
+    path = write(tmp_path, "\n".join(["t\tx\tt\tu", *rows, ""]))
+    x, u = read_tables(path)
+    assert (x.group, u.group) == ("x", "u")
+    np.testing.assert_array_equal(x.columns["x"], [1, 2, 3, 4])
+    np.testing.assert_array_equal(u.columns["t"], [0, 0.2, 0.4])
+    assert u.numbers == {"3": "t", "4": "u"}
+    same = [row.replace("0.2\t6", "0.1\t6").replace("0.4\t7", "0.2\t7") for row in rows]
+    path = write(tmp_path, "\n".join(["t\tx\tt\tu", *same[:3], ""]))
+    assert list(read_table(path).columns) == ["t", "x", "u"]
+
+
+LVM = """LabVIEW Measurement
+Separator\tTab
+Decimal_Separator\t.
+Multi_Headings\tYes
+X_Columns\t{columns}
+***End_of_Header***
+
+Channels\t2
+Samples\t3\t3
+Y_Unit_Label\tmm\tV
+X_Dimension\tTime\tTime
+X0\t0.5\t0.5
+Delta_X\t0.25\t0.25
+***End_of_Header***
+X_Value\tPosition\tVoltage\tComment
+{first}\t1.5\t2.5
+{second}\t2.5\t3.5
+{third}\t3.5\t4.5
+"""
+
+
+def test_a_labview_file_without_a_column_of_time_has_its_steps(tmp_path):
+    path = write(tmp_path, LVM.format(columns="No", first="", second="", third=""))
+    table = read_table(path)
+    np.testing.assert_array_equal(table.columns["X_Value"], [0.5, 0.75, 1.0])
+    np.testing.assert_array_equal(table.columns["Voltage"], [2.5, 3.5, 4.5])
+    assert table.units == {"Position": "mm", "Voltage": "V"}
+
+
+def test_segments_of_a_labview_file_are_tables(tmp_path):
+    text = LVM.format(columns="One", first="0.5", second="0.75", third="1.0")
+    text += text[text.index("\nChannels") :].replace("3.5\t4.5", "8.5\t9.5")
+    first, second = read_tables(write(tmp_path, text))
+    assert (first.group, second.group) == ("segment 1", "segment 2")
+    np.testing.assert_array_equal(second.columns["Position"], [1.5, 2.5, 8.5])
+    assert second.row(0) == 28

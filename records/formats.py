@@ -1,0 +1,175 @@
+"""Formats of files, told by their first bytes and not by their names."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import lzma
+import struct
+import warnings
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import binary_tables as binary
+from .bad_record import BadRecord
+from .csv_table import Table, read_text
+from .mat_tables import read_mat, read_mat73
+
+_CSV = "save it as CSV"
+_DEEPEST = 3  # packed files within packed files
+
+
+@dataclass(frozen=True)
+class _Format:
+    """A format, its first bytes, and what reads it; without a reader it is refused by name."""
+
+    name: str
+    magic: bytes
+    reader: Callable[[Path, bytes], list[Table]] | None = None
+    at: int = 0
+    instead: str = _CSV
+    extra: str = "records"
+
+
+_XLSX = _Format("an Excel workbook", b"", binary.read_xlsx)
+_NPZ = _Format("a NumPy archive", b"", binary.read_npz)
+_MAT4 = _Format("a MAT-file of version 4", b"", read_mat, instead="save it with -v7 or as CSV")
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_FORMATS = (
+    _Format("a MAT-file of version 7.3", b"\0\2IM", read_mat73, 124, "save it with -v7 or as CSV"),
+    _Format("a MAT-file", b"\0\1IM", read_mat, 124, "save it with -v7 or as CSV"),
+    _Format("a MAT-file", b"\1\0MI", read_mat, 124, "save it with -v7 or as CSV"),
+    *(_Format("an HDF5 file", _HDF5, binary.read_hdf5, at) for at in (0, 512, 1024, 2048)),
+    _Format("a TDMS file", b"TDSm", binary.read_tdms),
+    _Format("the index of a TDMS file", b"TDSh", instead="give the .tdms file beside it"),
+    _Format("an MDF file", b"MDF ", binary.read_mdf, instead="save it as MDF 4 or CSV"),
+    _Format("an MDF file that was not finished", b"UnFinMF ", binary.read_mdf),
+    _Format("a Parquet file", b"PAR1", binary.read_parquet, extra="parquet"),
+    _Format("an Arrow file", b"ARROW1", binary.read_arrow, extra="parquet"),
+    _Format("a NumPy array", b"\x93NUMPY", binary.read_npy),
+    _Format(
+        "an Excel workbook of before 2007", b"\xd0\xcf\x11\xe0", instead="save it as .xlsx or CSV"
+    ),
+    _Format("a Feather file of version 1", b"FEA1", instead="save it as Parquet or CSV"),
+    _Format("a Vector log", b"LOGG", instead="save it as MDF 4 (.mf4) or CSV"),
+    _Format("an imc FAMOS file", b"|CF,", instead="save it as TDMS, MDF 4 or CSV"),
+    _Format("an oscilloscope's file (LeCroy)", b"WAVEDESC"),
+    _Format("an oscilloscope's file (LeCroy)", b"WAVEDESC", at=11),
+    _Format("an oscilloscope's file (Tektronix)", b":WFM#", at=2),
+    _Format("an oscilloscope's file (Keysight)", b"AG10"),
+    _Format("a PX4 log", b"ULog\x01\x12\x35"),
+    _Format("a ROS bag", b"#ROSBAG"),
+    _Format("an MCAP recording", b"\x89MCAP0"),
+    _Format("a database (SQLite)", b"SQLite format 3"),
+    _Format("a ROOT file", b"root"),
+    _Format("a netCDF file of version 3", b"CDF\1", instead="save it as netCDF 4 or CSV"),
+    _Format("a netCDF file of version 3", b"CDF\2", instead="save it as netCDF 4 or CSV"),
+    _Format("an HDF4 file", b"\x0e\x03\x13\x01", instead="save it as HDF5 or CSV"),
+    *(
+        _Format("a Python pickle, which is never read as that runs code", bytes([0x80, k]))
+        for k in range(2, 6)
+    ),
+    _Format("a 7-Zip archive", b"7z\xbc\xaf\x27\x1c", instead="unpack it"),
+    _Format("a RAR archive", b"Rar!", instead="unpack it"),
+    _Format("a Zstandard archive", b"\x28\xb5\x2f\xfd", instead="unpack it"),
+    _Format("a sound file", b"RIFF"),
+    _Format("a PDF document", b"%PDF", instead="save its numbers as CSV"),
+    _Format("a picture", b"\x89PNG", instead="save its numbers as CSV"),
+    _Format("a picture", b"\xff\xd8\xff", instead="save its numbers as CSV"),
+)
+_PACKED: dict[bytes, tuple[str, Callable[[bytes], bytes]]] = {
+    b"\x1f\x8b": ("a gzip file", gzip.decompress),
+    b"\xfd7zXZ\0": ("an xz file", lzma.decompress),
+    b"BZh": ("a bzip2 file", bz2.decompress),
+}
+
+
+def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
+    """All tables of numbers in the bytes of a file.
+
+    Raises
+    ------
+    BadRecord
+        If there is none, or nothing here reads it.
+    """
+    if depth > _DEEPEST:
+        raise BadRecord(f"{path}: holds packed files in packed files; unpack it")
+    for magic, (name, unpack) in _PACKED.items():
+        if data.startswith(magic):
+            try:
+                data = unpack(data)
+            except (OSError, EOFError, ValueError, lzma.LZMAError) as error:
+                raise _damaged(path, name, error, "pack it again") from error
+            return tables_in(path, data, depth + 1)
+    if data.startswith(b"PK\3\4"):
+        return _in_zip(path, data, depth)
+    binary_data = b"\0" in data  # a text may begin as a format does
+    known = next((f for f in _FORMATS if binary_data and data.startswith(f.magic, f.at)), None)
+    if known is None and _is_mat4(data):
+        known = _MAT4
+    return _read(path, data, known) if known else read_text(path, data)
+
+
+def _read(path: Path, data: bytes, known: _Format) -> list[Table]:
+    if known.reader is None:
+        raise BadRecord(f"{path}: is {known.name}; {known.instead}")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tables = known.reader(path, data)
+    except BadRecord:
+        raise
+    except ImportError as error:
+        raise BadRecord(
+            f"{path}: is {known.name} and needs {error.name}: "
+            f"pip install 'ballscrew[{known.extra}]', or {known.instead}"
+        ) from None
+    except Exception as error:  # the readers raise many kinds on damaged files
+        raise _damaged(path, known.name, error, known.instead) from error
+    if not any(t.columns for t in tables):
+        raise BadRecord(f"{path}: is {known.name} without a column of numbers; {known.instead}")
+    return tables
+
+
+def _damaged(path: Path, name: str, error: Exception, instead: str) -> BadRecord:
+    why = (str(error).splitlines() or [type(error).__name__])[0]
+    return BadRecord(f"{path}: is {name} that cannot be read ({why}); {instead}")
+
+
+def _in_zip(path: Path, data: bytes, depth: int) -> list[Table]:
+    """A workbook, NumPy's arrays, or the one file in an archive."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = [n for n in archive.namelist() if not n.endswith("/")]
+            if "xl/workbook.xml" in names:
+                return _read(path, data, _XLSX)
+            if names and all(n.endswith(".npy") for n in names):
+                return _read(path, data, _NPZ)
+            if len(names) == 1:
+                return tables_in(path, archive.read(names[0]), depth + 1)
+    except (zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError) as error:
+        excel = path.suffix.lower() in (".xlsx", ".xlsm")
+        name = "an Excel workbook" if excel else "a ZIP archive"
+        raise _damaged(path, name, error, _CSV if excel else "pack it again") from error
+    if "content.xml" in names:
+        raise BadRecord(f"{path}: is an OpenDocument file; save it as .xlsx or CSV")
+    raise BadRecord(
+        f"{path}: is a ZIP archive of {len(names)} files; unpack it and give one of them"
+    )
+
+
+def _is_mat4(data: bytes) -> bool:
+    """Whether the first matrix's header of five integers is one; the format has no first bytes."""
+    if len(data) < 21:
+        return False
+    for order, machine in (("<", 0), (">", 1)):
+        kind, rows, columns, imaginary, name = struct.unpack(order + "5i", data[:20])
+        digits = (kind // 1000, kind // 100 % 10, kind // 10 % 10, kind % 10)
+        if digits[:2] != (machine, 0) or digits[2] > 5 or digits[3] > 2 or imaginary not in (0, 1):
+            continue
+        if rows >= 0 and columns >= 0 and 0 < name <= 256 and data[19 + name : 20 + name] == b"\0":
+            return True
+    return False

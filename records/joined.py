@@ -1,0 +1,105 @@
+"""Columns of tables with times of their own, put together at the stamps of one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from .bad_record import BadRecord
+from .csv_table import Table
+from .units import UNITS, spell
+
+Vector = npt.NDArray[np.float64]
+
+
+def joined(
+    path: Path, parts: Mapping[str, Table], times: Mapping[str, Table], needed: Collection[str]
+) -> Table:
+    """One table of columns that stand in several.
+
+    Its stamps are those of the slowest table of which a column is needed: nothing is made up
+    between samples. Other columns are linear between theirs; what is slower and not needed stays
+    at the stamp that is nearest, and is unknown at others.
+
+    Parameters
+    ----------
+    parts : mapping of str to Table
+        By our name of a column, a table with it alone.
+    times : mapping of str to Table
+        By the group of a table, one with its ``time`` alone.
+    needed : collection of str
+        Our names.
+
+    Raises
+    ------
+    BadRecord
+    """
+    first = [n for n in parts if n in needed and parts[n].group in times]
+    main = max(times.values(), key=lambda t: _step(t, first, parts))
+    unit = main.units.get("time", "")
+    time = main.columns["time"]
+    inside = np.isfinite(time)
+    out: dict[str, Vector] = {}
+    notes: list[str] = []
+    for name, part in parts.items():
+        values = part.columns[name]
+        own = times.get(part.group)
+        if own is None:  # a file may keep one time for all
+            if len(values) != len(time):
+                raise BadRecord(
+                    f"{path}: {part.group} has no column of time and {name} has {len(values)} "
+                    f"samples, where time has {len(time)}"
+                )
+            out[name] = values
+            continue
+        if len(own.columns["time"]) != len(values):
+            raise BadRecord(
+                f"{path}: {name} of {part.group} has {len(values)} samples and its time "
+                f"{len(own.columns['time'])}; say which its time is, as --map TABLE/COLUMN=time"
+            )
+        stamps = own.columns["time"] * _scale(path, own.units.get("time", ""), unit)
+        if np.array_equal(stamps, time):
+            out[name] = values
+            continue
+        known = np.isfinite(stamps) & np.isfinite(values)
+        stamps, values = stamps[known], values[known]
+        if len(stamps) < 2 or np.any(np.diff(stamps) < 0):
+            raise BadRecord(f"{path}: time of {part.group} does not rise")
+        step, of_main = float(np.median(np.diff(stamps))), float(np.nanmedian(np.diff(time)))
+        if name in needed or step <= 1.5 * of_main:
+            inside &= (time >= stamps[0]) & (time <= stamps[-1])
+            out[name] = np.interp(time, stamps, values)
+            share = "" if step > 0.95 * of_main else f", 1 in {of_main / step:.3g} of its samples"
+            notes.append(
+                f"{name} of {part.group}, recorded every {step:.4g}{unit and ' ' + unit}, is taken "
+                f"linear at the stamps of {main.group}, every {of_main:.4g}{share}"
+            )
+        else:
+            out[name] = np.full(len(time), np.nan)
+            out[name][np.searchsorted(0.5 * (time[1:] + time[:-1]), stamps)] = values
+    if not inside.any():
+        raise BadRecord(f"{path}: {', '.join(parts)} have no time in common")
+    units = {"time": unit} | {n: p.units[n] for n, p in parts.items() if n in p.units}
+    columns = {n: v[inside] for n, v in {"time": time, **out}.items()}
+    return Table(path, columns, {n: u for n, u in units.items() if u}, notes=tuple(notes))
+
+
+def _step(time: Table, first: Collection[str], parts: Mapping[str, Table]) -> float:
+    """Sampling interval of a table that a needed column stands in; else less than any."""
+    if time.group not in {parts[n].group for n in first}:
+        return -1.0
+    stamps = time.columns["time"]
+    size = UNITS["time"].get(spell(time.units.get("time", "")), 1.0)
+    return size * float(np.nanmedian(np.diff(stamps))) if len(stamps) > 1 else 0.0
+
+
+def _scale(path: Path, unit: str, other: str) -> float:
+    if unit == other:
+        return 1.0
+    try:
+        return UNITS["time"][spell(unit)] / UNITS["time"][spell(other)]
+    except KeyError:
+        raise BadRecord(f"{path}: its times are in {unit!r} and {other!r}") from None

@@ -1,0 +1,198 @@
+"""Tables in MAT-files, as MATLAB, Simulink, dSPACE, Dymola and OpenModelica write them."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .bad_record import BadRecord
+from .binary_tables import Array, table_of
+from .csv_table import Table
+
+_OBJECTS = (
+    "holds objects (timeseries, table, Dataset) that MATLAB alone reads; save their numbers, as "
+    "t = ts.Time; x = ts.Data; save('a.mat', 't', 'x')"
+)
+_UNIT = re.compile(r"\[([^\]|:#]+)(?:\|[^\]]*)?\]\s*$")  # at the end of a Modelica description
+
+
+def read_mat(path: Path, data: bytes) -> list[Table]:
+    """Files of the versions 4 to 7."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatlabOpaque
+
+    found = loadmat(io.BytesIO(data), simplify_cells=True)
+    if {"Aclass", "name", "dataInfo", "data_2"} <= found.keys():
+        chars = loadmat(io.BytesIO(data), chars_as_strings=False)
+        return _modelica(path, {n: v for n, v in chars.items() if not n.startswith("__")})
+    opaque = any(isinstance(v, MatlabOpaque) for v in found.values()) or "None" in found
+    values = {n: v for n, v in found.items() if not n.startswith("__") and n != "None"}
+    return _tables(path, values, opaque)
+
+
+def read_mat73(path: Path, data: bytes) -> list[Table]:
+    import h5py
+
+    with h5py.File(io.BytesIO(data), "r") as file:
+        names = [n for n in file if not n.startswith("#")]
+        objects = {n for n in names if "MATLAB_object_decode" in file[n].attrs}
+        values = {n: _plain(file, file[n]) for n in names if n not in objects}
+    return _tables(path, values, bool(objects))
+
+
+def _plain(file: Any, item: Any) -> Any:
+    """A value of a file of version 7.3 as `loadmat` gives those of others."""
+    import h5py
+
+    if isinstance(item, h5py.Group):
+        fields = {n: _plain(file, item[n]) for n in item}
+        cells = [n for n in item if isinstance(item[n], h5py.Dataset) and _is_part(item[n])]
+        if not cells or len(cells) < len(fields):
+            return fields
+        return [dict(zip(cells, row, strict=True)) for row in zip(*fields.values(), strict=False)]
+    if item.attrs.get("MATLAB_empty", 0):
+        return np.array([])
+    values = item[()]
+    if values.dtype == h5py.ref_dtype:
+        return [_plain(file, file[ref]) for ref in values.T.ravel()]
+    if item.attrs.get("MATLAB_class") == b"char":
+        return "".join(map(chr, values.T.ravel()))
+    return np.squeeze(values.T)
+
+
+def _is_part(item: Any) -> bool:
+    """Whether a field of a structure array holds one reference for each of its elements."""
+    import h5py
+
+    return bool(item.dtype == h5py.ref_dtype) and "MATLAB_class" not in item.attrs
+
+
+def _tables(path: Path, values: Mapping[str, Any], opaque: bool) -> list[Table]:
+    groups: list[Table] = []
+    arrays = dict(_arrays("", values, path, groups))
+    plain = table_of(path, arrays, {})
+    tables = [*([plain] if plain.columns else []), *groups]
+    if opaque and not tables:
+        raise BadRecord(f"{path}: {_OBJECTS}")
+    return tables
+
+
+def _arrays(name: str, value: Any, path: Path, groups: list[Table]) -> Iterator[tuple[str, Array]]:
+    """The arrays of a value, but those that belong to a recording, which goes to `groups`."""
+    if isinstance(value, Mapping):
+        recorded = _simulink(path, name, value) or _series(path, name, value)
+        recorded = recorded or _dspace(path, name, value)
+        if recorded:
+            groups.extend(recorded)
+            return
+        for key, inner in value.items():
+            yield from _arrays(f"{name}.{key}" if name else key, inner, path, groups)
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for k, inner in enumerate(np.asarray(value, dtype=object).ravel(), 1):
+            if isinstance(inner, Mapping):
+                yield from _arrays(f"{name}({k})", inner, path, groups)
+    elif isinstance(value, np.ndarray | np.generic | float | int):
+        yield name, np.asarray(value)
+
+
+def _several(value: Any) -> list[Mapping[str, Any]]:
+    """A structure, or an array of these, as a list."""
+    items = [value] if isinstance(value, Mapping) else value
+    if not isinstance(items, list | np.ndarray):
+        return []
+    return [v for v in items if isinstance(v, Mapping)]
+
+
+def _numbers(value: Any) -> Array:
+    array = np.asarray(value)
+    return array if array.dtype.kind in "fiub" else np.array([])
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _simulink(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
+    """A structure with time, as Simulink's scopes and To Workspace write it."""
+    signals = _several(value.get("signals"))
+    time = _numbers(value.get("time"))
+    if not signals or not time.size:
+        return []
+    arrays = {"time": time}
+    for k, signal in enumerate(signals, 1):
+        label = _text(signal.get("label")) or f"signal {k}"
+        values = _numbers(signal.get("values"))
+        values = np.moveaxis(values, -1, 0) if values.ndim > 2 else values
+        arrays[label if label not in arrays else f"{label} {k}"] = values
+    return [table_of(path, arrays, {}, name)]
+
+
+def _series(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
+    """A timeseries that was made a structure."""
+    own = {key.lower(): inner for key, inner in value.items()}
+    time, values = _numbers(own.get("time")), _numbers(own.get("data"))
+    if not time.size or values.shape[:1] != time.shape[:1] or len(own) > 20:
+        return []
+    label = _text(own.get("name")) or name.rpartition(".")[2]
+    about = own.get("datainfo"), own.get("timeinfo")
+    units = [_text(a.get("Units")) if isinstance(a, Mapping) else "" for a in about]
+    units_of = {
+        label: units[0],
+        "time": {"seconds": "s", "milliseconds": "ms"}.get(units[1], units[1]),
+    }
+    return [table_of(path, {"time": time, label: values}, units_of, name)]
+
+
+def _dspace(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
+    """A recording of dSPACE's ControlDesk: axes X, and signals Y that say theirs by number."""
+    axes, signals = _several(value.get("X")), _several(value.get("Y"))
+    axes = [a for a in axes if "Data" in a]
+    signals = [s for s in signals if "Data" in s and "Name" in s]
+    if not axes or not signals:
+        return []
+    tables = []
+    sizes = [_numbers(axis["Data"]).size for axis in axes]
+    for k, axis in enumerate(axes):
+        arrays = {"time": _numbers(axis["Data"])}
+        units = {"time": _text(axis.get("Unit"))}
+        for signal in signals:
+            values, said = _numbers(signal["Data"]), int(signal.get("XIndex", 1) or 1) - 1
+            fitting = [j for j, size in enumerate(sizes) if size == values.size]
+            if (said if said in fitting else next(iter(fitting), None)) == k:
+                label = _text(signal["Name"])
+                arrays[label], units[label] = values, _text(signal.get("Unit"))
+        tables.append(
+            table_of(path, arrays, units, name if len(axes) == 1 else f"{name}.X({k + 1})")
+        )
+    return tables
+
+
+def _modelica(path: Path, found: Mapping[str, Array]) -> list[Table]:
+    """A result of Dymola or OpenModelica: columns of `data_k` by number, with a sign."""
+    lines = _lines(found["Aclass"])
+    if len(lines) < 4 or lines[0] != "Atrajectory":
+        raise BadRecord(f"{path}: is a MAT-file of Modelica, but no result; save the result as CSV")
+    turned = lines[3] == "binTrans"
+    texts = {n: _lines(v.T if turned else v) for n, v in found.items() if v.dtype.kind == "U"}
+    data = {n: v if turned else v.T for n, v in found.items() if n.startswith("data_")}
+    info = found["dataInfo"].T if turned else found["dataInfo"]
+    said = texts.get("description") or [""] * len(texts["name"])
+    tables = []
+    for block in sorted(n for n in data if n != "data_1"):  # data_1 has what is constant
+        arrays, units = {"time": data[block][0]}, {"time": "s"}
+        for name, about, (of, column, *_) in zip(texts["name"], said, info.tolist(), strict=True):
+            if block == f"data_{int(of)}" and abs(column) > 1 and name != "time":
+                arrays[name] = np.sign(column) * data[block][abs(int(column)) - 1]
+                unit = _UNIT.search(about)
+                units[name] = unit[1].strip() if unit else ""
+        tables.append(table_of(path, arrays, units, block if len(data) > 2 else ""))
+    return tables
+
+
+def _lines(chars: Array) -> Sequence[str]:
+    return ["".join(map(str, row)).replace("\0", " ").strip() for row in np.atleast_2d(chars)]

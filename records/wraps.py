@@ -1,0 +1,41 @@
+"""Angles and counters that begin anew after a turn, made to go on."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Vector = npt.NDArray[np.float64]
+
+_COUNTERS = {2.0**16: "2^16", 2.0**32: "2^32"}
+_NEXT_TO = 3.0  # times the largest other step, up to which a step across the wrap goes on
+
+
+def unwrapped(name: str, values: Vector, turn: float | None) -> tuple[Vector, list[str]]:
+    """Values that go on where they began anew, and a note; as they are where they did not.
+
+    They did where all of them lie within one turn, and steps of nearly a turn are as small as the
+    others once the turn is taken off.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        As recorded; NaN where nothing is known.
+    turn : float or None
+        Of an angle, in the same unit.
+    """
+    known = np.isfinite(values)
+    steps = np.diff(values[known])
+    for period in [*([abs(turn)] if turn else []), *_COUNTERS]:
+        far = np.abs(steps) > 0.5 * period
+        if not far.any() or far.all() or np.ptp(values[known]) > period * (1 + 1e-9):
+            continue
+        turns = np.round(steps / period) * far
+        on = np.abs(steps - period * turns)
+        if on[far].max() > _NEXT_TO * on[~far].max():
+            continue
+        out = values.copy()
+        out[known] -= period * np.concatenate([[0.0], np.cumsum(turns)])
+        size = _COUNTERS.get(period, "a turn")
+        return out, [f"{name} jumps by {size} {int(far.sum())} times: it wraps and was unwrapped"]
+    return values, []

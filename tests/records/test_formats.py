@@ -1,0 +1,275 @@
+"""Files of machines by their first bytes: each format gives the same record, or one clear line."""
+
+from __future__ import annotations
+
+import bz2
+import contextlib
+import gzip
+import io
+import lzma
+import pickle
+import struct
+import sys
+import zipfile
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+
+from ballscrew.records.bad_record import BadRecord
+from ballscrew.records.reading import read_drive_records
+
+TIME = np.arange(0.0, 2.0, 1e-3)
+X, U = 0.1 * np.sin(3 * TIME), 3 * np.sin(5 * TIME)
+GIVEN = {"time": TIME, "x": X, "u": U}
+
+
+def read(path, mapping=None, units=None, **options):
+    (record,) = read_drive_records([path], mapping, units, **options)
+    return record
+
+
+def is_given(record, tolerance=1e-12):
+    np.testing.assert_allclose(record.time, TIME, atol=1e-9)
+    np.testing.assert_allclose(record.x, X, atol=tolerance)
+    np.testing.assert_allclose(record.u, U, atol=1e3 * tolerance)
+    return record
+
+
+def text(x=X, names="time,x,u"):
+    rows = (f"{t:.3f},{a:.15g},{b:.15g}" for t, a, b in zip(TIME, x, U, strict=True))
+    return "\n".join([names, *rows, ""]).encode()
+
+
+def write_tdms(path, waveform=False, x_every=1):
+    from nptdms import ChannelObject, TdmsWriter
+
+    mm = {"unit_string": "mm"}
+    if waveform:
+        x = {**mm, "wf_increment": 1e-3 * x_every, "wf_start_offset": 0.0}
+        u = {"unit_string": "V", "wf_increment": 1e-3, "wf_start_offset": 0.0}
+        channels = [("x", 1e3 * X[::x_every], x), ("u", U, u)]
+    else:
+        channels = [("time", TIME, {}), ("x", 1e3 * X, mm), ("u", U, {"unit_string": "V"})]
+    with TdmsWriter(str(path)) as writer:
+        writer.write_segment([ChannelObject("drive", n, v, p) for n, v, p in channels])
+    return path
+
+
+def write_mdf(path, **versions):
+    from asammdf import MDF, Signal
+
+    signals = [Signal(1e3 * X, TIME, name="x", unit="mm"), Signal(U, TIME, name="u", unit="V")]
+    slow = Signal(20 + TIME[::100], TIME[::100], name="temperature", unit="degC")
+    with MDF(**versions) as file:
+        file.append(signals, acq_name="drive")
+        file.append([slow], acq_name="slow")
+        return file.save(path, overwrite=True)
+
+
+def write_xlsx(path, dates=False):
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.append(["This sheet has words alone"])
+    sheet = book.create_sheet("Run 1")
+    sheet.append(["Machine", 7])
+    sheet.append(["time", "x", "u"])
+    sheet.append(["s", "mm", "V"])
+    for t, x, u in zip(TIME, X, U, strict=True):
+        stamp = datetime(2024, 3, 1, 12) + timedelta(seconds=float(t)) if dates else float(t)
+        sheet.append([stamp, 1e3 * float(x), float(u)])
+    book.save(path)
+    return path
+
+
+def write_hdf5(path):
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["about/serial"] = 7.0
+        group = file.create_group("runs/one")
+        group["time"], group["x"], group["u"] = TIME, 1e3 * X, U
+        group["x"].attrs["unit"] = "mm"
+    return path
+
+
+def test_tdms_files_with_a_column_of_time_or_with_rates(tmp_path):
+    is_given(read(write_tdms(tmp_path / "a.bin")))
+    is_given(read(write_tdms(tmp_path / "b.tdms", waveform=True)))
+
+
+def test_tdms_channels_of_two_rates_come_to_the_slower_one_and_it_is_said(tmp_path):
+    record = read(write_tdms(tmp_path / "a.tdms", waveform=True, x_every=4))
+    assert record.step == pytest.approx(4e-3)
+    np.testing.assert_allclose(record.x, X[::4], atol=1e-12)
+    np.testing.assert_allclose(record.u, U[::4], atol=1e-9)
+    (note,) = record.notes
+    assert "u of drive (0.001 s), recorded every 0.001 s, is taken linear" in note
+    assert note.endswith("every 0.004, 1 in 4 of its samples")
+
+
+@pytest.mark.parametrize("version", ["4.10", "3.30"])
+def test_mdf_files_and_a_slower_group_where_it_is_asked_for(tmp_path, version):
+    path = write_mdf(tmp_path / "a", version=version)
+    is_given(read(path))
+    record = is_given(read(path, {"temperature": "temperature"}))
+    known = np.isfinite(record.signals["temperature"])
+    np.testing.assert_allclose(record.signals["temperature"][known], 20 + TIME[::100])
+    np.testing.assert_allclose(record.time[known], TIME[::100], atol=1e-9)
+
+
+def test_workbooks_and_the_one_sheet_with_a_table(tmp_path):
+    is_given(read(write_xlsx(tmp_path / "a.xlsx")))
+    assert "2024-03-01 12:00:00" in is_given(read(write_xlsx(tmp_path / "b", True))).notes[0]
+
+
+def test_hdf5_groups(tmp_path):
+    is_given(read(write_hdf5(tmp_path / "a.dat")))
+
+
+def test_hdf5_columns_of_several_groups_with_one_time(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["clock/t"], file["axis/pos"], file["axis/pos2"], file["drive/volt"] = TIME, X, X, U
+    mapping = {"clock/t": "time", "axis/pos": "x", "volt": "u"}
+    is_given(read(tmp_path / "a.h5", mapping))
+    with pytest.raises(BadRecord, match=r"none .* has the columns time.*; there are axis"):
+        read(tmp_path / "a.h5")
+
+
+def test_parquet_and_arrow_files_with_dates(tmp_path):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    since = (np.datetime64("2024-03-01T12:00") + (1e6 * TIME).round().astype("m8[us]")).tolist()
+    table = pa.table({"time": since, "x": X, "u": U, "state": ["run"] * len(X)})
+    pq.write_table(table, tmp_path / "a.data")
+    with pa.ipc.new_file(tmp_path / "b.feather", table.schema) as stream:
+        stream.write_table(table)
+    for name in ("a.data", "b.feather"):
+        assert "time is in seconds from 2024-03-01" in is_given(read(tmp_path / name)).notes[0]
+
+
+def test_numpys_files_without_running_code(tmp_path):
+    np.savez(tmp_path / "a.npz", **GIVEN, about=np.array({"run": 7}, dtype=object))
+    is_given(read(tmp_path / "a.npz"))
+    np.save(tmp_path / "b.npy", np.column_stack(list(GIVEN.values())))
+    is_given(read(tmp_path / "b.npy", {"1": "time", "2": "x", "3": "u"}))
+    np.save(tmp_path / "c.npy", np.array([{"run": 7}], dtype=object), allow_pickle=True)
+    with pytest.raises(BadRecord, match="is a NumPy array that cannot be read"):
+        read(tmp_path / "c.npy")
+    (tmp_path / "d.pkl").write_bytes(pickle.dumps(GIVEN))
+    with pytest.raises(BadRecord, match="is a Python pickle, which is never read as that runs"):
+        read(tmp_path / "d.pkl")
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, lzma.compress, bz2.compress])
+def test_packed_files_are_unpacked(tmp_path, pack):
+    (tmp_path / "a.csv.packed").write_bytes(pack(text()))
+    is_given(read(tmp_path / "a.csv.packed"))
+    (tmp_path / "b").write_bytes(pack(text())[:-30])
+    with pytest.raises(BadRecord, match=r"is an? .* file that cannot be read"):
+        read(tmp_path / "b")
+
+
+def test_a_zip_of_one_file_is_unpacked_and_one_of_several_is_refused(tmp_path):
+    for name, members in {"a.zip": ["a.csv"], "b.zip": ["a.csv", "b.csv"]}.items():
+        with zipfile.ZipFile(tmp_path / name, "w") as archive:
+            for member in members:
+                archive.writestr(member, text())
+    is_given(read(tmp_path / "a.zip"))
+    with pytest.raises(BadRecord, match="a ZIP archive of 2 files; unpack it and give one"):
+        read(tmp_path / "b.zip")
+
+
+def test_files_packed_again_and_again_are_refused(tmp_path):
+    data = text()
+    for _ in range(6):
+        data = gzip.compress(data)
+    (tmp_path / "a").write_bytes(data)
+    with pytest.raises(BadRecord, match="unpack it"):
+        read(tmp_path / "a")
+
+
+def test_of_two_tables_with_the_columns_one_is_to_be_chosen(tmp_path):
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.title = "first"
+    for sheet, size in ((book.active, 1.0), (book.create_sheet("second"), 2.0)):
+        sheet.append(["time", "x", "u"])
+        for t, x, u in zip(TIME, X, U, strict=True):
+            sheet.append([float(t), size * float(x), float(u)])
+    book.save(tmp_path / "a.xlsx")
+    words = "has 2 tables with these columns: first, second; choose one, as --map first/time=time"
+    with pytest.raises(BadRecord, match=words):
+        read(tmp_path / "a.xlsx")
+    record = read(tmp_path / "a.xlsx", {"second/time": "time"})
+    np.testing.assert_allclose(record.x, 2 * X)
+
+
+@pytest.mark.parametrize(
+    ("first", "words"),
+    [
+        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an Excel workbook of before 2007; save it as .xlsx"),
+        (b"TDSh\0\0", "the index of a TDMS file; give the .tdms file"),
+        (b"SQLite format 3\0", "a database"),
+        (b"ULog\x01\x12\x35\0", "a PX4 log"),
+        (b"LOGG\x90\0\0\0", "a Vector log; save it as MDF 4"),
+        (b"\0\1\2\3\4\5", "no text table: it has zero bytes"),
+    ],
+)
+def test_other_formats_are_refused_by_name_with_what_to_save(tmp_path, first, words):
+    (tmp_path / "a.csv").write_bytes(first + bytes(600))
+    with pytest.raises(BadRecord, match=words):
+        read(tmp_path / "a.csv")
+
+
+def test_a_text_that_begins_as_a_format_does_is_a_text(tmp_path):
+    (tmp_path / "a.csv").write_bytes(b"LOGGER;7;8\nRIFF\n" + text())
+    is_given(read(tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize(
+    ("write", "module", "extra"),
+    [
+        (write_tdms, "nptdms", "records"),
+        (write_mdf, "asammdf", "records"),
+        (write_xlsx, "openpyxl", "records"),
+        (write_hdf5, "h5py", "records"),
+    ],
+)
+def test_a_library_that_is_not_there_is_named_with_its_extra(
+    tmp_path, monkeypatch, write, module, extra
+):
+    path = write(tmp_path / "a.mf4")
+    monkeypatch.setitem(sys.modules, module, None)
+    words = rf"needs {module}: pip install 'ballscrew\[{extra}\]', or save it as .*CSV"
+    with pytest.raises(BadRecord, match=words):
+        read(path)
+
+
+@pytest.mark.parametrize("write", [write_tdms, write_mdf, write_xlsx, write_hdf5])
+@pytest.mark.parametrize("kept", [0.3, 0.9])
+def test_a_file_that_breaks_off_is_refused_or_read_as_far_as_it_goes(tmp_path, write, kept):
+    path = write(tmp_path / "a.mf4")
+    data = path.read_bytes()
+    path.write_bytes(data[: int(kept * len(data))])
+    with contextlib.suppress(BadRecord):
+        read(path)
+
+
+def mat4(names_and_values):
+    stream = io.BytesIO()
+    for name, values in names_and_values.items():
+        rows = np.atleast_2d(values)
+        stream.write(struct.pack("<5i", 0, rows.shape[1], 1, 0, len(name) + 1))
+        stream.write(name.encode() + b"\0" + rows.astype("<f8").tobytes())
+    return stream.getvalue()
+
+
+def test_mat_files_of_version_4_are_known_by_their_header(tmp_path):
+    (tmp_path / "a.dat").write_bytes(mat4(GIVEN))
+    is_given(read(tmp_path / "a.dat"))
