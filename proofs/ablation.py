@@ -72,9 +72,7 @@ PIECES: dict[str, list[tuple[Any, str, Any]]] = {
         (bands, "EDGES", (0.0, np.inf)),
         (scores, "EDGES", (0.0, np.inf)),
     ],
-    "blocks held out": [
-        (module, "fitted", _in_sample(study.fitted)) for module in (scores, study)
-    ],
+    "blocks held out": [(module, "fitted", _in_sample(study.fitted)) for module in (scores, study)],
     "heavy tails": [(study, "FREEDOM", 1e6)],
     "a limit to what many numbers tell": [(study, "COARSE", 1e12)],
     "taking out the noise of instruments": [

@@ -91,7 +91,7 @@ def loop(proof: Mapping[str, Any]) -> list[str]:
 def ablation(proof: Mapping[str, Any]) -> list[str]:
     """What the scores do without each of their pieces."""
     lines = [
-        "| without | clear effects, the truth has the best score | told apart from faultless ones | "
+        "| without | clear effects, the truth has the best score | told from faultless ones | "
         "seconds, median |",
         "|---|---|---|---|",
     ]

@@ -381,6 +381,7 @@ def test_the_wheel_holds_every_module(tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         held = {n for n in archive.namelist() if n.startswith("ballscrew/")}
     expected = {"ballscrew/py.typed"}
+    for name in ("report.html.jinja", "sets.json"):
         expected.add(f"ballscrew/diagnosis/{name}")
     expected.add("ballscrew/orchestration/study/report.html.jinja")
     expected |= {f"ballscrew/{p.relative_to(root)}" for p in root.glob("gallery/*/page.md")}
