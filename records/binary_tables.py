@@ -32,14 +32,15 @@ def table_of(
     """The numbers in arrays as columns; dates are seconds from the first one."""
     columns: dict[str, Vector] = {}
     said = dict(units)
-    notes = []
+    starts = []
     for name, array in arrays.items():
         if array.dtype.kind == "M" and array.size:
             said[name] = "s"
-            notes.append(f"{name} is in seconds from {array.ravel()[0]}")
+            starts.append(str(array.ravel()[0]))
         columns |= vectors(name, array)
     kept = {n: u for n, u in said.items() if n in columns and u}
-    return Table(path, columns, kept, group=group, notes=tuple(notes))
+    notes = tuple(f"dates are seconds from {start}" for start in starts)
+    return Table(path, columns, kept, group=group, notes=notes, start=" ".join(starts))
 
 
 def vectors(name: str, array: Array) -> dict[str, Vector]:

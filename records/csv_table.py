@@ -58,6 +58,8 @@ class Table:
         Names by the place of the column in a text, from 1 on.
     notes : tuple of str
         What a reader of the table should know.
+    start : str
+        The date from which its time goes, where it was written as dates.
     """
 
     path: Path
@@ -67,6 +69,7 @@ class Table:
     group: str = ""
     numbers: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    start: str = ""
 
     def row(self, k: int) -> int:
         """What a user calls the `k`-th sample, from 0 on: its line, or its number from 1 on."""
@@ -178,6 +181,7 @@ def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) 
     plain = _plain(texts[first:], style, wide)
     columns: list[Vector | None]
     notes: list[str] = []
+    dated: dict[str, str] = {}
     if plain is None:
         rows, lines, notes = _rows(list(map(style.cells, texts[first:])), lines, width, style, cut)
         rows = [r + [""] * (full - len(r)) if len(r) >= width else r for r in rows]
@@ -187,7 +191,8 @@ def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) 
     else:
         columns = [plain[:, k].copy() for k in range(wide)] + [None] * (full - wide)
     tables = _by_time(Table(path, {}, units, lines), names, columns)
-    return [replace(t, notes=tuple(notes)) for t in tables]
+    start = next(iter(dated.values()), "")
+    return [replace(t, notes=tuple(notes), start=start) for t in tables]
 
 
 def _by_time(frame: Table, names: Sequence[str], columns: Sequence[Vector | None]) -> list[Table]:
@@ -414,7 +419,7 @@ def _numbers(
         if not _fits(row, width):
             raise BadRecord(f"{path}, row {line}: {len(row)} cells, expected {width}")
     columns: list[Vector | None] = []
-    dated = {}
+    dated: dict[str, str] = {}
     for k, name in enumerate(names):
         cells = [row[k] for row in rows]
         filled = list(filter(None, cells))
@@ -434,7 +439,11 @@ def _numbers(
                     f"{path}, column {name!r}: {filled[0]!r} may be of two days; write dates as "
                     "2024-03-31 12:00:00"
                 )
-            dated[name] = filled[0]
+            if dated.setdefault(name, filled[0]) != filled[0]:
+                raise BadRecord(
+                    f"{path}: columns {name!r} begin at {dated[name]} and {filled[0]}; write both "
+                    "in seconds from one time"
+                )
             continue
         numbers = [style.number(c) if c else math.nan for c in cells]
         if not any(map(style.is_number, cells)) and (filled or name == str(k + 1)):

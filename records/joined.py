@@ -43,7 +43,7 @@ def joined(
     time = main.columns["time"]
     inside = np.isfinite(time)
     out: dict[str, Vector] = {}
-    notes: list[str] = []
+    notes = list(dict.fromkeys(n for p in [main, *parts.values()] for n in p.notes))
     for name, part in parts.items():
         values = part.columns[name]
         own = times.get(part.group)
@@ -54,7 +54,15 @@ def joined(
                     f"samples, where time has {len(time)}"
                 )
             out[name] = values
+            notes.append(
+                f"{name} of {part.group} has no time of its own: taken at that of the rest"
+            )
             continue
+        if own.start != main.start:
+            raise BadRecord(
+                f"{path}: times of {main.group} and {part.group} go from different dates "
+                f"({main.start or 'none'}, {own.start or 'none'}); write both in seconds from one"
+            )
         if len(own.columns["time"]) != len(values):
             raise BadRecord(
                 f"{path}: {name} of {part.group} has {len(values)} samples and its time "

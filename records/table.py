@@ -126,11 +126,13 @@ def choose(
             f"{path}: none of its tables has {what}; there are {there}; say which is which, as "
             f"--map TABLE/COLUMN={needed[-1][0]}"
         )
-    first = {name for names in needed for name in names}
+    first = {next(n for n in names if n in found) for names in needed}
     times = {t.group: t for t in found.pop("time")}
+    called = {"time", *(_column(t, _theirs("time", mapping)) for t in tables)}
     for table in tables:  # a table's own time, where that which is mapped is of another
-        if table.group not in times and "time" in table.columns:
-            times[table.group] = rename(table, {}, ["time"], [])
+        own = next((n for n in table.columns if n in called), "")
+        if table.group not in times and own:
+            times[table.group] = rename(table, {own: "time"}, ["time"], [])
     return joined(path, {n: parts[0] for n, parts in found.items()}, times, first)
 
 

@@ -149,7 +149,7 @@ def test_parquet_and_arrow_files_with_dates(tmp_path):
     with pa.ipc.new_file(tmp_path / "b.feather", table.schema) as stream:
         stream.write_table(table)
     for name in ("a.data", "b.feather"):
-        assert "time is in seconds from 2024-03-01" in is_given(read(tmp_path / name)).notes[0]
+        assert "dates are seconds from 2024-03-01" in is_given(read(tmp_path / name)).notes[0]
 
 
 def test_numpys_files_without_running_code(tmp_path):

@@ -1,0 +1,99 @@
+"""Columns that stand in several tables of a file, each with a time of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ballscrew.records.bad_record import BadRecord
+from ballscrew.records.reading import read_drive_records
+
+TIME = np.arange(0.0, 4.0, 1e-3)
+
+
+def x_at(time):
+    return 0.1 * np.sin(3 * time)
+
+
+def u_at(time):
+    return 3 * np.sin(5 * time)
+
+
+def write(path, of_x, of_u, unit="s", scale=1.0, extra=()):
+    """A workbook with the position in one sheet and the voltage in another."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, column, time, values, word in (
+        ("axis", "x", of_x, x_at(of_x), "s"),
+        ("drive", "u", of_u, u_at(of_u), unit),
+        *extra,
+    ):
+        sheet = book.create_sheet(name)
+        sheet.append([f"t [{word}]", column])
+        size = scale if name == "drive" else 1.0
+        for row in zip((size * time).tolist(), values.tolist(), strict=True):
+            sheet.append(row)
+    book.save(path)
+    return path
+
+
+def read(path, **others):
+    (record,) = read_drive_records([path], {"t": "time", **others})
+    return record
+
+
+def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp_path):
+    of_u = 0.3 + 2.5e-3 * np.arange(1000)
+    record = read(write(tmp_path / "a.xlsx", TIME, of_u, "ms", 1e3))
+    np.testing.assert_allclose(record.time, of_u, atol=1e-9)
+    np.testing.assert_allclose(record.x, x_at(of_u), atol=1e-6)
+    np.testing.assert_allclose(record.u, u_at(of_u), atol=1e-12)
+    (note,) = record.notes
+    assert note.startswith("x of axis, recorded every 1 ms, is taken linear at the stamps of drive")
+    assert note.endswith("every 2.5, 1 in 2.5 of its samples")
+
+
+def test_a_slow_signal_that_is_not_needed_stays_at_its_samples(tmp_path):
+    slow = np.arange(0.0, 4.0, 0.5)
+    extra = [("oil", "temp", slow, 20 + slow, "s")]
+    record = read(write(tmp_path / "a.xlsx", TIME, TIME, extra=extra), temp="temperature")
+    known = np.isfinite(record.signals["temperature"])
+    np.testing.assert_allclose(record.time[known], slow, atol=1e-9)
+    np.testing.assert_allclose(record.signals["temperature"][known], 20 + slow)
+    assert len(record.time) == len(TIME)
+
+
+@pytest.mark.parametrize(
+    ("of_u", "unit", "words"),
+    [
+        (TIME + 10.0, "s", "x, u have no time in common"),
+        (TIME, "ticks", "its times are in 's' and 'ticks'|its times are in 'ticks' and 's'"),
+        (TIME[::-1], "s", "time of drive does not rise|goes backwards"),
+    ],
+)
+def test_tables_that_cannot_be_put_together_are_refused(tmp_path, of_u, unit, words):
+    with pytest.raises(BadRecord, match=words):
+        read(write(tmp_path / "a.xlsx", TIME, of_u, unit))
+
+
+def test_tables_whose_dates_begin_apart_are_refused(tmp_path):
+    from nptdms import ChannelObject, TdmsWriter
+
+    begin = np.datetime64("2024-03-01T12:00:00", "us")
+    with TdmsWriter(str(tmp_path / "a.tdms")) as writer:
+        for name, column, values, late in (("a", "x", x_at(TIME), 0), ("b", "u", u_at(TIME), 7)):
+            stamps = begin + (1e6 * TIME + late).round().astype("m8[us]")
+            channels = [ChannelObject(name, "t", stamps), ChannelObject(name, column, values)]
+            writer.write_segment(channels)
+    with pytest.raises(BadRecord, match="times of a and b go from different dates"):
+        read(tmp_path / "a.tdms")
+
+
+def test_a_time_that_is_given_by_number_is_that_of_each_signal(tmp_path):
+    rows = (f"{t:.3f};{x_at(t):.9f};{t + 0.2505:.4f};{u_at(t + 0.2505):.9f}" for t in TIME.tolist())
+    (tmp_path / "a.csv").write_text("\n".join(["t;x;t;u", *rows, ""]))
+    (record,) = read_drive_records([tmp_path / "a.csv"], {"1": "time"})
+    np.testing.assert_allclose(record.u, u_at(record.time), atol=2e-5)
+    np.testing.assert_allclose(record.x, x_at(record.time), atol=1e-6)
