@@ -212,11 +212,20 @@ def _extended(result: Diagnosis) -> _Extension:
         return _Extension(None, f"no extended plant is written: {error}")
 
 
+_OWN_GAINS = (
+    "The gains of our controllers are designed for the nominal axis and mean nothing here. With "
+    "gains of your own: ballscrew run --plant extended_plant.fmu --controller pid --set "
+    "controller.Kp=VALUE"
+)
+
+
 def _closed_loop(result: Diagnosis, extension: _Extension) -> ClosedLoopSection:
     from .diagnosis.closed_loop_effect import NoClosedLoop, closed_loop_effect
     from .diagnosis.diagnosis_report import ClosedLoopSection
     from .diagnosis.with_causes import with_causes
 
+    if not result.prior.has_motor:
+        return ClosedLoopSection(None, _OWN_GAINS)
     if extension.plant is None:
         because = extension.because or "No cause was named, so the closed loop stays as it is."
         return ClosedLoopSection(None, because)

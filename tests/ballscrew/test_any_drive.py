@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from diagnosed import run
@@ -83,22 +85,68 @@ def test_the_file_that_a_run_writes_is_the_machine_again(machine, tmp_path):
     assert values.items() >= {n: v.value for n, v in before.plant.items()}.items()
 
 
-def test_what_is_identified_from_records_of_ones_own_is_a_machine_that_runs(tmp_path):
-    """Records of force and position are of a drive: the mass is theirs, the command the force."""
-    time = np.arange(0.0, 6.0, 1e-3)
-    x, v = 0.1 * np.sin(2.0 * time), 0.2 * np.cos(2.0 * time)
-    noise = np.random.default_rng(3).standard_normal(len(time))
-    force = 40.0 * -0.4 * np.sin(2.0 * time) + 80.0 * np.sign(v) + 200.0 * v + noise
-    record = tmp_path / "record.csv"
-    table = np.column_stack([time, x, force])
-    np.savetxt(record, table, delimiter=",", header="time,x,force", comments="")
-    found, out = tmp_path / "found", tmp_path / "out"
-    law = ("--law", "classical", "--mass", "40", "--fix", "Vs=0.01", "--fix", "Fs=80")
-    code, *_ = run("identify", record, *law, "--out", found)
+RANDOM = np.random.default_rng(3)
+
+
+def write_record(path, more=lambda x, v: 0.0):
+    """Eight seconds of a screw of 40 kg, typed by hand: force and position, with noise of 1 N."""
+    time = np.arange(0.0, 8.0, 1e-3)
+    x = 0.1 * np.sin(2.0 * time) + 0.01 * np.sin(9.0 * time)
+    v = 0.2 * np.cos(2.0 * time) + 0.09 * np.cos(9.0 * time)
+    a = -0.4 * np.sin(2.0 * time) - 0.81 * np.sin(9.0 * time)
+    force = 40.0 * a + 80.0 * np.sign(v) + 200.0 * v + more(x, v)
+    table = np.column_stack([time, x, force + RANDOM.standard_normal(len(time))])
+    np.savetxt(path, table, delimiter=",", header="time,x,force", comments="")
+    return path
+
+
+def periodic(x, v):
+    """Friction that swings by 12 N with every 20 mm."""
+    return 12.0 * np.sign(v) * np.cos(2.0 * np.pi * x / 0.02)
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory):
+    """The folder of what is identified from a record of force and position alone."""
+    top = tmp_path_factory.mktemp("own")
+    record, out = write_record(top / "record.csv"), top / "identified"
+    code, *_ = run(
+        "identify", record, "--law", "classical", "--mass", "40", "--fix", "Vs=0.01", "--out", out
+    )
     assert code in (0, 1)
-    file = read_parameters(found / "parameters.toml")
+    return out
+
+
+def test_what_is_identified_from_records_of_ones_own_is_a_machine(identified):
+    """Records of force and position are of a drive: the mass is theirs, the command the force."""
+    file = read_parameters(identified / "parameters.toml")
     assert (file.kind, file.plant["m"].value, file.plant["gain"].value) == ("drive", 40.0, 1.0)
     assert file.plant["Fc"].value == pytest.approx(80.0, rel=0.02)
     assert file.plant["sigma2"].value == pytest.approx(200.0, rel=0.05)
-    given = ("--params", found / "parameters.toml", "--stop", "0.1", "--out", out)
-    assert run("run", "--controller", "pid", *given)[0] == 0
+
+
+def test_an_identified_machine_runs_and_is_exported(identified, tmp_path):
+    given = ("--params", identified / "parameters.toml")
+    loop = ("--controller", "pid", "--stop", "0.1", "--out", tmp_path / "run")
+    assert run("run", *loop, *given)[0] == 0
+    one = ("--only", "drive_classical", "--out", tmp_path / "fmus")
+    assert run("export", *one, *given)[0] == 0
+    assert (tmp_path / "fmus" / "drive_classical.fmu").is_file()
+
+
+def test_the_next_record_of_an_identified_machine_is_diagnosed(identified, tmp_path):
+    """A healthy one has no fault; of one whose friction swings that is named, with its size."""
+    given = ("--params", identified / "parameters.toml", "--map", "force=u", "--unit", "u=N")
+
+    def told(name, more=lambda x, v: 0.0):
+        record = write_record(tmp_path / f"{name}.csv", more)
+        code, printed, _ = run("diagnose", record, *given, "--json", "--out", tmp_path / name)
+        assert code == 0
+        assert "nctf" not in printed
+        return json.loads(printed)
+
+    healthy, swings = told("healthy"), told("swings", periodic)
+    assert (healthy["verdict"], healthy["causes"]) == ("none", [])
+    assert [c["name"] for c in swings["causes"]] == ["position_periodic_friction"]
+    (cause,) = swings["causes"]
+    assert cause["parameters"]["friction_cos_1"] == pytest.approx(12.0 / 80.0, rel=0.1)
