@@ -149,4 +149,5 @@ def test_the_next_record_of_an_identified_machine_is_diagnosed(identified, tmp_p
     assert (healthy["verdict"], healthy["causes"]) == ("none", [])
     assert [c["name"] for c in swings["causes"]] == ["position_periodic_friction"]
     (cause,) = swings["causes"]
-    assert cause["parameters"]["friction_cos_1"] == pytest.approx(12.0 / 80.0, rel=0.1)
+    size = max(abs(v) for n, v in cause["parameters"].items() if n.startswith("friction_cos"))
+    assert size == pytest.approx(12.0 / 80.0, rel=0.1)
