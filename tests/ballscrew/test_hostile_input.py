@@ -7,6 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ballscrew.cli import main
@@ -134,6 +135,11 @@ def test_a_negative_number_with_an_exponent_is_a_value(folder, capsys):
 def test_a_reference_may_begin_with_a_byte_order_mark(folder):
     (folder / "excel.csv").write_text("time,x_d\n0,0.01\n1,0.01\n", encoding="utf-8-sig")
     assert main([*RUN, "--reference", "excel.csv"]) == 0
+
+
+def test_a_reference_may_be_a_file_of_another_format(folder):
+    np.savez(folder / "there.npz", time=[0.0, 1.0], x_d=[0.01, 0.01])
+    assert main([*RUN, "--reference", "there.npz"]) == 0
 
 
 def test_no_dask_scheduler_at_an_address_is_one_line_and_soon(folder, capsys):
