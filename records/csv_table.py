@@ -256,13 +256,18 @@ def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
         for a, b in pairwise(ends)
     ]
     found: list[Table] = []
-    for start, end, after in zip(starts, ends[1:], [*starts[1:], None], strict=True):
+    for start, end, after in zip(starts, ends[1:], [*starts[1:], None], strict=False):
         told = _said(numbered[start:end])
         for table in _tables(path, numbered[end + 1 : after]):
             columns, units = dict(table.columns), dict(table.units)
             x, *signals = columns
             if about.get("X_Columns") == ["No"]:
-                begin, step = (float(told[n][0].replace(",", ".")) for n in ("X0", "Delta_X"))
+                try:
+                    begin, step = (_float(told[n][0].replace(",", ".")) for n in ("X0", "Delta_X"))
+                except LookupError:
+                    begin = step = None
+                if begin is None or step is None:
+                    raise BadRecord(f"{path}: has no column of time, and no X0 and Delta_X")
                 columns[x] = np.asarray(begin + step * np.arange(len(columns[x])), dtype=float)
             if about.get("X_Columns") != ["Multi"]:
                 units |= dict(zip(signals, told.get("Y_Unit_Label", []), strict=False))

@@ -315,3 +315,13 @@ def test_segments_of_a_labview_file_are_tables(tmp_path):
     assert (first.group, second.group) == ("segment 1", "segment 2")
     np.testing.assert_array_equal(second.columns["Position"], [1.5, 2.5, 8.5])
     assert second.row(0) == 28
+
+
+def test_a_labview_file_with_one_header_or_without_steps(tmp_path):
+    text = LVM.format(columns="One", first="0.5", second="0.75", third="1.0")
+    (head, _, rest), mark = text.partition("\nChannels"), "***End_of_Header***\n"
+    table = read_table(write(tmp_path, head + "\n" + rest.split(mark)[1]))
+    np.testing.assert_array_equal(table.columns["Position"], [1.5, 2.5, 3.5])
+    text = LVM.format(columns="No", first="", second="", third="").replace("Delta_X", "Step")
+    with pytest.raises(BadRecord, match="has no column of time, and no X0 and Delta_X"):
+        read_table(write(tmp_path, text))
