@@ -212,7 +212,7 @@ def test_a_run_of_what_is_derived_already_loads_no_sympy(tmp_path, fmus):
         ([*RUN, "--out", "OUT", "--map", "a"], "is not of the form THEIRS=OURS"),
         ([*RUN, "--out", "OUT", "--map", "a=b"], "neither side has a port 'a'"),
         ([*RUN, "--out", "OUT", "--limit-voltage", "0"], "expected more than 0"),
-        ([*RUN, "--out", "OUT", "--reference", "none.csv"], "none.csv: cannot be read"),
+        ([*RUN, "--out", "OUT", "--reference", "none.csv"], "none.csv: there is no such file"),
         ([*RUN, "--out", "OUT", "--setpoint", "far"], "expected a number"),
         ([*RUN, "--out", __file__], "is a file, expected a folder"),
         ([*RUN, "--out", "/proc/nowhere/at/all"], "cannot be made"),
