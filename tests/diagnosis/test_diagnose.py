@@ -93,9 +93,8 @@ def test_a_hidden_effect_is_built_in_alone_and_has_its_size(effect):
 def test_a_resistance_that_grows_is_told_from_friction_by_the_current():
     record = strong_record({at.R_DRIFT: 0.18}, with_current=True)
     found = diagnose_records([record], nominal())
-    # in newtons it is small, and the answer is none: the likeliest is said all the same
-    assert [n for n in found.notes if "likeliest is resistance_drift" in n]
-    (cause,) = diagnose_records([record], nominal(), take="resistance_drift").causes
+    (cause,) = found.causes
+    assert (found.verdict, cause.name, cause.certain) == ("explained", "resistance_drift", True)
     assert cause.parameters["R_drift"] == pytest.approx(0.18, rel=0.05)
 
 

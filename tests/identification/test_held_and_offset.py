@@ -83,7 +83,7 @@ def test_an_offset_goes_into_the_file_of_a_drive_and_of_no_ball_screw(found):
     assert found.parameter_file().plant["offset"].value == found.parameters["offset"].value
     screw = replace(found, told=None)
     assert "offset" not in screw.parameter_file().plant
-    of_screw = identify(mostly_forwards(1)[2:], "dahl", offset=True)
+    of_screw = identify(mostly_forwards(1)[2:], "dahl", ParameterFile(), offset=True)
     assert any("offset is not in parameters.toml" in note for note in of_screw.notes)
 
 

@@ -72,7 +72,7 @@ def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
         ("plants = 5", "plants = 5\nperiod = -1.0", "period is -1, expected 0 or more"),
         ("plants = 5", "plants = 5\nperiod = true", "expected a finite number"),
         ("overshoot = 1e-3", "overshot = 1e-3", "nearest: overshoot"),
-        ("move:distance=0.01", "mov:distance=0.01", "mov:distance=0.01: cannot be read"),
+        ("move:distance=0.01", "mov:distance=0.01", "mov:distance=0.01: there is no such file"),
         ("move:distance=0.01", "move:speed=-1", "speed of a move is -1"),
         ("tune = true", "tune = false", "no duty to tune on"),
         ("step:size=-1e-3", "move:distance=0.01", "judged by a motion that is tuned on"),
