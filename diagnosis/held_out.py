@@ -20,6 +20,7 @@ Vector = npt.NDArray[np.float64]
 _LAPS = range(3, 7)  # how many laps of one motion show what of a record repeats
 _SAME = 1e-3  # share of the motion's mean square that laps of one motion differ by at most
 _SHORTEST_LAP = 1.0  # s
+_EIGHTHS = 8  # blocks of a short record, of which an interval of its forces can be told
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class HeldOut:
     parts : str
         What was held out, one at a time.
     squares : Blocks
-        Seconds, from which intervals are drawn.
+        From which intervals are drawn: seconds, or eighths of short records.
     prior, none, all : Residual
         Of the prior model, with values fitted, and with all that is named.
     without, alone : dict of str to Residual
@@ -49,7 +50,7 @@ class HeldOut:
     def gain(self, before: Residual, after: Residual) -> tuple[float, tuple[float, float]]:
         """Share of the mean square in force that goes, and 95 % of it."""
         found = self.squares.gain(before.force, after.force, before.telling)
-        # of too few seconds to tell an interval, all from twice as much left to nothing
+        # of too few blocks to tell an interval, all from twice as much left to nothing
         return found.value, found.interval or (-1.0, 1.0)
 
 
@@ -66,7 +67,7 @@ def held_out(found: Explained) -> HeldOut:
         alone = {n: left_on_blocks(found, [f for f in forms if f.name == n]) for n in names}
     return HeldOut(
         f"{len(study.bands.parts)} parts",
-        Blocks(ends_of_seconds(study.courses)),
+        Blocks(ends_of_seconds(study.courses, _EIGHTHS)),
         residual(study.courses, study.prior_model, Added.nothing(study.courses)),
         none,
         everything,
@@ -97,12 +98,15 @@ def left_on_blocks(found: Explained, forms: Sequence[Form]) -> Residual:
     return whole
 
 
-def ends_of_seconds(courses: Sequence[ModelledRecord]) -> list[int]:
-    """Ends of the seconds over which positions are predicted, among all samples."""
+def ends_of_seconds(courses: Sequence[ModelledRecord], least: int = 1) -> list[int]:
+    """Ends of the seconds over which positions are predicted, among all samples.
+
+    Of a record that is too short for the `least` number of blocks, ends of shorter ones.
+    """
     ends = [0]
     for c in courses:
-        every = max(2, round(AHEAD / c.step))
         start, n = ends[-1], len(c.x)
+        every = max(2, min(round(AHEAD / c.step), n // least))
         ends += [start + k for k in (*range(every, n, every), n)]
     return ends
 
