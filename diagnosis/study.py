@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -75,7 +76,7 @@ class Study:
         """Names of the columns of values and calibrations."""
         return (*self.model.adjustable, *calibrated(self.courses))
 
-    @property
+    @cached_property
     def exact(self) -> float:
         """Noise that is always there, as no law and no command is just right [N]."""
         asked = [c.per_command**2 * float(np.mean(c.u**2)) for c in self.courses]
