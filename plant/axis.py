@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 from ..instruments.amplifier import with_amplifier
 from ..instruments.load import with_load
 from ..solver.component import Component
-from . import LAWS
 from .ball_screw import ball_screw
-from .law import Law, law
+from .law import Law, with_each_law
 from .modified_lugre import modified_lugre
 
 
@@ -25,9 +22,4 @@ def loaded_axis() -> Component:
     return replace(with_load(axis()), name="plant_loaded")
 
 
-def __getattr__(name: str) -> Callable[[], Component]:
-    """The functions that `PLANTS` names: ``plant_<law>`` makes the axis with that law."""
-    known = name.removeprefix("plant_")
-    if known == name or known not in LAWS:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return partial(axis, law(known), name)
+__getattr__ = with_each_law(axis, "plant")

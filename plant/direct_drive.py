@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import sympy as sp
 
@@ -20,10 +19,9 @@ from ..solver.component import (
     State,
     symbol,
 )
-from . import LAWS
 from .ball_screw import acted_on_of, inner_outputs
 from .classical import classical, with_sticking
-from .law import Law, law
+from .law import Law, with_each_law
 from .modified_lugre import modified_lugre
 
 PARAMETERS = (
@@ -107,9 +105,4 @@ def with_command_limit(plant: Component) -> Component:
     return plant.substituted({u: clip(u, -limit, limit)}, parameters=(*plant.parameters, parameter))
 
 
-def __getattr__(name: str) -> Callable[[], Component]:
-    """The functions that `PLANTS` names: ``drive_<law>`` makes the drive with that law."""
-    known = name.removeprefix("drive_")
-    if known == name or known not in LAWS:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return partial(drive, law(known), name)
+__getattr__ = with_each_law(drive, "drive")

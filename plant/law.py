@@ -14,11 +14,12 @@ import importlib
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import cast
 
 import sympy as sp
 
-from ..solver.component import ForceTerm
+from ..solver.component import Component, ForceTerm
 from . import LAWS
 
 Law = Callable[[sp.Expr], ForceTerm]
@@ -88,6 +89,31 @@ def turning(term: ForceTerm) -> ForceTerm:
         states=tuple(replace(s, unit=unit(s.unit)) for s in term.states),
         outputs=tuple(replace(o, unit=unit(o.unit)) for o in term.outputs),
     )
+
+
+def with_each_law(
+    make: Callable[[Law, str], Component], base: str
+) -> Callable[[str], Callable[[], Component]]:
+    """What a module of plants answers to the names of `PLANTS`: ``<base>_<law>`` has that law.
+
+    Parameters
+    ----------
+    make : function of (law, name) to a Component
+    base : str
+
+    Returns
+    -------
+    function
+        The module's ``__getattr__``.
+    """
+
+    def plant_named(name: str) -> Callable[[], Component]:
+        known = name.removeprefix(f"{base}_")
+        if known == name or known not in LAWS:
+            raise AttributeError(f"module {make.__module__!r} has no attribute {name!r}")
+        return partial(make, law(known), name)
+
+    return plant_named
 
 
 def claims(name: str) -> Claims:
