@@ -72,7 +72,9 @@ def _alike(found: Explained, told: Sequence[Likely], motion: Motion) -> list[tup
     def hidden(k: int, j: int) -> bool:
         suspect = told[k].suspect
         assert suspect is not None
-        signal = (columns[k] @ suspect.amplitude)[:, :, None]
+        # where each record has numbers of its own, those of the last one
+        own = suspect.amplitude[-columns[k].shape[2] :]
+        signal = (columns[k] @ own)[:, :, None]
         all_ = np.concatenate([signal, base[0][:, :, 1:], columns[j]], axis=2)
         return _apart(study, all_, weights, spread) < _TELLS
 
