@@ -8,6 +8,7 @@ import pytest
 from diagnosed import nominal
 
 from ballscrew.diagnosis.causes import CAUSES
+from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.experiment_motions import COMMAND_FILE, survey
 from ballscrew.diagnosis.machine_reach import Reach, reach_of
@@ -110,3 +111,23 @@ def test_the_command_file_is_a_reference_that_a_loop_can_follow(tmp_path):
 
 def test_every_cause_has_a_trial():
     assert all(trial_for(name) for name in NAMES)
+
+
+def test_records_of_which_each_has_a_phase_of_its_own_are_asked_for_one_more():
+    """A ripple over less than two periods, which could be much else; the machine was homed anew."""
+    random, time = np.random.default_rng(1), np.arange(0.0, 8.0, 1e-3)
+    x, v = 0.012 * np.sin(2.0 * time), 0.024 * np.cos(2.0 * time)
+    values = {"m": 40.0, "gain": 1.0, "offset": 0.0, "Fc": 80.0, "Fs": 80.0, "sigma2": 200.0}
+    records = []
+    for phase in (0.0, 2.0):
+        force = -160.0 * x + 80.0 * np.sign(v) + 200.0 * v
+        force += 30.0 * np.cos(2.0 * np.pi * x / 0.02 + phase)
+        force += 3.0 * random.standard_normal(len(time))
+        records.append(check_record("made", {"time": time, "x": x, "u": force}, "force"))
+    believed = Drive("drive", "classical", values | {"Vs": 0.01}, {"Fc": 0.1, "sigma2": 0.1})
+    found = diagnose_records(records, believed)
+    assert found.verdict == "unexplained"
+    assert "torque_ripple" in {c.name for c in found.causes} | {s.name for s in found.suspects}
+    asked = found.next_experiment
+    assert "these records cannot tell" in asked.says
+    assert np.abs(asked.motion.values).max() <= 0.012
