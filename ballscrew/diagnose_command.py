@@ -34,8 +34,10 @@ relative tolerance of each value (default half of its interval, else 0.03).
 
 examples:
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
-  ballscrew diagnose a.csv b.csv --law modified_lugre --map t=time --map pos=x --out out/diagnosis
-  ballscrew diagnose emps.mat --params emps.toml --map vir=u --map qm=x --map t=time --out out/emps
+  ballscrew diagnose a.csv b.csv --law modified_lugre --map t=time --map pos=x \
+    --unit time=ms --unit x=mm --out out/diagnosis
+  ballscrew diagnose emps.mat --params emps.toml --map vir=u --map qm=x --map t=time \
+    --unit time=s --unit x=m --unit u=V --out out/emps
   ballscrew diagnose drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \
     --lead 0.005 --out out/drive
   ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop

@@ -37,11 +37,13 @@ its torque as force.
 
 examples:
   ballscrew identify out/trials --law modified_lugre --out out/identified
-  ballscrew identify a.csv b.csv --law dahl --map t=time --map F=force --unit x=mm --out out/dahl
+  ballscrew identify a.csv b.csv --law dahl --map t=time --map F=force \
+    --unit time=s --unit force=N --unit x=mm --out out/dahl
   ballscrew identify out/trials --law lugre --params out/trials/parameters.toml --out out/lugre
   ballscrew identify drive.csv --law lugre --map "Pos. [deg]=x" --map Torque=force \
     --unit force=mN*m --lead 0.005 --out out/drive
-  ballscrew identify run.mat --law lugre --map qm=x --map t=time --mass 95 --out out/emps
+  ballscrew identify run.mat --law lugre --map qm=x --map t=time --unit x=m \
+    --unit time=s --mass 95 --out out/emps
   ballscrew identify a.csv b.csv --law classical --offset --fix Vs=1e-3 --out out/loaded
 """
 

@@ -32,6 +32,7 @@ from ballscrew.solver.files import write_atomically
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "emps.json"
 COLUMNS = {"qm": "x", "vir": "u", "t": "time", "qg": "x_ref"}
+UNITS = {"x": "m", "u": "V", "time": "s", "x_ref": "m"}
 DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
 
 
@@ -94,7 +95,7 @@ def main() -> int:
         print(f"nothing proven: {path.name} is not here; see docs/emps.md", file=sys.stderr)
         return 2
     prior_model = read_drive(ROOT / "docs" / "emps.toml")
-    (record,) = read_drive_records([path], COLUMNS)
+    (record,) = read_drive_records([path], COLUMNS, UNITS)
     record = replace(record, name="DATA_EMPS.mat")
     x, t = record.x, record.time - record.time[0]
     v = savgol_filter(x, 31, 3, deriv=1, delta=record.step)

@@ -60,6 +60,8 @@ class Table:
         What a reader of the table should know.
     start : str
         The date from which its time goes, where it was written as dates.
+    renamed : dict of str to str
+        What the file calls columns that have our names now, where that is another name.
     """
 
     path: Path
@@ -70,6 +72,7 @@ class Table:
     numbers: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     start: str = ""
+    renamed: dict[str, str] = field(default_factory=dict)
 
     def row(self, k: int) -> int:
         """What a user calls the `k`-th sample, from 0 on: its line, or its number from 1 on."""

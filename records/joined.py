@@ -92,7 +92,9 @@ def joined(
         raise BadRecord(f"{path}: {', '.join(parts)} have no time in common")
     units = {"time": unit} | {n: p.units[n] for n, p in parts.items() if n in p.units}
     columns = {n: v[inside] for n, v in {"time": time, **out}.items()}
-    return Table(path, columns, {n: u for n, u in units.items() if u}, notes=tuple(notes))
+    renamed = {n: t for p in [main, *parts.values()] for n, t in p.renamed.items()}
+    told = {n: u for n, u in units.items() if u}
+    return Table(path, columns, told, notes=tuple(notes), renamed=renamed)
 
 
 def _step(time: Table, first: Collection[str], parts: Mapping[str, Table]) -> float:

@@ -220,7 +220,8 @@ def rename(
             "Bring them to one rate first"
         )
     units = {n: table.units[t] for n, t in theirs_of.items() if t in table.units}
-    return replace(table, columns=named, units=units, numbers={})
+    renamed = {n: t for n, t in theirs_of.items() if n != t}
+    return replace(table, columns=named, units=units, numbers={}, renamed=renamed)
 
 
 def in_si(
@@ -238,7 +239,8 @@ def in_si(
     table : Table
         With our names.
     units : mapping of str to str
-        What the user says of columns; else the file's word counts, else SI.
+        What the user says of columns; else the file's word counts. A column that the file calls by
+        our name and without a unit is in SI units; one that it calls otherwise needs a unit.
     quantities : mapping of str to sequence of str
         What each of our columns may measure, the usual one first.
     lead : float or None
@@ -255,7 +257,13 @@ def in_si(
     for name, values in table.columns.items():
         may_be = quantities[name]
         said = units.get(name, table.units.get(name, ""))
-        if not said or said in NO_UNIT:
+        if said in NO_UNIT:
+            if name in table.renamed:
+                known = ", ".join(u for q in may_be for u in UNITS[q])
+                raise BadRecord(
+                    f"{table.path}: tells no unit of {table.renamed[name]!r}, which is {name} by "
+                    f"--map; say --unit {name}= with one of {known}, or with a number of them"
+                )
             signals[name], measured[name] = values, may_be[0]
             continue
         if name not in units and quantity_of(said) not in may_be:

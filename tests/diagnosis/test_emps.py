@@ -14,6 +14,7 @@ from ballscrew.records.reading import check_record, read_drive_records
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
 COLUMNS = {"qm": "x", "vir": "u", "t": "time", "qg": "x_ref"}
+UNITS = {"x": "m", "u": "V", "time": "s", "x_ref": "m"}
 
 
 def test_four_causes_of_a_real_machine_gain_on_data_held_out_and_the_rest_is_said():
@@ -23,7 +24,7 @@ def test_four_causes_of_a_real_machine_gain_on_data_held_out_and_the_rest_is_sai
             "DATA_EMPS.mat is not here: get it from nonlinearbenchmark.org, "
             "and set BALLSCREW_EMPS to its folder"
         )
-    found = diagnose([file], params=ROOT / "docs" / "emps.toml", mapping=COLUMNS)
+    found = diagnose([file], params=ROOT / "docs" / "emps.toml", mapping=COLUMNS, units=UNITS)
     # several effects share the probability, and more is left than the laps differ by
     assert found.verdict == "unexplained"
     built = {c.name for c in found.causes}

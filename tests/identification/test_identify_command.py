@@ -38,7 +38,8 @@ def run(*arguments):
     return options.action(options)
 
 
-FOREIGN = ("--map", "t=time", "--map", "q=x", "--map", "F=force", "--unit", "x=mm")
+FOREIGN = ("--map", "t=time", "--map", "q=x", "--map", "F=force")
+FOREIGN += ("--unit", "x=mm", "--unit", "time=s", "--unit", "force=N")
 
 
 @pytest.mark.usefixtures("drawn")
@@ -113,10 +114,13 @@ def test_bad_requests_are_one_line(data, tmp_path):
     for arguments, words in (
         ((data[0], "--law", "dahll"), "did you mean dahl?"),
         ((data[0], "--law", "dahl"), "--map"),
-        ((data[0], "--law", "dahl", *FOREIGN[:6]), "--unit x=mm"),
+        ((data[0], "--law", "dahl", *FOREIGN[:6], *FOREIGN[8:]), "--unit x= with"),
         (("none.csv", "--law", "dahl"), "no such file"),
         ((data[0], "--law", "dahl", *FOREIGN, "--mass", "heavy"), "expected a number"),
-        ((data[0], "--law", "dahl", *FOREIGN[:6], "--unit", "x=inch"), "expected one of m, cm"),
+        (
+            (data[0], "--law", "dahl", *FOREIGN[:6], *FOREIGN[8:], "--unit", "x=inch"),
+            "expected one of m, cm",
+        ),
         ((data[0], "--law", "dahl", *FOREIGN, "--unit", "x=inch"), "given as mm and as inch"),
         ((data[0], "--law", "dahl", *FOREIGN, "--fix", "sigma"), "nobody says its value"),
         ((data[0], "--law", "dahl", *FOREIGN, "--fix", "sigma=stiff"), "expected a number"),

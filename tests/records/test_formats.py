@@ -134,7 +134,7 @@ def test_hdf5_columns_of_several_groups_with_one_time(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["clock/t"], file["axis/pos"], file["axis/pos2"], file["drive/volt"] = TIME, X, X, U
     mapping = {"clock/t": "time", "axis/pos": "x", "volt": "u"}
-    is_given(read(tmp_path / "a.h5", mapping))
+    is_given(read(tmp_path / "a.h5", mapping, {"time": "s", "x": "m", "u": "V"}))
     with pytest.raises(BadRecord, match=r"none .* has the columns time.*; there are axis"):
         read(tmp_path / "a.h5")
 
@@ -156,7 +156,8 @@ def test_numpys_files_without_running_code(tmp_path):
     np.savez(tmp_path / "a.npz", **GIVEN, about=np.array({"run": 7}, dtype=object))
     is_given(read(tmp_path / "a.npz"))
     np.save(tmp_path / "b.npy", np.column_stack(list(GIVEN.values())))
-    is_given(read(tmp_path / "b.npy", {"1": "time", "2": "x", "3": "u"}))
+    units = {"time": "s", "x": "m", "u": "V"}
+    is_given(read(tmp_path / "b.npy", {"1": "time", "2": "x", "3": "u"}, units))
     np.save(tmp_path / "c.npy", np.array([{"run": 7}], dtype=object), allow_pickle=True)
     with pytest.raises(BadRecord, match="is a NumPy array that cannot be read"):
         read(tmp_path / "c.npy")

@@ -39,8 +39,8 @@ def write(path, of_x, of_u, unit="s", scale=1.0, extra=()):
     return path
 
 
-def read(path, **others):
-    (record,) = read_drive_records([path], {"t": "time", **others})
+def read(path, units=None, **others):
+    (record,) = read_drive_records([path], {"t": "time", **others}, units)
     return record
 
 
@@ -58,7 +58,11 @@ def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp
 def test_a_slow_signal_that_is_not_needed_stays_at_its_samples(tmp_path):
     slow = np.arange(0.0, 4.0, 0.5)
     extra = [("oil", "temp", slow, 20 + slow, "s")]
-    record = read(write(tmp_path / "a.xlsx", TIME, TIME, extra=extra), temp="temperature")
+    record = read(
+        write(tmp_path / "a.xlsx", TIME, TIME, extra=extra),
+        {"temperature": "degC"},
+        temp="temperature",
+    )
     known = np.isfinite(record.signals["temperature"])
     np.testing.assert_allclose(record.time[known], slow, atol=1e-9)
     np.testing.assert_allclose(record.signals["temperature"][known], 20 + slow)
@@ -94,6 +98,6 @@ def test_tables_whose_dates_begin_apart_are_refused(tmp_path):
 def test_a_time_that_is_given_by_number_is_that_of_each_signal(tmp_path):
     rows = (f"{t:.3f};{x_at(t):.9f};{t + 0.2505:.4f};{u_at(t + 0.2505):.9f}" for t in TIME.tolist())
     (tmp_path / "a.csv").write_text("\n".join(["t;x;t;u", *rows, ""]))
-    (record,) = read_drive_records([tmp_path / "a.csv"], {"1": "time"})
+    (record,) = read_drive_records([tmp_path / "a.csv"], {"1": "time"}, {"time": "s"})
     np.testing.assert_allclose(record.u, u_at(record.time), atol=2e-5)
     np.testing.assert_allclose(record.x, x_at(record.time), atol=1e-6)

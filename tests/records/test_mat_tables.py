@@ -15,8 +15,8 @@ TIME = np.arange(0.0, 2.0, 1e-3)
 X, U = 0.1 * np.sin(3 * TIME), 3 * np.sin(5 * TIME)
 
 
-def is_given(path, mapping=None):
-    (record,) = read_drive_records([path], mapping)
+def is_given(path, mapping=None, units=None):
+    (record,) = read_drive_records([path], mapping, units)
     np.testing.assert_allclose(record.time, TIME, atol=1e-9)
     np.testing.assert_allclose(record.x, X, atol=1e-9)
     np.testing.assert_allclose(record.u, U, atol=1e-9)
@@ -54,8 +54,9 @@ def test_vectors_are_columns_by_their_names(tmp_path, form):
 
 def test_a_matrix_is_columns_along_its_longer_side(tmp_path):
     names = {"run.1": "time", "run.2": "x", "run.3": "u"}
-    is_given(mat(tmp_path, run=np.column_stack([TIME, X, U])), names)
-    is_given(mat(tmp_path, run=np.vstack([TIME, X, U])), names)
+    units = {"time": "s", "x": "m", "u": "V"}
+    is_given(mat(tmp_path, run=np.column_stack([TIME, X, U])), names, units)
+    is_given(mat(tmp_path, run=np.vstack([TIME, X, U])), names, units)
 
 
 def test_a_structure_with_time_has_its_labels(tmp_path):
@@ -63,7 +64,7 @@ def test_a_structure_with_time_has_its_labels(tmp_path):
     is_given(mat(tmp_path, Scope={"time": TIME, "signals": signals, "blockName": "m/Scope"}))
     one = {"values": np.column_stack([X, U]), "dimensions": 2.0, "label": "both"}
     path = mat(tmp_path, out={"time": TIME, "signals": one})
-    is_given(path, {"both.1": "x", "both.2": "u"})
+    is_given(path, {"both.1": "x", "both.2": "u"}, {"x": "m", "u": "V"})
 
 
 def test_timeseries_as_structures_come_together_by_their_times(tmp_path):
@@ -137,7 +138,8 @@ def test_version_7_3_has_vectors_matrices_and_structures(tmp_path):
             signals.create_dataset(field, data=np.array(made, dtype=h5py.ref_dtype)[:, None])
 
     is_given(mat73(tmp_path / "a.mat", vectors))
-    is_given(mat73(tmp_path / "b.mat", matrix), {"ans.1": "time", "ans.2": "x", "ans.3": "u"})
+    names, units = {"ans.1": "time", "ans.2": "x", "ans.3": "u"}, {"time": "s", "x": "m", "u": "V"}
+    is_given(mat73(tmp_path / "b.mat", matrix), names, units)
     is_given(mat73(tmp_path / "c.mat", scope))
 
 

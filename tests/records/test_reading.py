@@ -261,7 +261,7 @@ def test_csv_and_mat_with_other_names_and_units_give_the_same_record(tmp_path):
     scipy.io.savemat(mat_file, {n: v[:, None] for n, v in theirs.items()} | {"gain": 3.0})
     options = {
         "mapping": {"t": "time", "q": "x", "F": "force"},
-        "units": {"time": "ms", "x": "mm"},
+        "units": {"time": "ms", "x": "mm", "force": "N"},
         "mass": 2.5,
     }
     for record in read_force_records([csv_file, mat_file], **options):
@@ -269,6 +269,17 @@ def test_csv_and_mat_with_other_names_and_units_give_the_same_record(tmp_path):
             np.testing.assert_allclose(record.signals[name], values, rtol=1e-11, atol=1e-15)
         assert record.step == pytest.approx(0.005)
         assert record.mass == 2.5
+
+
+@pytest.mark.parametrize("unit", ["", "-"])
+def test_a_column_of_another_name_without_a_unit_is_asked_for_it(tmp_path, unit):
+    """One that the file calls by our name is in SI units, as `ballscrew` writes it."""
+    table = columns()
+    table[f"q [{unit}]" if unit else "q"] = table.pop("x")
+    path = write(tmp_path / "a.csv", table)
+    said = complaint(path, mapping={"q": "x"})
+    assert "tells no unit of 'q', which is x by --map; say --unit x= with one of m, cm, mm" in said
+    assert read_force_records([path], {"q": "x"}, {"x": "m"})
 
 
 def test_a_missing_column_is_named_with_the_nearest_ones(tmp_path):
