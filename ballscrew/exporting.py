@@ -33,9 +33,15 @@ class Export:
 
         What is told of a system is what is told of its controller's FMU.
         """
+        from .fmus.catalogue import in_units_of, name_of
+        from .instruments import without_units
+
+        described = self.plant or self._described()
+        part = in_units_of(part, described)
+        if part == without_units(described)[0]:
+            part = described
         if path.suffix != SYSTEM:
             return self._write_fmu(part, path)
-        from .fmus.catalogue import name_of
         from .fmus.system_export import export_system
 
         def element(name: str, side: str) -> Path:
@@ -53,6 +59,10 @@ class Export:
             alone._write_fmu(name, place, in_system=True)
         export_system(plant, made.path, path, name=name_of(part), instruments=between)
         return replace(made, path=path), kernel
+
+    def _described(self) -> str:
+        """The plant that the parameter file is of, in its own units; empty where there is none."""
+        return self.params.plant_name if self.params and self.params.command else ""
 
     def _write_fmu(
         self, part: str, path: Path, in_system: bool = False

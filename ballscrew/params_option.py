@@ -138,16 +138,17 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
     BadRequest
         If the file has values for both as one part.
     """
-    from .instruments import without_instruments
+    from .instruments import without_instruments, without_units
     from .orchestration.parts import Part
 
-    base, instruments = without_instruments(name)
+    plain, units = without_units(name)
+    base, instruments = without_instruments(plain)
     if told and instruments and Part(name).label in told.controllers:
         raise BadRequest(
             f"{told.path}: [controller.{Part(name).label}] is of one part, and an .ssp has its "
             "instruments apart; export without --params, and run with --set ELEMENT.VARIABLE=VALUE"
         )
-    return base, instruments
+    return base + units, tuple(i + units for i in instruments)
 
 
 def plant_of(asked: str | None, told: ParameterFile | None) -> str:
@@ -219,5 +220,5 @@ def _is_plant(part: str) -> bool:
     from .solver.component_file import names_file
 
     if not names_file(bare(part)):
-        return part in PLANTS
+        return bare(part) in PLANTS
     return not any(i.role in ("measurement", "reference") for i in component(part).inputs)

@@ -50,7 +50,17 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
                 f"{record.name}: u is a {record.command}, but the ball screw is driven by a "
                 'voltage; describe it as kind = "drive", whose force is gain*u'
             )
-    return list(records) if model.has_motor else [_without_current(r) for r in records], model, []
+    if model.has_motor:
+        return list(records), model, []
+    told = model.command or records[0].command
+    for record in records:
+        if record.command != told:
+            raise BadRecord(
+                f"{record.name}: u is a {record.command}, and the drive's command is a {told}; say "
+                f'its unit as --unit u=UNIT, or command = "{record.command}" in the parameter file '
+                "with its gain"
+            )
+    return [_without_current(r) for r in records], replace(model, command=told), []
 
 
 def driven_by_current(model: Drive) -> Drive:
@@ -67,7 +77,7 @@ def driven_by_current(model: Drive) -> Drive:
     tolerance = {n: t for n, t in given.items() if n in values}
     tolerance["gain"] = given.get("kt", 0.0)
     tolerance["m"] = (block * given.get("m", 0.0) + rotor * given.get("Jm", 0.0)) / model.inertia
-    return Drive("drive", model.law, values, tolerance)
+    return Drive("drive", model.law, values, tolerance, CURRENT)
 
 
 def by_current(record: Record) -> Record | None:

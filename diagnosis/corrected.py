@@ -54,6 +54,7 @@ def corrected(
         told,
         path=None,
         kind=drive.kind,
+        command="" if drive.has_motor else drive.command,
         law=drive.law,
         plant=own | {n: v for n, v in others.items() if n not in own},
         found={p.name: value_of(p) for p in apart},

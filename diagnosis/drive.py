@@ -20,6 +20,7 @@ import sympy as sp
 from ..fmus.interface import START
 from ..identification.fitted_law import BRISTLES, LAWS
 from ..identification.law_along_record import LawValues, mean_friction_along
+from ..instruments import UNITS
 from ..instruments.amplifier import PARAMETERS as AMPLIFIER
 from ..orchestration.parameter_file import BALL_SCREW, DRIVE, BadParameters, ParameterFile, Value
 from ..orchestration.parameter_reading import read_parameters
@@ -70,17 +71,20 @@ class Drive:
         All parameters of its `plant`, SI.
     tolerance : mapping of str to float
         Relative tolerance of each value that may be adjusted: its uniform spread, plus or minus.
+    command : {"", "voltage", "current", "force"}
+        What `u` is; empty: what it is in the records.
     """
 
     kind: str
     law: str
     values: Mapping[str, float]
     tolerance: Mapping[str, float] = field(default_factory=dict)
+    command: str = ""
 
     @property
     def plant(self) -> Component:
         """The component, not yet able to stick; its parameters have their own defaults."""
-        return _plant(self.kind, self.law)
+        return _plant(self.kind, self.law, self.command)
 
     @property
     def units(self) -> dict[str, str]:
@@ -226,7 +230,7 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
     own = file.law or law or DEFAULT_LAW
     # a file may be read with another law: what only its own law has is then of no use
     laws = (own, law or own)
-    plants = [_plant(file.kind, name) for name in laws]
+    plants = [_plant(file.kind, name, file.command) for name in laws]
     known = {p.name: p for plant in plants for p in plant.all_parameters}
     elsewhere = [p.name for p in AMPLIFIER]
     elsewhere += [s.name + START for plant in plants for s in plant.all_states]
@@ -239,7 +243,7 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
         n: file.tolerance[n] if n in file.tolerance else _tolerance_of(file.plant.get(n))
         for n in adjusted[-1]
     }
-    return Drive(file.kind, laws[-1], values, tolerance)
+    return Drive(file.kind, laws[-1], values, tolerance, file.command)
 
 
 def _tolerance_of(value: Value | None) -> float:
@@ -270,8 +274,8 @@ def _check_tolerance(file: ParameterFile, adjusted: Iterable[str]) -> None:
 
 
 @cache
-def _plant(kind: str, law: str) -> Component:
-    return _PLANTS[kind](friction_law(law))
+def _plant(kind: str, law: str, command: str = "") -> Component:
+    return _PLANTS[kind](friction_law(law)).in_units(UNITS.get(command, {}))
 
 
 @cache

@@ -3,19 +3,20 @@
 A part is a name of the catalogue, a function of a user's file (``mine.py:pi``), either of them
 as a computer runs it (``nctf+sampled``) and with the instruments that it measures through
 (``nctf+sampled+position_encoder``), or a component that was made a minute ago; all others are paths
-of FMUs.
+of FMUs. Behind all that may stand the units of a drive, as in ``pid+sampled+force``.
 """
 
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ..controllers import ALONE, CONTROLLERS
-from ..instruments import INSTRUMENTS, bare, without_instruments, without_sampling
-from ..plant import PLANTS
+from ..instruments import INSTRUMENTS, bare, without_instruments, without_sampling, without_units
+from ..plant import NOMINAL, PLANTS
 from ..solver import kernel_cache
 from ..solver.component_file import load_component, names_file
 from ..solver.kernel import Kernel
@@ -33,6 +34,8 @@ _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
 _CONNECT = "ballscrew.solver.connect"
 _MEASURED = "ballscrew.instruments.measured_through"
 _SAMPLED = "ballscrew.instruments.sample_and_hold"
+_INSTRUMENTS = "ballscrew.instruments"
+_OF_MOTOR = {"A", "ohm", "H"}
 
 
 class UnknownComponent(KeyError):
@@ -62,6 +65,9 @@ def component(part: str | Component) -> Component:
     """
     if not isinstance(part, str):
         return part
+    plain, units = without_units(part)
+    if units:
+        return _in_units(component(plain), units)
     base, instruments = without_instruments(part)
     name, is_sampled = without_sampling(base)
     if is_sampled or instruments:
@@ -70,6 +76,37 @@ def component(part: str | Component) -> Component:
         return load_component(part)
     module, _, function = _place_of(part).partition(":")
     return cast("Component", getattr(importlib.import_module(module), function)())
+
+
+def in_units_of(part: str, plant: str) -> str:
+    """A controller or instrument of ours in the units of a drive of ours: ``pid+rotary+torque``.
+
+    Others, and those whose units are said already, are as they are.
+    """
+    drive, units = without_units(plant)
+    if bare(part) not in CONTROLLERS | INSTRUMENTS or part != without_units(part)[0]:
+        return part
+    turns = drive.startswith(NOMINAL["rotary_drive"])
+    return part + "+rotary" * turns + units
+
+
+def _in_units(part: Component, units: str) -> Component:
+    """A part in the units of a drive; one that has a motor's values knows no other command."""
+    from ..instruments import UNITS
+    from ..solver.contract_error import ContractError
+
+    words: dict[str, str] = {}
+    for name in units.split("+")[1:]:
+        words |= UNITS[name]
+    of_motor = [
+        p.name for p in part.all_parameters if _OF_MOTOR & {*re.findall("[A-Za-z]+", p.unit)}
+    ]
+    if of_motor and "V" in words:
+        raise ContractError(
+            f"{part.name} is made for a motor's voltage, as its {of_motor[0]} says, and the "
+            f"drive's command is a {units.split('+')[-1]}; expected a part without such values"
+        )
+    return part.in_units(words)
 
 
 def put_into_practice(
@@ -110,7 +147,7 @@ def name_of(part: str | Component) -> str:
     """What to call a part in tables and files; raises as `component` does."""
     if not isinstance(part, str):
         return part.name
-    name = bare(part)
+    name, part = bare(part), without_units(part)[0]
     return component(name).name + part.removeprefix(name) if names_file(name) else part
 
 
@@ -121,6 +158,10 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
     `component` does.
     """
     if isinstance(part, str):
+        plain, units = without_units(part)
+        if units:
+            name, own = kept_as(plain)
+            return name + units.replace("+", "_in_"), (*own, _INSTRUMENTS)
         base, instruments = without_instruments(part)
         if instruments:
             kept = [kept_as(name) for name in (base, *instruments)]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..orchestration.parameter_file import DRIVE, ParameterFile, Value
-from ..records.record import Record
+from ..records.record import FORCE, Record
 from ..records.velocity import INTEGRATED
 from ..solver.nearest import nearest
 from .fit import fit_along
@@ -160,9 +160,9 @@ def _drive_of(mass: float) -> ParameterFile:
     """What is known of a machine of which there are records of force and position only."""
     values = {
         "m": Value(mass, "kg", None, "of the records: between load cell and block"),
-        "gain": Value(1.0, "N/V", None, "the command is the force"),
+        "gain": Value(1.0, "1", None, "the command is the force"),
     }
-    return ParameterFile(kind=DRIVE, plant=values)
+    return ParameterFile(kind=DRIVE, command=FORCE, plant=values)
 
 
 def _each_way(

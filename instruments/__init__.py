@@ -35,6 +35,25 @@ def without_sampling(controller: str) -> tuple[str, bool]:
     return name, name != controller
 
 
+UNITS = {
+    "rotary": {"m": "rad", "N": "N*m", "kg": "kg*m^2"},
+    "current": {"V": "A"},
+    "force": {"V": "N"},
+    "torque": {"V": "N*m"},
+}
+"""Behind the name of a drive or a controller: other words for the units of its equations."""
+
+
+def without_units(part: str) -> tuple[str, str]:
+    """The part of ``part+rotary+torque``, and what stands behind it of `UNITS`, with its signs."""
+    names = part.split("+")
+    first = len(names)
+    while first > 1 and names[first - 1] in UNITS:
+        first -= 1
+    name = "+".join(names[:first])
+    return name, part[len(name) :]
+
+
 def bare(part: str) -> str:
-    """The controller alone of ``controller+sampled+instrument+...``."""
-    return without_sampling(without_instruments(part)[0])[0]
+    """The part alone of ``part+sampled+instrument+...+force``."""
+    return without_sampling(without_instruments(without_units(part)[0])[0])[0]

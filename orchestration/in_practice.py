@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..fmus.catalogue import component
-from ..instruments import INSTRUMENTS, MEASURED, SAMPLED, without_instruments
+from ..instruments import INSTRUMENTS, MEASURED, SAMPLED, without_instruments, without_units
 from ..solver.contract_error import ContractError
 from .fmu_instance import SAMPLE_TIME
 from .parts import Part
@@ -118,10 +118,11 @@ def in_practice(
             f"{controller} is an FMU and gives no equations that could be sampled or measure "
             "through instruments; expected a name or FILE.py:FUNCTION"
         )
-    base, own = without_instruments(controller.name)
+    plain, units = without_units(controller.name)
+    base, own = without_instruments(plain)
     if noise and own:
         raise ContractError(f"{controller} has instruments already; expected {base} alone")
     practice = practice_of(component(base), sampled is not None, noise)
     name = "+".join([base, *[SAMPLED] * practice.sampled, *own, *practice.instruments])
     period = {} if sampled is None else {practice.period: sampled}
-    return Part(name), period, practice.notes
+    return Part(name + units), period, practice.notes

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from ..fmus.catalogue import in_units_of
 from ..fmus.set_point import START_VALUE
-from ..instruments import bare
+from ..instruments import bare, without_units
 from ..plant import DESCRIBED
 from ..solver.kernel import CONTROLLER, PLANT
 from .couplings import Coupling, coupling_named
@@ -149,9 +150,10 @@ class Loop(HowCoupled):
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        plant = resolve_plant(self.plant)
         self._resolve(
-            controller=resolve_controller(self.controller),
-            plant=resolve_plant(self.plant),
+            controller=Part(in_units_of(resolve_controller(self.controller).name, plant.name)),
+            plant=plant,
             reference=as_reference(self.reference),
             stop=check_length("stop", self.stop),
             plant_values=_numbers("plant_values", self.plant_values),
@@ -204,8 +206,10 @@ class Loop(HowCoupled):
         known = plant.settable(values)
         found = list_used(known, values, {**told.plant, **told.found}, source)
         kind, law, own = FMU, "", set(known)
-        if plant.name in DESCRIBED:
-            kind, law = DESCRIBED[plant.name]
+        base, units = without_units(plant.name)
+        command = told.command
+        if base in DESCRIBED:
+            (kind, law), command = DESCRIBED[base], units.removeprefix("+")
         elif self.told is not None and set(told.plant) <= own:
             kind, law, own = told.kind, told.law, set(told.plant)
             if kind != FMU:
@@ -220,6 +224,7 @@ class Loop(HowCoupled):
             told,
             path=None,
             kind=kind,
+            command=command,
             law=law,
             plant={n: v for n, v in found.items() if n in own},
             found={n: v for n, v in found.items() if n not in own},

@@ -24,9 +24,11 @@ if TYPE_CHECKING:
 
 FORMAT = "ballscrew-parameters 1"
 FILE_NAME = "parameters.toml"
-BALL_SCREW, DRIVE, FMU = "ball_screw", "drive", "fmu"
-KINDS = (BALL_SCREW, DRIVE, FMU)
+BALL_SCREW, DRIVE, ROTARY, FMU = "ball_screw", "drive", "rotary_drive", "fmu"
+KINDS = (BALL_SCREW, DRIVE, ROTARY, FMU)
 COMMANDS = ("voltage", "current", "force")
+COMMANDS_OF = {DRIVE: COMMANDS, ROTARY: ("voltage", "current", "torque")}
+"""What the command of a drive may be, by its kind; of others it is theirs."""
 
 
 class BadParameters(ValueError):
@@ -96,9 +98,12 @@ class ParameterFile:
     ----------
     path : Path or None
         Where it was read.
-    kind : {"ball_screw", "drive", "fmu"}
-        What the plant is: ours with a motor, a body on which ``gain*u`` acts, or what is not of the
-        catalogue: anybody's FMU, or a component from a file.
+    kind : {"ball_screw", "drive", "rotary_drive", "fmu"}
+        What the plant is: ours with a motor, a body that slides or turns and on which ``gain*u``
+        acts, or what is not of the catalogue: anybody's FMU, or a component from a file.
+    command : str
+        What `u` of a drive is, one of `COMMANDS_OF`; empty where the file does not say it: a
+        voltage.
     law : str
         Friction law; empty where the file does not say it.
     plant : mapping of str to Value
@@ -124,6 +129,7 @@ class ParameterFile:
     tolerance: Mapping[str, float] = field(default_factory=dict)
     not_identified: Mapping[str, str] = field(default_factory=dict)
     diagnosis: Diagnosed | None = None
+    command: str = ""
 
     @property
     def plant_name(self) -> str:
@@ -139,7 +145,7 @@ class ParameterFile:
                 f"{self.path}: kind is {self.kind!r}, which is no plant of the catalogue; say "
                 "which plant the values are for, by --plant"
             )
-        return plant_of(self.law or DEFAULT_LAW, self.kind)
+        return plant_of(self.law or DEFAULT_LAW, self.kind, self.command or COMMANDS[0])
 
     @property
     def lead(self) -> float | None:
@@ -203,6 +209,7 @@ class ParameterFile:
         import tomli_w
 
         data: dict[str, Any] = {"format": FORMAT, "kind": self.kind}
+        data |= {"command": self.command} if self.command else {}
         data |= {"law": self.law} if self.law else {}
         data |= {"plant": _tables(self.plant)}
         data |= {"found": _tables(self.found)} if self.found else {}

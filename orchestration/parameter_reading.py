@@ -12,6 +12,7 @@ from ..plant import LAWS
 from .parameter_file import (
     BALL_SCREW,
     COMMANDS,
+    COMMANDS_OF,
     FORMAT,
     KINDS,
     BadParameters,
@@ -25,6 +26,7 @@ from .parameter_file import (
 _KEYS = (
     "format",
     "kind",
+    "command",
     "law",
     "plant",
     "found",
@@ -83,7 +85,18 @@ def read_parameters(path: Path | str) -> ParameterFile:
         _numbers(path, "tolerance", data.get("tolerance", {})),
         {name: str(reason) for name, reason in reasons.items()},
         _diagnosed(path, data["diagnosis"]) if "diagnosis" in data else None,
+        _command(path, kind, data["command"]) if "command" in data else "",
     )
+
+
+def _command(path: Path, kind: str, given: Any) -> str:
+    if kind not in COMMANDS_OF:
+        raise BadParameters(
+            f"{path}: has the key command, and a plant of the kind {kind!r} has its own; leave it "
+            f"out, or say kind as one of {', '.join(COMMANDS_OF)}"
+        )
+    command = _choice(path, "command", given, COMMANDS_OF[kind])
+    return "" if command == COMMANDS[0] else command
 
 
 def _toml(path: Path) -> dict[str, Any]:

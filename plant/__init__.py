@@ -17,22 +17,27 @@ DEFAULT_LAW = "modified_lugre"
 """The law of the nominal plant."""
 
 
-NOMINAL = {"ball_screw": "plant", "drive": "drive"}
+NOMINAL = {"ball_screw": "plant", "drive": "drive", "rotary_drive": "rotary_drive"}
 """The plant of each kind with the nominal law; kinds are those of parameter files."""
 
 
-def plant_of(law: str, kind: str = "ball_screw") -> str:
-    """Name of the plant with a law: ``plant`` with the nominal one, else ``plant_<law>``."""
-    return NOMINAL[kind] if law == DEFAULT_LAW else f"{NOMINAL[kind]}_{law}"
+def plant_of(law: str, kind: str = "ball_screw", command: str = "voltage") -> str:
+    """Name of the plant with a law: ``plant`` with the nominal one, else ``plant_<law>``.
+
+    A drive whose command is no voltage has that behind its name, as ``drive_lugre+force``.
+    """
+    name = NOMINAL[kind] if law == DEFAULT_LAW else f"{NOMINAL[kind]}_{law}"
+    return name if command == "voltage" else f"{name}+{command}"
 
 
 DESCRIBED = {plant_of(law, kind): (kind, law) for kind in NOMINAL for law in LAWS}
 """Kind and law of the plants that a parameter file can describe."""
 
-_MODULES = {"ball_screw": "axis", "drive": "direct_drive"}
+_MODULES = {"ball_screw": "axis", "drive": "direct_drive", "rotary_drive": "rotary_drive"}
 PLANTS = {
     "plant": "ballscrew.plant.axis:axis",
     "drive": "ballscrew.plant.direct_drive:drive",
+    "rotary_drive": "ballscrew.plant.rotary_drive:rotary_drive",
     **{
         name: f"ballscrew.plant.{_MODULES[kind]}:{name}"
         for name, (kind, law) in DESCRIBED.items()

@@ -25,8 +25,8 @@ from .law import Law, with_each_law
 from .modified_lugre import modified_lugre
 
 PARAMETERS = (
-    Parameter("m", 1.0, "kg", "mass of all that moves", "Table 2.1, the block's", minimum=1e-6),
-    Parameter("gain", 1.0, "N/V", "force of the drive per volt of command", "one to one"),
+    Parameter("m", 1.0, "kg", "mass of all that moves", "the block's in Table 2.1", minimum=1e-6),
+    Parameter("gain", 1.0, "N/V", "force of the drive per unit of its command", "one to one"),
     Parameter("offset", 0.0, "N", "constant force against motion in +x", "none"),
 )
 
@@ -34,7 +34,9 @@ PARAMETERS = (
 def direct_drive(
     friction: Callable[[sp.Expr], ForceTerm] = modified_lugre, name: str = "direct_drive"
 ) -> Component:
-    """The drive from its command `u` [V] to position `x` [m], with a friction law of choice.
+    """The drive from its command `u` to position `x` [m], with a friction law of choice.
+
+    The command is in V; ``drive+force`` and so on of the catalogue have it in another unit.
 
     Parameters
     ----------
@@ -72,12 +74,12 @@ def bare_direct_drive(
             ),
         ),
         states=(
-            State("x", "m", "position of the block", v, nominal=1e-3),
-            State("v", "m/s", "velocity of the block", nominal=1e-3),
+            State("x", "m", "position of the body", v, nominal=1e-3),
+            State("v", "m/s", "velocity of the body", nominal=1e-3),
         ),
         outputs=(
-            Output("x", "m", "position of the block", x, nominal=0.1),
-            Output("v", "m/s", "velocity of the block", v, nominal=0.1),
+            Output("x", "m", "position of the body", x, nominal=0.1),
+            Output("v", "m/s", "velocity of the body", v, nominal=0.1),
             *inner_outputs(term),
         ),
         balances=(
@@ -101,7 +103,9 @@ def with_command_limit(plant: Component) -> Component:
     """
     u, limit = symbol("u"), symbol("voltage_limit")
     (parameter,) = (p for p in AMPLIFIER if p.name == limit.name)
-    parameter = replace(parameter, meaning="largest command, either sign; 1e6: no limit")
+    (command,) = (i for i in plant.inputs if i.name == u.name)
+    meaning = "largest command, either sign; 1e6: no limit"
+    parameter = replace(parameter, unit=command.unit, meaning=meaning)
     return plant.substituted({u: clip(u, -limit, limit)}, parameters=(*plant.parameters, parameter))
 
 

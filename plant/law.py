@@ -11,18 +11,19 @@ the law to it; whoever needs a steady-state curve or a stiffness takes it from t
 from __future__ import annotations
 
 import importlib
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import sympy as sp
 
-from ..solver.component import Component, ForceTerm
+from ..solver.component import Component, ForceTerm, unit_in
 from . import LAWS
 
 Law = Callable[[sp.Expr], ForceTerm]
+TURNING = {"m": "rad", "N": "N*m", "kg": "kg*m^2"}
+"""Units of a body that turns, by those of one that slides."""
 
 
 @dataclass(frozen=True)
@@ -78,16 +79,15 @@ def law(name: str) -> Law:
 
 def turning(term: ForceTerm) -> ForceTerm:
     """The term of a body that turns: the same numbers in N*m for N and in rad for m."""
-    words = {"N": "N*m", "m": "rad"}
 
-    def unit(text: str) -> str:
-        return re.sub(r"[A-Za-z]+", lambda word: words.get(word[0], word[0]), text)
+    def turned(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(replace(p, unit=unit_in(p.unit, TURNING)) for p in parts)
 
     return replace(
         term,
-        parameters=tuple(replace(p, unit=unit(p.unit)) for p in term.parameters),
-        states=tuple(replace(s, unit=unit(s.unit)) for s in term.states),
-        outputs=tuple(replace(o, unit=unit(o.unit)) for o in term.outputs),
+        parameters=turned(term.parameters),
+        states=turned(term.states),
+        outputs=turned(term.outputs),
     )
 
 

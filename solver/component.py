@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
@@ -30,6 +31,11 @@ def symbol(name: str) -> sp.Symbol:
 
 
 TIME = symbol("t")
+
+
+def unit_in(unit: str, words: Mapping[str, str]) -> str:
+    """A unit with other words in place of its own: ``V*s/m`` is ``N*s/m`` where V is N."""
+    return re.sub("[A-Za-z]+", lambda word: words.get(word[0], word[0]), unit)
 
 
 @dataclass(frozen=True)
@@ -399,6 +405,21 @@ class Component:
     ) -> Component:
         """A copy in which symbols are replaced in every equation, and fields by `changes`."""
         return replace(self, **{**self.equations_with(replacements), **changes})
+
+    def in_units(self, words: Mapping[str, str]) -> Component:
+        """A copy whose units have other words: the same numbers are then of other quantities."""
+
+        def told(thing: Any) -> Any:
+            if isinstance(thing, tuple):
+                return tuple(map(told, thing))
+            if not is_dataclass(thing) or isinstance(thing, type):
+                return thing
+            parts = {f.name: told(getattr(thing, f.name)) for f in fields(thing)}
+            if "unit" in parts:
+                parts["unit"] = unit_in(parts["unit"], words)
+            return replace(thing, **parts)
+
+        return replace(self, **{f.name: told(getattr(self, f.name)) for f in fields(self)})
 
     def prefixed(self, prefix: str) -> Component:
         """A copy whose parameters, states and discrete states are named ``prefix + name``.

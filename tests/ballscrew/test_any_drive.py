@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import fmpy
 import numpy as np
 import pytest
 from diagnosed import run
@@ -11,6 +12,8 @@ from scipy.integrate import solve_ivp
 
 from ballscrew import Loop, read_parameters
 from ballscrew import run as run_loop
+from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.parameter_file import BadParameters
 
 MACHINE = """
 kind = "drive"
@@ -85,6 +88,119 @@ def test_the_file_that_a_run_writes_is_the_machine_again(machine, tmp_path):
     assert values.items() >= {n: v.value for n, v in before.plant.items()}.items()
 
 
+TURNS = """
+kind = "rotary_drive"
+command = "torque"
+law = "lugre"
+
+[plant]
+J = 40.0
+gain = 100.0
+offset = 15.0
+sigma0 = 1e7
+sigma1 = 2e4
+sigma2 = 200.0
+Fc = 80.0
+Fs = 110.0
+Vs = 0.01
+
+[controller.pid]
+Kp = 400.0
+Ki = 300.0
+Kd = 60.0
+"""
+
+
+def loop_of(file, stop=STOP):
+    return Loop(
+        "pid",
+        file.plant_name,
+        SET_POINT,
+        stop,
+        {n: v.value for n, v in file.plant.items()},
+        {n: v.value for n, v in file.controllers["pid"].items()},
+        told=file,
+        step=1e-4,
+    )
+
+
+def test_a_body_that_turns_has_the_same_numbers_in_angles_and_torques(tmp_path):
+    path = tmp_path / "turns.toml"
+    path.write_text(TURNS, encoding="utf-8")
+    found = run_loop(loop_of(read_parameters(path))).run
+    assert found.outputs["x"] == pytest.approx(integrated(found.time), abs=2e-8)
+    units = {n: found.units[n] for n in ("x", "v", "friction", "u")}
+    assert units == {"x": "rad", "v": "rad/s", "friction": "N*m", "u": "N*m"}
+
+
+def test_what_a_run_of_such_a_body_writes_is_that_body_again(tmp_path):
+    path = tmp_path / "turns.toml"
+    path.write_text(TURNS, encoding="utf-8")
+    loop = loop_of(read_parameters(path), stop=0.01)
+    run_loop(loop)
+    loop.parameters().save(tmp_path / "again")
+    again = read_parameters(tmp_path / "again" / "parameters.toml")
+    assert (again.kind, again.command, again.law) == ("rotary_drive", "torque", "lugre")
+    assert again.plant["J"].unit == "kg*m^2"
+    assert again.controllers.keys() == {"pid"}
+
+
+@pytest.mark.parametrize(("command", "unit"), [("voltage", "V"), ("current", "A"), ("force", "N")])
+def test_fmus_of_a_machine_have_the_unit_of_its_command(tmp_path, command, unit):
+    """Plant and controller alike, so that other tools connect them without a conversion."""
+    path = tmp_path / "machine.toml"
+    path.write_text(f'command = "{command}"' + MACHINE, encoding="utf-8")
+    names, out = ("drive_lugre", "pid"), tmp_path / "fmus"
+    assert run("export", "--only", *names, "--params", path, "--out", out)[0] == 0
+    units = {}
+    for name in names:
+        for v in fmpy.read_model_description(str(out / f"{name}.fmu")).modelVariables:
+            units[name, v.name] = v.unit
+    assert units["drive_lugre", "u"] == units["pid", "u"] == unit
+    assert units["drive_lugre", "gain"] == f"N/{unit}"
+    assert units["pid", "Kp"] == f"{unit}/m"
+
+
+def test_a_controller_behind_instruments_has_the_units_of_a_drive_that_turns():
+    part = component("pid+sampled+position_encoder+rotary+torque")
+    units = {p.name: p.unit for p in (*part.inputs, *part.all_outputs)}
+    assert (units["x"], units["x_d"], units["u"]) == ("rad", "rad", "N*m")
+
+
+def test_a_controller_with_values_of_a_motor_is_refused_where_the_command_is_a_force(
+    machine, tmp_path
+):
+    machine.write_text('command = "force"' + MACHINE, encoding="utf-8")
+    code, _, said = run("run", "--controller", "iol", "--params", machine, "--out", tmp_path / "o")
+    assert code == 2
+    assert "made for a motor's voltage" in said
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "command", "says"),
+    [
+        ("drive", "torque", "expected one of voltage, current, force"),
+        ("rotary_drive", "force", "expected one of voltage, current, torque"),
+        ("ball_screw", "force", "has its own"),
+    ],
+)
+def test_a_command_that_is_none_of_the_kind_s_is_refused(tmp_path, kind, command, says):
+    path = tmp_path / "machine.toml"
+    path.write_text(f'kind = "{kind}"\ncommand = "{command}"\n', encoding="utf-8")
+    with pytest.raises(BadParameters, match=says):
+        read_parameters(path)
+
+
+def test_a_record_with_another_command_than_the_file_says_is_refused(machine, tmp_path):
+    machine.write_text('command = "current"' + MACHINE, encoding="utf-8")
+    record = write_record(tmp_path / "record.csv")
+    columns = ("--map", "force=u", "--unit", "u=N")
+    code, _, said = run("diagnose", record, *columns, "--params", machine, "--out", tmp_path / "o")
+    assert code == 2
+    assert "u is a force, and the drive's command is a current" in said
+
+
 RANDOM = np.random.default_rng(3)
 
 
@@ -120,7 +236,8 @@ def identified(tmp_path_factory):
 def test_what_is_identified_from_records_of_ones_own_is_a_machine(identified):
     """Records of force and position are of a drive: the mass is theirs, the command the force."""
     file = read_parameters(identified / "parameters.toml")
-    assert (file.kind, file.plant["m"].value, file.plant["gain"].value) == ("drive", 40.0, 1.0)
+    assert (file.kind, file.command, file.plant["m"].value) == ("drive", "force", 40.0)
+    assert (file.plant["gain"].value, file.plant["gain"].unit) == (1.0, "1")
     assert file.plant["Fc"].value == pytest.approx(80.0, rel=0.02)
     assert file.plant["sigma2"].value == pytest.approx(200.0, rel=0.05)
 
