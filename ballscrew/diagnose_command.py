@@ -226,11 +226,11 @@ def _closed_loop(result: Diagnosis, extension: _Extension) -> ClosedLoopSection:
     from .diagnosis.diagnosis_report import ClosedLoopSection
     from .diagnosis.with_causes import with_causes
 
-    if not result.prior.has_motor:
-        return ClosedLoopSection(None, _OWN_GAINS)
     if extension.plant is None:
         because = extension.because or "No cause was named, so the closed loop stays as it is."
         return ClosedLoopSection(None, because)
+    if not result.prior.has_motor:
+        return ClosedLoopSection(None, _OWN_GAINS)
     try:
         prior_model = with_causes(result.prior, [])
         return ClosedLoopSection(closed_loop_effect(prior_model, extension.plant))

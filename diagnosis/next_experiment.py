@@ -24,7 +24,7 @@ from .modelled_record import lay_along, with_own_offsets
 from .scores import OUTSIDE
 from .sets import Likely
 from .signals import entry
-from .study import Study, base_columns
+from .study import Study, base_columns, told_of
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -125,12 +125,9 @@ def _apart(study: Study, columns: Matrix, weights: Vector, spread: Vector) -> fl
     used = np.flatnonzero(study.bands.used)
     all_ = products(lines, lines)[:, used].sum(axis=0)
     inner = np.einsum("b,bij->ij", weights, all_)
-    at = np.arange(1, len(inner))
-    inner[at[: len(spread)], at[: len(spread)]] += spread**-2.0
-    inner[at, at] *= 1.0 + 1e-9
-    inner[at, at] += 1e-30
-    cross = inner[1:, 0]
-    return float(0.5 * (inner[0, 0] - cross @ np.linalg.solve(inner[1:, 1:], cross)))
+    precision = np.zeros(len(inner) - 1)
+    precision[: len(spread)] = spread**-2.0
+    return float(0.5 * told_of(inner, np.array([0]), precision)[0, 0])
 
 
 def trial_for(cause: str) -> str:

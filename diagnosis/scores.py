@@ -20,7 +20,17 @@ from .causes.cause import Shape, Smaller
 from .modelled_record import ModelledRecord
 from .nonparametric import rivals
 from .signals import SIGNALS
-from .study import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products, trusted
+from .study import (
+    Fit,
+    Priors,
+    Study,
+    base_columns,
+    base_fit,
+    fitted,
+    noise_products,
+    told_of,
+    trusted,
+)
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -231,14 +241,9 @@ class Catalogue:
         products = self._products([form], ())[:, :, 0].sum(axis=0)
         inner = np.einsum("bij,b->ij", products, 1.0 / variance)[1:, 1:]
         priors = self._stated([form])
-        mine = own_columns(form)
-        chosen = np.arange(len(inner))[mine]
-        others = np.setdiff1d(np.arange(len(inner)), chosen)
-        at = np.arange(len(others))
-        free = inner[np.ix_(others, others)]
-        free[at, at] += priors.precision[others] + 1e-9 * (free[at, at] + 1e-30)
-        cross = inner[np.ix_(others, chosen)]
-        left = inner[np.ix_(chosen, chosen)] - cross.T @ np.linalg.solve(free, cross)
+        columns = np.arange(len(inner))
+        chosen = columns[own_columns(form)]
+        left = told_of(inner, chosen, np.delete(priors.precision, chosen))
         return np.asarray(np.maximum(np.diag(left), 0.0))
 
     def force_of(self, suspect: Suspect) -> float:

@@ -371,6 +371,29 @@ def noise_products(study: Study, columns: Sequence[Matrix], own: Array) -> Array
     return np.asarray(noise)
 
 
+def told_of(inner: Matrix, chosen: npt.NDArray[np.int64], precision: Vector) -> Matrix:
+    """What normal equations tell of some amplitudes, all others fitted: a Schur complement.
+
+    Parameters
+    ----------
+    inner : ndarray, shape (n, n)
+        Products of the columns, in units of their noise.
+    chosen : ndarray of int, shape (m,)
+    precision : ndarray, shape (n - m,)
+        Of what the others are known with before, in the order that they have.
+
+    Returns
+    -------
+    ndarray, shape (m, m)
+    """
+    others = np.setdiff1d(np.arange(len(inner)), chosen)
+    at = np.arange(len(others))
+    free = inner[np.ix_(others, others)]
+    free[at, at] += precision + 1e-9 * (free[at, at] + 1e-30)
+    cross = inner[np.ix_(others, chosen)]
+    return np.asarray(inner[np.ix_(chosen, chosen)] - cross.T @ np.linalg.solve(free, cross))
+
+
 def _within(tolerance: float, change: float) -> float:
     """A change that is no larger than the tolerance: shapes are taken around values that can be."""
     return min(max(change, -tolerance), tolerance)
