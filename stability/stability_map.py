@@ -19,7 +19,7 @@ import numpy as np
 
 from ..orchestration.kept_parts import KeptParts
 from ..orchestration.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
-from ..orchestration.loop import Loop
+from ..orchestration.loop import Loop, table_of
 from ..orchestration.run_folder import write_run
 from ..solver.files import write_json
 from ..solver.tables import table_path
@@ -31,6 +31,7 @@ from .fmu_cell import check_parts
 from .fmu_parts import over_fmus
 from .map_pictures import save_map_picture
 from .map_plan import (
+    Axis,
     BadMap,
     MapPlan,
     kernel_of,
@@ -75,11 +76,27 @@ def plan_map(
     except UnsupportedComponent as error:
         raise BadMap(f"exponents: {error}") from error
     axes = read_axis(x, loop), read_axis(y, loop)
+    loop = _without_told(loop, axes)
     plan = MapPlan(loop, *axes, exponents, tolerance, fmus=fmus)
     plan.check()
     if fmus is not None:
         check_parts(plan, fmus)
     return plan
+
+
+def _without_told(loop: Loop, axes: Sequence[Axis]) -> Loop:
+    """The loop without the values that its parameter file has for the axes, which run over them."""
+    if loop.told is None:
+        return loop
+    plant = {**loop.told.plant, **loop.told.found}
+    controller = loop.told.controllers.get(table_of(loop.told, loop.controller), {})
+    told = {"plant": plant, "controller": controller}
+    values = {"plant": dict(loop.plant_values), "controller": dict(loop.controller_values)}
+    for axis in axes:
+        said = told.get(axis.side, {}).get(axis.parameter)
+        if said is not None and values[axis.side].get(axis.parameter) == said.value:
+            del values[axis.side][axis.parameter]
+    return replace(loop, plant_values=values["plant"], controller_values=values["controller"])
 
 
 def make_map(

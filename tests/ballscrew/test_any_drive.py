@@ -201,6 +201,18 @@ def test_a_record_with_another_command_than_the_file_says_is_refused(machine, tm
     assert "u is a force, and the drive's command is a current" in said
 
 
+def test_an_axis_of_a_map_runs_over_a_value_of_the_file(machine, tmp_path):
+    """What the file says is the usual value; one that --set gives clashes with an axis."""
+    axes = ("--x", "plant.Fc=60:100:2", "--y", "controller.Kp=300:500:2")
+    loop = ("map", "--controller", "pid", "--params", machine, *axes, "--stop", "0.2")
+    code, printed, _ = run(*loop, "--json", "--out", tmp_path / "map")
+    assert code == 0
+    assert json.loads(printed)["cells"] == 4
+    code, _, said = run(*loop, "--set", "plant.Fc=70", "--out", tmp_path / "other")
+    assert code == 2
+    assert "plant.Fc is given a value and is an axis" in said
+
+
 RANDOM = np.random.default_rng(3)
 
 
