@@ -57,7 +57,7 @@ def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
         alike = _alike(found, told, motion)
         if alike:
             says += "; nor will this motion tell " + ", ".join(f"{a} from {b}" for a, b in alike)
-            says += f": {entry(alike[0][0]).confirm}"
+            says += f", and either corrects the model alike: {entry(alike[0][0]).confirm}"
     return NextExperiment(says, motion, trial_for(told[0].name if told else UNNAMED))
 
 

@@ -131,3 +131,21 @@ def test_records_of_which_each_has_a_phase_of_its_own_are_asked_for_one_more():
     asked = found.next_experiment
     assert "these records cannot tell" in asked.says
     assert np.abs(asked.motion.values).max() <= 0.012
+
+
+def test_what_no_motion_of_this_kind_tells_apart_is_said_and_that_the_correction_is_the_same():
+    """A load of 8 N, and friction that is 16 N more one way and 8 N less in all, as it may be."""
+    random, time = np.random.default_rng(1), np.arange(0.0, 8.0, 1e-3)
+    x = 0.1 * np.sin(2.0 * time) + 0.01 * np.sin(9.0 * time)
+    v = 0.2 * np.cos(2.0 * time) + 0.09 * np.cos(9.0 * time)
+    a = -0.4 * np.sin(2.0 * time) - 0.81 * np.sin(9.0 * time)
+    u = 40.0 * a + 80.0 * np.sign(v) + 200.0 * v + 8.0 + random.standard_normal(len(time))
+    values = {"m": 40.0, "gain": 1.0, "offset": 0.0, "Fc": 80.0, "Fs": 80.0, "sigma2": 200.0}
+    believed = Drive("drive", "classical", values | {"Vs": 0.01}, {"Fc": 0.1, "sigma2": 0.1})
+    record = check_record("made", {"time": time, "x": x, "u": u}, "force")
+    found = diagnose_records([record], believed)
+    members = {c.name for c in found.causes} | {s.name for s in found.suspects}
+    assert {"load_bias", "direction_asymmetry"} <= members
+    says = found.next_experiment.says
+    pair = "load_bias from direction_asymmetry|direction_asymmetry from load_bias"
+    assert re.search(f"nor will this motion tell ({pair}), and either corrects the model", says)
