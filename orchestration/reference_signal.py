@@ -23,11 +23,15 @@ TERMS = 8
 ROUND_OFF = 1e-9  # of a step: times closer to each other are one
 
 _COLUMNS = (SET_POINT, *DERIVATIVES)
-_SI = {"m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "mm/s^2": 1e-3, "rad/s^2": 1.0}
 _MEASURES = dict(
     zip(
         ("time", *_COLUMNS),
-        (("time",), ("length", "angle"), ("velocity", "angular velocity"), ("acceleration",)),
+        (
+            ("time",),
+            ("length", "angle"),
+            ("velocity", "angular velocity"),
+            ("acceleration", "angular acceleration"),
+        ),
         strict=True,
     )
 )
@@ -254,7 +258,7 @@ def _size(path: Path | str, name: str, unit: str) -> float:
     """What makes SI of a column."""
     if unit in NO_UNIT:
         return 1.0
-    known = {u: f for quantity in _MEASURES[name] for u, f in UNITS.get(quantity, _SI).items()}
+    known = {u: f for quantity in _MEASURES[name] for u, f in UNITS[quantity].items()}
     if spell(unit) not in known:
         raise BadReference(f"{path}: {name} is in {unit!r}, expected one of {', '.join(known)}")
     return known[spell(unit)]

@@ -35,6 +35,8 @@ UNITS = {
         "in/s": 0.0254,
         "ft/s": 0.3048,
     },
+    "acceleration": {"m/s^2": 1.0, "mm/s^2": 1e-3},
+    "angular acceleration": {"rad/s^2": 1.0},
     "angular velocity": {
         "rad/s": 1.0,
         "deg/s": math.pi / 180,
@@ -54,6 +56,11 @@ NO_UNIT = ("", "-", "1")
 """What stands for no unit, or for one that nobody says."""
 _SPELLINGS = {
     "sec": "s",
+    "m/s2": "m/s^2",
+    "m/s²": "m/s^2",
+    "mm/s2": "mm/s^2",
+    "mm/s²": "mm/s^2",
+    "rad/s2": "rad/s^2",
     "µs": "us",
     "µm": "um",
     "µm/s": "um/s",
