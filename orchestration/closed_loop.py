@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..fmus.catalogue import NAMES
+from ..fmus.law_ports import reference_port
 from ..fmus.reading import Description
 from ..fmus.set_point import SET_POINT
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
@@ -22,7 +23,7 @@ from .limits import FIRST_STEP
 from .loop import HowCoupled, Loop
 from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
-from .parts import check_names
+from .parts import Part, check_names
 from .port_units import convert
 from .sampling import UnknownPeriod, sampling_period
 from .state_trial import check_state
@@ -174,9 +175,10 @@ def _units(
 def _connection_notes(loop: Loop, plant: _Fmu, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:
     """Notes of inputs that nothing drives, and of one that is taken for the set-point."""
     notes = []
+    acts = [name for name in wiring.unconnected if _acts(loop.controller, name)]
     for side, label, free, values in (
         (plant, loop.plant.label, wiring.of_plant, loop.plant_values),
-        (controller, loop.label, wiring.unconnected, loop.controller_values),
+        (controller, loop.label, acts, loop.controller_values),
     ):
         starts = {v.name: v.start or 0.0 for v in side.description.variables}
         notes += [
@@ -193,6 +195,15 @@ def _connection_notes(loop: Loop, plant: _Fmu, controller: _Fmu, wiring: Wiring)
         if order == 0 and called[name] != SET_POINT
     ]
     return tuple(notes)
+
+
+def _acts(controller: Part, name: str) -> bool:
+    """Whether an input of a controller does anything, beyond what its law reports of it."""
+    if not controller.has_equations or controller.kernel.discrete:
+        return True
+    reported = reference_port("", name)
+    outputs = controller.kernel.outputs
+    return any(name in o.uses for o in outputs if not o.name.endswith(reported))
 
 
 def _meet_samples(
