@@ -64,6 +64,7 @@ prove: $(VENV)/installed
 # Tools of others, each in an environment of its own that pip fills.
 tools: $(VENV)/installed
 	$(BIN)/python proofs/tools.py
+	$(BIN)/python proofs/modelica.py
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/start.py

@@ -164,7 +164,7 @@ def export(
         A name, a file's function (``mine.py:pi``), or a component.
     path : path-like
         The file to write; replaced as a whole or not at all. A name in ``.ssp`` means a system: the
-        controller `part` and its plant, wired.
+        controller `part` and its plant, wired; one in ``.mo`` Modelica to read and to change.
     native : bool
         Whether it holds compiled C, and needs no Python on the host; else it holds readable Python.
     fmi : {2, 3}

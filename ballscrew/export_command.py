@@ -42,7 +42,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "  ballscrew export --native --platforms linux64,win64 --out native\n"
         "  ballscrew export --loop iol --native --out loops\n"
         "  ballscrew export --loop pid --plant mine.py:axis --out loops\n"
-        "  ballscrew export --component mine.py:pi --native --out native\n",
+        "  ballscrew export --component mine.py:pi --native --out native\n"
+        "  ballscrew export --modelica --component plant pid --out modelica\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--out", required=True, type=out_folder, metavar="DIR")
@@ -86,6 +87,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         help="with --variational: tangents, as many as the loop has states (default 5)",
     )
     parser.add_argument(
+        "--modelica",
+        action="store_true",
+        help="write Modelica to read and to change, NAME.mo, of parts or with --loop of a loop "
+        "without events, samples and delays",
+    )
+    parser.add_argument(
         "--native",
         action="store_true",
         help="write FMUs of compiled C, for hosts without Python; with --variational, --loop or "
@@ -122,6 +129,9 @@ def export(options: argparse.Namespace) -> int:
         raise BadRequest("--variational and --ssp: expected one of them")
     if options.tangents is not None and not options.variational:
         raise BadRequest("--tangents makes no sense without --variational")
+    for other in ("native", "ssp", "variational"):
+        if options.modelica and getattr(options, other):
+            raise BadRequest(f"--modelica and --{other}: expected one of them")
     tangents = read_whole_number("--tangents", options.tangents or "5", 1, 12)
     platforms = _read_native(options)
     prepare_folder(options.out)
@@ -141,7 +151,7 @@ def export(options: argparse.Namespace) -> int:
     from .solver.tape import UnsupportedComponent
 
     kind = "_variational" if options.variational else "_loop" if options.loop else ""
-    ending = ".ssp" if options.ssp else f"{kind}.fmu"
+    ending = ".ssp" if options.ssp else kind + (".mo" if options.modelica else ".fmu")
     with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
         for name in names:
             tell_export(names, name)
@@ -157,7 +167,7 @@ def export(options: argparse.Namespace) -> int:
             except CompilerFailed as error:
                 print(f"ballscrew: {error}", file=sys.stderr)
                 return BAD_REQUEST
-            if not (options.ssp or options.variational):
+            if not (options.ssp or options.variational or options.modelica):
                 _add_reference(kernel, target)
             print(target)
             print_notes(filter(None, [made.note]))

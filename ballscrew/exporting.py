@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
     from .solver.kernel import Kernel
 
-SYSTEM = ".ssp"
+SYSTEM, MODELICA = ".ssp", ".mo"
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class Export:
         part = in_units_of(part, described)
         if part == without_units(described)[0]:
             part = described
+        if path.suffix == MODELICA:
+            return self._write_modelica(part, path)
         if path.suffix != SYSTEM:
             return self._write_fmu(part, path)
         from .fmus.system_export import export_system
@@ -59,6 +61,21 @@ class Export:
             alone._write_fmu(name, place, in_system=True)
         export_system(plant, made.path, path, name=name_of(part), instruments=between)
         return replace(made, path=path), kernel
+
+    def _write_modelica(self, part: str, path: Path) -> tuple[NativeFmu, Kernel]:
+        from .fmus import catalogue
+        from .fmus.interface import START
+        from .fmus.modelica import modelica
+        from .fmus.native.export import NativeFmu
+        from .solver.files import write_atomically
+
+        kernel = catalogue.fmu_kernel(part, self.plant)
+        kernel = kernel_with_values(self.params, part, kernel, self.plant)
+        starts = {p.name: p.default for p in kernel.parameters}
+        starts |= {s.name + START: s.start for s in kernel.states}
+        whole = catalogue.loop(part, self.plant) if self.plant else catalogue.component(part)
+        write_atomically(path, modelica(whole, starts).encode())
+        return NativeFmu(path, (), ()), kernel
 
     def _described(self) -> str:
         """The plant that the parameter file is of, in its own units; empty where there is none."""

@@ -84,6 +84,7 @@ DEPENDS_ON = {
         "tests/support/exchange_courses.py",
     ),
     "tools": (*LOOP, "proofs/tools.py", "proofs/hosts"),
+    "modelica": ("solver", "plant", "controllers", "fmus/modelica.py", "proofs/modelica.py"),
     "interrupts": (
         "ballscrew orchestration/run_folder.py orchestration/end_with_parent.py "
         "orchestration/isolated.py orchestration/workers.py "
@@ -110,6 +111,7 @@ SHOWS = {
     "swap_study": "equal controllers are seldom called different, one a tenth worse mostly is",
     "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
     "tools": "eight tools of others run the exported files as they are",
+    "modelica": "two compilers of others solve the written Modelica as our solver does",
     "interrupts": "interrupted and killed commands end in time and leave the run before whole",
 }
 

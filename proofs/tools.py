@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import venv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -135,13 +135,13 @@ def reference(controller: str) -> np.ndarray:
     return course.y[[s.name for s in kernel.states].index("plant_x")]
 
 
-def python_of(tool: str, folder: Path) -> Path:
+def python_of(tool: str, folder: Path, packages: Sequence[str]) -> Path:
     """The interpreter of a tool's environment, made if it is not there."""
     home = folder / tool
     if not (home / "ready").is_file():
         venv.create(home, with_pip=True, clear=True)
         pip = [home / "bin" / "python", "-m", "pip", "install", "--quiet"]
-        subprocess.run([*pip, "--disable-pip-version-check", *PACKAGES[tool]], check=True)
+        subprocess.run([*pip, "--disable-pip-version-check", *packages], check=True)
         (home / "ready").touch()
     return home / "bin" / "python"
 
@@ -182,7 +182,7 @@ def main() -> int:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for tool in options.only:
-            python = python_of(tool, options.environments.resolve())
+            python = python_of(tool, options.environments.resolve(), PACKAGES[tool])
             for job in (j for j in jobs() if j.tool == tool):
                 row = run(job, Path(folder), python)
                 print(json.dumps(row), flush=True)

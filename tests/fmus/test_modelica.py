@@ -1,0 +1,238 @@
+"""Modelica of a component says what the component does; read here by a reader of its own."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+import sympy as sp
+from diagnosed import run
+
+from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
+from ballscrew.fmus.modelica import modelica
+from ballscrew.solver.component import Component, Output, Parameter, State, symbol
+from ballscrew.solver.contract_error import ContractError
+from ballscrew.solver.kernel import Model
+
+FUNCTIONS = {n: getattr(math, n) for n in ("exp", "sin", "cos", "tan", "atan", "tanh", "sqrt")}
+FUNCTIONS |= {"abs": abs, "max": max, "min": min, "log": math.log, "floor": math.floor}
+FUNCTIONS |= {"sign": np.sign, "ceil": math.ceil, "mod": lambda a, b: a - b * math.floor(a / b)}
+TOKEN = re.compile(r"\s*(\d+\.?\d*(?:e[-+]?\d+)?|\w+|<=|>=|<>|==|[-+*/^(),<>])")
+
+
+class Reader:
+    """Modelica's expressions by its grammar, as numbers (Modelica Language Specification, 3.2)."""
+
+    def __init__(self, text, known):
+        self.tokens, self.known = TOKEN.findall(text), known
+
+    def take(self, *words):
+        if self.tokens and self.tokens[0] in words:
+            return self.tokens.pop(0)
+        return ""
+
+    def expression(self):
+        if not self.take("if"):
+            return self.disjunction()
+        condition = self.expression()
+        assert self.take("then")
+        value = self.expression()
+        if self.tokens[0] == "elseif":
+            self.tokens[0] = "if"
+        else:
+            assert self.take("else")
+        other = self.expression()
+        return value if condition else other
+
+    def disjunction(self):
+        value = self.conjunction()
+        while self.take("or"):
+            value = self.conjunction() or value
+        return value
+
+    def conjunction(self):
+        value = self.negation()
+        while self.take("and"):
+            value = self.negation() and value
+        return value
+
+    def negation(self):
+        return not self.relation() if self.take("not") else self.relation()
+
+    def relation(self):
+        left = self.total()
+        sign = self.take("<", ">", "<=", ">=", "==", "<>")
+        if not sign:
+            return left
+        right = self.total()
+        return {"<": left < right, ">": left > right, "<=": left <= right, ">=": left >= right}[
+            sign
+        ]
+
+    def total(self):
+        sign = self.take("+", "-")
+        value = -self.product() if sign == "-" else self.product()
+        while sign := self.take("+", "-"):
+            value += self.product() if sign == "+" else -self.product()
+        return value
+
+    def product(self):
+        value = self.power()
+        while sign := self.take("*", "/"):
+            value = value * self.power() if sign == "*" else value / self.power()
+        return value
+
+    def power(self):
+        value = self.primary()
+        return value ** self.primary() if self.take("^") else value
+
+    def primary(self):
+        word = self.tokens.pop(0)
+        if word == "(":
+            value = self.expression()
+            assert self.take(")")
+            return value
+        if word in ("true", "false"):
+            return word == "true"
+        if word in FUNCTIONS and self.take("("):
+            given = [self.expression()]
+            while self.take(","):
+                given.append(self.expression())
+            assert self.take(")")
+            return FUNCTIONS[word](*given)
+        return float(word) if word[0].isdigit() else self.known[word]
+
+
+def equations(text):
+    """Left and right sides, in the order of the text."""
+    body = text.partition("\nequation\n")[2].partition("  annotation")[0]
+    sides = [part.split(" = ", 1) for part in body.replace("\n", " ").split(";") if part.strip()]
+    return {left.strip(): right for left, right in sides}
+
+
+def declared(text):
+    """Values of parameters and constants."""
+    found = re.findall(
+        r"^  (?:parameter|constant) Real (\w+)(?:\(.*?\))? = ([-\d.e+]+)", text, re.M
+    )
+    return {name: float(value) for name, value in found}
+
+
+def evaluated(text, known):
+    """All left sides, each as soon as what it needs is known."""
+    known = {**declared(text), **known}
+    left = equations(text)
+    while left:
+        done = []
+        for name, right in left.items():
+            try:
+                known[name] = Reader(right, known).expression()
+                done.append(name)
+            except KeyError:
+                continue
+        assert done, left
+        left = {n: r for n, r in left.items() if n not in done}
+    return known
+
+
+def has_no_instants(name):
+    part = component(name)
+    return not (part.modes or part.discrete or part.delays)
+
+
+CONTINUOUS = [n for n in NAMES if has_no_instants(n)]
+
+
+@pytest.mark.parametrize("name", CONTINUOUS)
+def test_the_equations_are_those_that_the_solver_has(name):
+    text = modelica(component(name))
+    model = Model(fmu_kernel(name))
+    random = np.random.default_rng(5)
+    nominal = np.array([s.nominal for s in model.kernel.states])
+    for _ in range(5):
+        x = nominal * random.normal(size=len(nominal)) * 10.0 ** random.uniform(-1, 1)
+        known = {s.name: v for s, v in zip(model.kernel.states, x.tolist(), strict=True)}
+        for i in component(name).inputs:
+            known[i.name] = value = float(i.nominal * random.normal())
+            model.set_input(i.name, value)
+        found = evaluated(text, {**known, "time": 0.0})
+        rates = model.derivatives(0.0, x)
+        for s, rate in zip(model.kernel.states, rates, strict=True):
+            assert found[f"der({s.name})"] == pytest.approx(rate, rel=1e-9, abs=1e-12)
+        outputs = model.outputs(0.0, x)
+        for o in component(name).all_outputs:
+            assert found[o.name] == pytest.approx(outputs[o.name], rel=1e-9, abs=1e-12)
+
+
+def test_units_and_meanings_stand_in_it_as_modelica_spells_them():
+    text = modelica(component("plant"))
+    assert 'parameter Real Jm(unit="kg.m2", min=0.0) = 0.0 "rotor inertia' in text
+    assert 'input Real u(unit="V", start=0.0, nominal=10.0) "motor terminal voltage";' in text
+    start = (
+        'output Real x(unit="m", start=x_start, fixed=true, nominal=0.001) "position of the block"'
+    )
+    assert start in text
+
+
+@pytest.mark.parametrize(
+    ("name", "what"), [("plant_classical", "modes"), ("pid_sampled", "samples")]
+)
+def test_what_happens_at_instants_is_refused(name, what):
+    with pytest.raises(ContractError, match=f"{name} has {what}, of which no Modelica is written"):
+        modelica(component(name))
+
+
+def test_a_name_that_is_a_word_of_modelica_is_refused():
+    state = State("x", "m", "place", -symbol("end") * symbol("x"))
+    part = Component(
+        "fall", "A fall", (Parameter("end", 1.0, "1/s", "rate", "made"),), states=(state,)
+    )
+    with pytest.raises(ContractError, match="end is a word of Modelica"):
+        modelica(part)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        sp.Max(symbol("x"), 0.3, -symbol("x")),
+        sp.Heaviside(symbol("x")),
+        sp.Mod(symbol("x"), 0.7),
+        sp.asinh(symbol("x")) + sp.coth(symbol("x") + 3),
+        sp.Piecewise((1, sp.And(symbol("x") > 0, symbol("x") < 1)), (symbol("x") ** -2, True)),
+        sp.Piecewise((1, sp.Or(symbol("x") > 1, sp.Not(symbol("x") > -1))), (0, True)),
+        (symbol("x") ** 2) ** sp.Rational(1, 3) - sp.sqrt(sp.Abs(symbol("x"))),
+        -(symbol("x") ** 2) / (1 - symbol("x") / 3) / sp.exp(-symbol("x")),
+    ],
+)
+@pytest.mark.parametrize("at", [-1.7, 0.4, 2.1])
+def test_every_form_of_expression_has_its_value(value, at):
+    part = Component(
+        "made",
+        "Made",
+        states=(State("x", "m", "place", -symbol("x")),),
+        outputs=(Output("y", "1", "value", value),),
+    )
+    expected = float(value.subs(symbol("x"), at))
+    assert evaluated(modelica(part), {"x": at})["y"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_command_writes_parts_and_loops_with_the_values_of_a_file(tmp_path):
+    file = tmp_path / "axis.toml"
+    file.write_text("[plant]\nm = 2.5\nx_start = 0.01\n[controller.pid]\nKp = 300\n")
+    given = ("--modelica", "--params", file)
+    assert run("export", *given, "--component", "plant", "pid", "--out", tmp_path / "parts")[0] == 0
+    plant = declared((tmp_path / "parts" / "plant.mo").read_text())
+    assert (plant["m"], plant["x_start"]) == (2.5, 0.01)
+    assert declared((tmp_path / "parts" / "pid.mo").read_text())["Kp"] == 300.0
+    assert run("export", *given, "--loop", "pid", "--out", tmp_path / "loop")[0] == 0
+    text = (tmp_path / "loop" / "pid_loop.mo").read_text()
+    assert text.startswith("model pid_loop ")
+    assert declared(text)["controller_Kp"] == 300.0
+
+
+def test_the_command_refuses_modelica_with_what_makes_fmus(tmp_path):
+    code, _, said = run("export", "--modelica", "--native", "--out", tmp_path / "out")
+    assert code == 2
+    assert "--modelica and --native: expected one of them" in said
