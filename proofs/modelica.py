@@ -1,4 +1,4 @@
-"""Proof: two Modelica compilers of others solve what ``export --modelica`` writes as our solver does.
+"""Proof: two Modelica compilers of others solve what we write of components as our solver does.
 
 Every component of the catalogue without events, its inputs sines of time, for one second; and the
 loops of an axis and controllers that were written in Modelica by another hand, where that file is
