@@ -17,6 +17,7 @@ from ..records.identifiable import check_identifiable
 from ..records.reading import read_drive_records
 from ..records.record import CURRENT, Record
 from .balance import Added, balance
+from .bands import AROUND_REST
 from .blocks import Blocks
 from .causes import CAUSES
 from .commanded import by_current, commanded
@@ -102,37 +103,38 @@ class _Extra:
 
 @dataclass(frozen=True)
 class _Found:
-    """What one model leaves, the records end to end, shape (n,); `position` may not be known."""
+    """What one model leaves, the records end to end, shape (n,); not all have a prediction."""
 
     force: Vector
     required: Vector
     counted: Mask
+    predict: Callable[[Sequence[ModelledRecord]], Vector]
     predicted: Vector | None
-    again: Vector | None
     why: str
 
 
 def _along(courses: Sequence[ModelledRecord], model: Drive, extra: _Extra) -> _Found:
-    """What a model leaves of the records; `again` is predicted of the motion read anew."""
+    """What a model leaves of the records."""
     added = extra.added
     required = [_required(c, model, u) for c, u in zip(courses, added.command, strict=True)]
     left = residual(courses, model, added)
     beyond = [
-        _beyond_stiction(c, model, *f) for c, *f in zip(courses, required, added.force, strict=True)
+        _beyond_stiction(c, model, *forces)
+        for c, *forces in zip(courses, required, added.force, strict=True)
     ]
-    force = np.where(np.concatenate([c.rests for c in courses]), np.concatenate(beyond), left.force)
-    predicted = again = None
-    why = ""
+    rests = np.concatenate([c.rests for c in courses])
+    force = np.where(rests, np.concatenate(beyond), left.force)
+    predictor = Predictor(model, extra.built)
+
+    def predict(them: Sequence[ModelledRecord]) -> Vector:
+        return np.concatenate([predictor(c, u) for c, u in zip(them, added.command, strict=True)])
+
+    predicted, why = None, ""
     try:
-        predictor = Predictor(model, extra.built)
-        random = np.random.default_rng(0)
-        predicted, again = (
-            np.concatenate([predictor(c, u) for c, u in zip(way, added.command, strict=True)])
-            for way in (courses, [shaken(c, random) for c in courses])
-        )
+        predicted = predict(courses)
     except NotPredicted as error:
         why = str(error)
-    return _Found(force, np.concatenate(required), left.telling, predicted, again, why)
+    return _Found(force, np.concatenate(required), left.telling, predict, predicted, why)
 
 
 def _compared(
@@ -150,7 +152,8 @@ def _compared(
     parts = [motion_parts(c) for c in courses]
     masks = {ALL: np.ones(len(x), dtype=bool)}
     masks |= {name: np.concatenate([p[name] for p in parts]) for name in PARTS}
-    counted = {n: m if n == REST else m & first.counted for n, m in masks.items()}
+    counted = {n: m & first.counted for n, m in masks.items()}
+    counted[REST] = np.concatenate([_well_within_rest(c) for c in courses])
 
     def left(f: _Found) -> dict[str, Left]:
         return {
@@ -173,7 +176,8 @@ def _compared(
         )
 
     noise = floor(courses, models[lowest])
-    again, once = found[lowest].again, found[lowest].predicted
+    once, random = found[lowest].predicted, np.random.default_rng(0)
+    again = None if once is None else found[lowest].predict([shaken(c, random) for c in courses])
     starts = np.zeros(len(x), dtype=bool)
     starts[ends[:-1]] = True
     return Compared(
@@ -186,7 +190,7 @@ def _compared(
         models={name: left(f) for name, f in found.items()},
         floor=Left(
             squares.rms(noise.force, first.counted),
-            None if again is None or once is None else squares.rms(again - once),
+            None if again is None else squares.rms(again - once),
         ),
         gains=tuple(gain(*pair) for pair in _GAINS) if told else (),
         notes=tuple(notes),
@@ -220,6 +224,13 @@ def _required(course: ModelledRecord, model: Drive, command: Vector) -> Vector:
     less_viscous = balance(course, model, nothing, nothing, command)[:, 0]
     viscous = _scale(course, model) * model.linear_friction * averaged(course.moved_v, course.width)
     return at_samples(course, less_viscous + viscous)
+
+
+def _well_within_rest(course: ModelledRecord) -> Mask:
+    """Samples at rest that no window beside a motion reaches, as `moving` has it of a motion."""
+    moves = averaged(1.0 - course.rests, course.width) > 0.0
+    near = np.convolve(moves, np.ones(2 * AROUND_REST + 1), mode="same")
+    return np.asarray(course.rests & (at_samples(course, near) == 0.0))
 
 
 def _beyond_stiction(

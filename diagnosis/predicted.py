@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,7 @@ import numpy.typing as npt
 from ..plant.two_masses import OneBody
 from ..solver.codegen import generate
 from ..solver.component import ContractError
-from ..solver.kernel import IntegrationError, Model
+from ..solver.kernel import IntegrationError, Kernel, Model
 from .drive import Drive
 from .held_out import ends_of_seconds
 from .modelled_record import ModelledRecord
@@ -43,19 +44,19 @@ class Predictor:
     drive : Drive
     causes : mapping of str to mapping of str to float
         Those of the command are not among them, see `__call__`.
-
-    Raises
-    ------
-    NotPredicted
-        If no plant can have these causes.
     """
 
     def __init__(self, drive: Drive, causes: Mapping[str, Mapping[str, float]]) -> None:
+        self._drive, self._causes = drive, causes
+
+    @cached_property
+    def _kernel(self) -> Kernel:
         try:
-            self._kernel = generate(with_causes(drive, list(causes.items())))
+            kernel = generate(with_causes(self._drive, list(self._causes.items())))
         except (BadExtension, OneBody, ContractError) as error:
             raise NotPredicted(str(error)) from error
-        self._kernel.compile()
+        kernel.compile()
+        return kernel
 
     def __call__(self, course: ModelledRecord, change: Vector) -> Vector:
         """Position from the recorded state at the start of each second, shape (n,) [m].
@@ -68,7 +69,7 @@ class Predictor:
         Raises
         ------
         NotPredicted
-            If the equations cannot be solved along the record.
+            If no plant can have these causes, or its equations cannot be solved.
         """
         command = course.u + course.calibration["command_shift"] * course.next_change + change
         model = Model(self._kernel, tolerance=_TOLERANCE)
