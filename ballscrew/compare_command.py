@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,28 +96,42 @@ def table(result: Compared) -> str:
     if result.diagnosed:
         causes = ", ".join(result.causes) or "no cause"
         lines.append(f"diagnosed of {', '.join(result.diagnosed)}; corrected: values, and {causes}")
-    ways: tuple[tuple[str, float, Callable[[Left], Estimate | None]], ...] = (
-        ("force [N]", 1.0, lambda left: left.force),
-        ("position within a second [um]", 1e6, lambda left: left.position),
-    )
-    for title, size, of in ways:
-        names = [*result.models, "noise alone"]
-        lines += ["", f"{title + ', rms (95 %)':<44}" + "".join(f"{n:>{_WIDE}}" for n in names)]
-        for part in next(iter(result.models.values())):
-            share = (
-                f", {100 * result.shares[part]:.2g} % of the time" if part in result.shares else ""
-            )
-            found = [of(parts[part]) for parts in result.models.values()]
-            found += [] if share else [of(result.floor)]
-            label = f"{'  ' if share else ''}{part}{share}"
-            lines.append(f"{label:<44}" + "".join(f"{_figure(e, size):>{_WIDE}}" for e in found))
+    positions = [e.value for m in result.models.values() for f in m.values() if (e := f.position)]
+    per_metre, unit = (1e3, "mm") if max(positions, default=0.0) >= 1e-3 else (1e6, "um")
+    lines += _block(result, "force [N]", 1.0, lambda left: left.force)
+    lines += _block(result, f"position within 1 s [{unit}]", per_metre, lambda left: left.position)
     if result.gains:
         titles = "".join(f"{t:>{_WIDE}}" for t in ("force [%]", "position [%]"))
-        lines += ["", f"{'gain, share of the mean square':<44}{titles}"]
+        lines += ["", f"{'gain, share of the mean square':<40}{titles}"]
     for g in result.gains:
         figures = "".join(f"{_figure(e, 100.0):>{_WIDE}}" for e in (g.force, g.position))
-        lines.append(f"{f'{g.model} over {g.over}':<44}{figures}")
+        lines.append(f"{f'{g.model} over {g.over}':<40}{figures}")
     return "\n".join(lines)
+
+
+def _block(
+    result: Compared, title: str, size: float, of: Callable[[Left], Estimate | None]
+) -> list[str]:
+    """Lines of what is left: by part of the motion, and model beside model."""
+    from .diagnosis.compared import ALL
+
+    def row(label: str, figures: Iterable[str]) -> str:
+        return f"{label:<40}" + "".join(f"{figure:>{_WIDE}}" for figure in figures)
+
+    models = result.models.values()
+    whole = [_figure(of(left), size) for left in (*(m[ALL] for m in models), result.floor)]
+    return [
+        "",
+        row(f"{title}, rms (95 %)", (*result.models, "noise alone")),
+        row("in all", whole),
+        *(
+            row(
+                f"  {part}, {100 * share:.2g} % of the time",
+                (_figure(of(m[part]), size) for m in models),
+            )
+            for part, share in result.shares.items()
+        ),
+    ]
 
 
 def _figure(found: Estimate | None, size: float) -> str:

@@ -1,6 +1,7 @@
-"""``ballscrew diagnose --judge``: scores printed, as JSON, saved; requests that make no sense."""
+"""``ballscrew compare``: figures printed, as JSON, saved; requests that make no sense."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from axis_records import NOMINAL, friction_noise, moved, signals_of
 from diagnosed import run
 from worlds import layout as at
 
+from ballscrew import compare
 from ballscrew.orchestration.parameter_file import Diagnosed, ParameterFile, Value
 
 LOAD = 0.5
@@ -16,7 +18,7 @@ LOAD = 0.5
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     """A record with a load, and what a diagnosis of another one left that found the load."""
-    folder = tmp_path_factory.mktemp("judged")
+    folder = tmp_path_factory.mktemp("compared")
     time = np.arange(10_000) * 1e-3
     u = 3.0 * np.sin(4.0 * time) + 1.5 * np.sin(11.0 * time)
     signals = signals_of(moved({at.LOAD: LOAD}, u, friction_noise(1, len(u))), u)
@@ -36,46 +38,92 @@ def files(tmp_path_factory):
     return folder
 
 
-def test_scores_are_printed_with_their_intervals(files):
-    code, printed, said = run(
-        "diagnose", "--judge", files / "other.csv", "--params", files / "parameters.toml"
-    )
-    assert (code, said) == (0, "")
+def figures_of(line):
+    """Numbers of a line, those in brackets among them."""
+    return [float(n) for n in re.findall(r"-?\d+\.?\d*(?:e[+-]\d+)?", line)]
+
+
+def test_the_first_line_says_it_and_a_table_follows(files):
+    record, params = files / "other.csv", files / "parameters.toml"
+    code, printed, said = run("compare", record, "--params", params)
+    assert code == 0
+    assert "s: reading" in said or said == ""
     lines = printed.splitlines()
-    assert "judged by what was diagnosed of one.csv; corrected: values, and load_bias" in lines[0]
-    for name in ("force [N]", "reversals", "slow", "fast", "accelerating", "position over 1 s"):
-        assert any(line.strip().startswith(name) for line in lines), name
-    force = next(line for line in lines if line.startswith("force [N]"))
-    assert force.count(" to ") == 3
-    assert any(line.startswith("corrected over values adjusted") for line in lines)
+    told = compare(record, params)
+    assert lines[0] == f"The corrected {told.says.removeprefix('the corrected ')}."
+    assert "diagnosed of one.csv; corrected: values, and load_bias" in lines[2]
+    in_all = [line for line in lines if line.startswith("in all")]
+    assert [len(figures_of(line)) for line in in_all] == [12, 12]  # three models and the noise
+    assert figures_of(in_all[0])[0] == pytest.approx(told.models["prior"]["all"].force.value, 0.01)
+    for name in ("reversals", "slow", "fast", "accelerating", "steady", "forwards", "backwards"):
+        assert sum(line.strip().startswith(name) for line in lines) == 2, name
+    assert any(line.startswith("corrected over adjusted") for line in lines)
 
 
-def test_json_is_what_is_saved_and_what_is_printed(files, tmp_path):
-    given = ("--judge", files / "other.csv", "--params", files / "parameters.toml")
-    code, printed, _ = run("diagnose", *given, "--out", tmp_path, "--json")
+def test_a_file_without_a_diagnosis_has_one_model(files, tmp_path):
+    plain = tmp_path / "plain.toml"
+    plain.write_text("[plant]\n" + "".join(f"{n} = {v!r}\n" for n, v in NOMINAL.items()))
+    code, printed, _ = run("compare", files / "other.csv", "--params", plain)
+    assert code == 0
+    assert printed.startswith("The model leaves 0.5 N rms of a friction of ")
+    assert "gain" not in printed
+    one = compare(files / "other.csv", plain)
+    three = compare(files / "other.csv", files / "parameters.toml")
+    assert one.models["model"] == three.models["prior"]
+
+
+def test_json_and_the_picture_are_saved(files, tmp_path):
+    given = ("compare", files / "other.csv", "--params", files / "parameters.toml")
+    code, printed, _ = run(*given, "--out", tmp_path, "--json")
     assert code == 0
     told = json.loads(printed)
-    assert told == json.loads((tmp_path / "judgement.json").read_text())
-    assert told["scores"]["prior"]["force"]["value_N"] == pytest.approx(LOAD, rel=0.1)
+    assert told == json.loads((tmp_path / "compare.json").read_text())
+    assert told["models"]["prior"]["all"]["force"]["value_N"] == pytest.approx(LOAD, rel=0.1)
     (gain,) = (g for g in told["gains"] if (g["model"], g["over"]) == ("corrected", "adjusted"))
     assert gain["force"]["interval"][0] > 0.9
+    assert {p.name for p in tmp_path.glob("[!.]*")} == {"compare.json", "compare.png"}
+
+
+def test_the_picture_has_what_it_says(files):
+    figure = compare(files / "other.csv", files / "parameters.toml").plot()
+    position, off, force, over_velocity = figure.axes
+    for axes in (position, off, force):
+        assert axes.get_ylabel().endswith("]")
+    assert over_velocity.get_xlabel() == "velocity [mm/s]"
+    assert force.get_xlabel() == "time [s]"
+    names = [text.get_text() for text in position.get_legend().get_texts()]
+    assert names == ["measured", "prior model", "adjusted model", "corrected model"]
+    # the load stands between what is required and what the prior model has
+    required, prior, _, corrected = (line.get_ydata() for line in force.lines)
+    assert np.median(required - prior) == pytest.approx(LOAD, rel=0.1)
+    assert abs(np.median(required - corrected)) < 0.1 * LOAD
+
+
+def test_the_table_for_pandas_has_a_row_for_each_part(files):
+    table = compare(files / "other.csv", files / "parameters.toml").to_pandas()
+    assert list(table.columns) == ["model", "part", "force_N", "position_m"]
+    prior = table[(table.model == "prior") & (table.part == "all")]
+    assert prior.force_N.item() == pytest.approx(LOAD, rel=0.1)
 
 
 def test_requests_that_make_no_sense_are_one_line(files, tmp_path):
     record, params = files / "other.csv", files / "parameters.toml"
-    plain = tmp_path / "plain.toml"
-    plain.write_text("[plant]\nm = 1.0\n")
+    other_kind, controller = tmp_path / "fmu.toml", tmp_path / "unknown.toml"
+    other_kind.write_text('kind = "fmu"\n')
+    controller.write_text("[plant]\nmass = 1.0\n")
     for arguments, words in (
-        ((record, "--judge", record, "--params", params), "DATA and --judge: expected one of"),
-        (("--judge", record), "--judge needs --params"),
-        (("--judge", record, "--params", plain), "has no table [diagnosis]"),
-        (("--judge", tmp_path / "no.csv", "--params", params), "no such file"),
-        (("--judge", record, "--params", tmp_path / "no.toml"), "cannot be read"),
-        (("--judge", record, "--params", params, "--unit", "u=A"), "u is a current, but the mod"),
-        (("--judge", record, "--params", params, "--law", "dahl"), "--law and --judge"),
-        ((record, "--params", params), "--out DIR is missing"),
+        (("--params", params), "the following arguments are required: RECORD"),
+        ((record,), "the following arguments are required: --params"),
+        ((tmp_path / "no.csv", "--params", params), "no such file"),
+        ((record, "--params", tmp_path / "no.toml"), "cannot be read"),
+        ((record, "--params", other_kind), "kind is 'fmu', expected one of ball_screw, drive"),
+        ((record, "--params", controller), "there is no 'mass'"),
+        ((record, "--params", params, "--unit", "u=A"), "u is a current, but the mod"),
+        ((record, "--params", params, "--unit", "u=N"), "u is a force, but the model"),
+        ((record, "--params", params, "--lead", "0.001"), "both say what a turn of the screw is"),
+        ((record, "--params", params, "--out", record), "is a file, expected a folder"),
     ):
-        code, printed, said = run("diagnose", *arguments)
+        code, printed, said = run("compare", *arguments)
         assert (code, printed) == (2, ""), arguments
         assert words in said, said
         assert said.count("\n") == 1

@@ -135,11 +135,8 @@ def test_the_figures_of_a_comparison_are_those_of_the_prediction(stuck):
     assert "of a friction of" in true.says
 
     weak = compare_records([record], a_file("classical", WEAK))
-    off = (
-        predicted(record, Drive(DRIVE, "classical", WEAK))
-        - lay_along(record, Drive(DRIVE, "classical", WEAK)).x
-    )
-    assert weak.models["model"]["all"].position.value == pytest.approx(rms(off), rel=1e-9)
+    drifts = rms(karnopp_by_second(record, v, WEAK) - record.x)
+    assert weak.models["model"]["all"].position.value == pytest.approx(drifts, rel=2e-3)
     # the load is 1 N above what the weak law can hold; sliding, it lacks 7 N
     assert weak.models["model"]["rest"].force.value == pytest.approx(1.0, rel=0.02)
     assert weak.models["model"]["steady"].force.value == pytest.approx(7.0, rel=0.02)
