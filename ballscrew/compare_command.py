@@ -31,7 +31,7 @@ examples:
   ballscrew compare drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \\
     --lead 0.005 --json
 """
-_WIDE = 27  # of a column of figures
+_WIDE = 31  # of a column of figures
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:

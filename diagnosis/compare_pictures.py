@@ -61,14 +61,15 @@ def compare_figure(found: Compared) -> Any:
             v, friction = t.curves[name]
             over_velocity.plot(1e3 * v, friction, label=label, **{**style, "lw": 2.0})
         position.set_ylabel("position [mm]")
-        position.set_title("Position, predicted anew from the start of each second; rests are grey")
+        grey = "; rests are grey" if t.rests.any() else ""
+        position.set_title(f"Position, predicted anew each second{grey}", loc="left")
         off.set_ylabel(f"predicted less measured [{unit}]")
         force.set_ylabel("force [N]")
-        force.set_title("Friction: command less mass times acceleration, and the model's")
+        force.set_title("Command less mass times acceleration, and friction", loc="left")
         force.set_xlabel("time [s]")
         over_velocity.set_xlabel("velocity [mm/s]")
         over_velocity.set_ylabel("friction [N]")
-        over_velocity.set_title("Friction over velocity")
+        over_velocity.set_title("Friction over velocity", loc="left")
         _scaled(force, t.required)
         _scaled(
             over_velocity, np.concatenate([t.required[some], *(f for _, f in t.curves.values())])
@@ -76,8 +77,11 @@ def compare_figure(found: Compared) -> Any:
         for axes in (position, off, force):
             for begin, end in _rests(found):
                 axes.axvspan(begin, end, color=_REST, lw=0, zorder=0)
-        for axes in (position, force, over_velocity):
-            axes.legend(loc="best", fontsize=9)
+        for axes in (position, force):
+            axes.legend(
+                loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize=9, handlelength=1.6
+            )
+        over_velocity.legend(loc="upper left", fontsize=9)
     return figure
 
 
