@@ -22,6 +22,7 @@ from .blocks import Blocks
 from .causes import CAUSES
 from .commanded import by_current, commanded
 from .compared import ADJUSTED, ALL, CORRECTED, MODEL, PRIOR, Compared, Gain, Left, Traces
+from .diagnosis_pictures import binned
 from .drive import Drive, compiled, drive_of
 from .held_out import ends_of_seconds
 from .modelled_record import ModelledRecord, lay_along, shaken, with_law_force
@@ -99,6 +100,7 @@ class _Extra:
 
     added: Added
     built: Causes
+    caused: bool = False
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,7 @@ class _Found:
     predict: Callable[[Sequence[ModelledRecord]], Vector]
     predicted: Vector | None
     why: str
+    curve: tuple[Vector, Vector]
 
 
 def _along(courses: Sequence[ModelledRecord], model: Drive, extra: _Extra) -> _Found:
@@ -134,7 +137,12 @@ def _along(courses: Sequence[ModelledRecord], model: Drive, extra: _Extra) -> _F
         predicted = predict(courses)
     except NotPredicted as error:
         why = str(error)
-    return _Found(force, np.concatenate(required), left.telling, predict, predicted, why)
+    whole = np.concatenate(required)
+    curve = _curve(model, courses)
+    if extra.caused:
+        v = np.concatenate([c.v for c in courses])
+        curve = binned(v, whole - force, left.telling, alike=True)
+    return _Found(force, whole, left.telling, predict, predicted, why, curve)
 
 
 def _compared(
@@ -176,8 +184,10 @@ def _compared(
         )
 
     noise = floor(courses, models[lowest])
-    once, random = found[lowest].predicted, np.random.default_rng(0)
-    again = None if once is None else found[lowest].predict([shaken(c, random) for c in courses])
+    once, shown = found[lowest].predicted, None
+    if once is not None:
+        random = np.random.default_rng(0)
+        shown = squares.rms(found[lowest].predict([shaken(c, random) for c in courses]) - once)
     starts = np.zeros(len(x), dtype=bool)
     starts[ends[:-1]] = True
     return Compared(
@@ -188,10 +198,7 @@ def _compared(
         friction=rms(first.required[first.counted]),
         shares={n: float(m.mean()) for n, m in masks.items() if n != ALL and m.any()},
         models={name: left(f) for name, f in found.items()},
-        floor=Left(
-            squares.rms(noise.force, first.counted),
-            None if again is None else squares.rms(again - once),
-        ),
+        floor=Left(squares.rms(noise.force, first.counted), shown),
         gains=tuple(gain(*pair) for pair in _GAINS) if told else (),
         notes=tuple(notes),
         traces=Traces(
@@ -204,7 +211,7 @@ def _compared(
             starts=starts,
             left={name: f.force for name, f in found.items()},
             predicted={n: f.predicted for n, f in found.items() if f.predicted is not None},
-            curves={name: _curve(m, courses) for name, m in models.items()},
+            curves={name: f.curve for name, f in found.items()},
         ),
     )
 
@@ -228,7 +235,7 @@ def _required(course: ModelledRecord, model: Drive, command: Vector) -> Vector:
 
 def _well_within_rest(course: ModelledRecord) -> Mask:
     """Samples at rest that no window beside a motion reaches, as `moving` has it of a motion."""
-    moves = averaged(1.0 - course.rests, course.width) > 0.0
+    moves = averaged((~course.rests).astype(float), course.width) > 0.0
     near = np.convolve(moves, np.ones(2 * AROUND_REST + 1), mode="same")
     return np.asarray(course.rests & (at_samples(course, near) == 0.0))
 
@@ -348,4 +355,4 @@ def _causes_along(
                 added = added.more(shape, np.array(sizes))
         forces += added.force
         commands += added.command
-    return _Extra(Added(forces, commands), built)
+    return _Extra(Added(forces, commands), built, bool(told.causes))

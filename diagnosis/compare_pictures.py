@@ -37,7 +37,7 @@ def compare_figure(found: Compared) -> Any:
         errors = {n: x - t.x for n, x in t.predicted.items()}
         size, unit = (1e3, "mm") if _largest(errors) >= 1e-3 else (1e6, "µm")
         position.plot(t.time, 1e3 * t.x, color=_MEASURED, lw=2.6, label="measured")
-        force.plot(t.time, t.required, color=_MEASURED, lw=1.2, label="required by the motion")
+        force.plot(t.time, t.required, color=_MEASURED, lw=1.2, label="required")
         some = np.flatnonzero(t.counted)
         some = some[:: max(1, len(some) // _MOST_POINTS)]
         over_velocity.plot(
@@ -61,11 +61,14 @@ def compare_figure(found: Compared) -> Any:
             v, friction = t.curves[name]
             over_velocity.plot(1e3 * v, friction, label=label, **{**style, "lw": 2.0})
         position.set_ylabel("position [mm]")
-        grey = "; rests are grey" if t.rests.any() else ""
-        position.set_title(f"Position, predicted anew each second{grey}", loc="left")
-        off.set_ylabel(f"predicted less measured [{unit}]")
+        position.set_title("Position", loc="left")
+        off.set_ylabel(f"error [{unit}]")
+        grey = "; grey: rests" if t.rests.any() else ""
+        off.set_title(
+            f"Predicted less measured, each second from the recorded state{grey}", loc="left"
+        )
         force.set_ylabel("force [N]")
-        force.set_title("Command less mass times acceleration, and friction", loc="left")
+        force.set_title("Force against the motion", loc="left")
         force.set_xlabel("time [s]")
         over_velocity.set_xlabel("velocity [mm/s]")
         over_velocity.set_ylabel("friction [N]")
@@ -79,7 +82,7 @@ def compare_figure(found: Compared) -> Any:
                 axes.axvspan(begin, end, color=_REST, lw=0, zorder=0)
         for axes in (position, force):
             axes.legend(
-                loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize=9, handlelength=1.6
+                loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=4, fontsize=9, handlelength=1.6
             )
         over_velocity.legend(loc="upper left", fontsize=9)
     return figure

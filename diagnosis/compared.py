@@ -65,7 +65,8 @@ class Traces:
     predicted : dict of str to ndarray
         By model: position predicted from each second's start [m].
     curves : dict of str to two ndarrays
-        By model: speeds [m/s] and friction of steady sliding [N].
+        By model: velocities [m/s] and friction of steady sliding [N]; where it has causes, the
+        means of its force along the records.
     """
 
     time: Vector

@@ -9,10 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballscrew.diagnosis.balance import Added
 from ballscrew.diagnosis.compare import compare_records
 from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.predicted import NotPredicted, Predictor
+from ballscrew.diagnosis.residuals import residual
 from ballscrew.orchestration.parameter_file import DRIVE, ParameterFile, Value
 from ballscrew.plant import LAWS
 from ballscrew.plant.with_friction import with_friction
@@ -142,6 +144,15 @@ def test_the_figures_of_a_comparison_are_those_of_the_prediction(stuck):
     assert weak.models["model"]["steady"].force.value == pytest.approx(7.0, rel=0.02)
     assert weak.says.startswith("the model leaves 7 N rms of a friction of ")
     assert weak.says.endswith(f"; its position drifts {1e3 * drifts:.2g} mm rms within a second")
+
+
+def test_a_diagnosis_lets_no_error_grow_at_rest(stuck):
+    """Its position residual is linear in the force, which at rest is the command's, 12 N here."""
+    record, _ = stuck
+    drive = Drive(DRIVE, "classical", TRUTH)
+    course = lay_along(record, drive)
+    found = residual([course], drive, Added.nothing([course]))
+    assert np.all(found.position[RESTS] == 0.0)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-6], ids=["exact", "encoder of 1 um"])
