@@ -18,7 +18,7 @@ from ..records.reading import read_drive_records
 from ..records.record import CURRENT, Record
 from .balance import Added, balance
 from .bands import AROUND_REST
-from .blocks import Blocks
+from .blocks import Blocks, Estimate
 from .causes import CAUSES
 from .commanded import by_current, commanded
 from .compared import ADJUSTED, ALL, CORRECTED, MODEL, PRIOR, Compared, Gain, Left, Traces
@@ -30,6 +30,7 @@ from .motion_parts import PARTS, REST, motion_parts
 from .predicted import NotPredicted, Predictor
 from .residuals import at_samples, check_motion, floor, residual, rms
 from .weak_form import averaged
+from .with_causes import PARTING
 
 Vector = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -82,7 +83,8 @@ def compare_records(
     shift = told.command_shift if told else 0.0
     courses = [_laid(r, first, shift) for r in records]
     check_motion(courses, first)
-    extras = {name: _Extra(Added.nothing(courses), {}) for name in models}
+    nothing = Added.nothing(courses)
+    extras = {name: _Extra(nothing, nothing.force, {}, False) for name in models}
     if told is not None:
         extras[CORRECTED] = _causes_along(courses, models[CORRECTED], file, told)
     found = {}
@@ -96,11 +98,15 @@ def compare_records(
 
 @dataclass(frozen=True)
 class _Extra:
-    """What a model has beside its equations: along the records, and built into its plant."""
+    """What a model has beside its equations: along the records, and built into its plant.
+
+    Of the forces along the records, those `at_rest` act on what rests, too; a joint's does not.
+    """
 
     added: Added
+    at_rest: list[Vector]
     built: Causes
-    caused: bool = False
+    caused: bool
 
 
 @dataclass(frozen=True)
@@ -123,7 +129,7 @@ def _along(courses: Sequence[ModelledRecord], model: Drive, extra: _Extra) -> _F
     left = residual(courses, model, added)
     beyond = [
         _beyond_stiction(c, model, *forces)
-        for c, *forces in zip(courses, required, added.force, strict=True)
+        for c, *forces in zip(courses, required, extra.at_rest, strict=True)
     ]
     rests = np.concatenate([c.rests for c in courses])
     force = np.where(rests, np.concatenate(beyond), left.force)
@@ -163,11 +169,14 @@ def _compared(
     counted = {n: m & first.counted for n, m in masks.items()}
     counted[REST] = np.concatenate([_well_within_rest(c) for c in courses])
 
+    def root(values: Vector, mask: Mask) -> Estimate | None:
+        return squares.rms(values, mask) if mask.any() else None
+
     def left(f: _Found) -> dict[str, Left]:
         return {
             n: Left(
-                squares.rms(f.force, counted[n]) if counted[n].any() else None,
-                None if f.predicted is None else squares.rms(f.predicted - x, mask),
+                root(f.force, counted[n]),
+                None if f.predicted is None else root(f.predicted - x, mask),
             )
             for n, mask in masks.items()
             if mask.any()
@@ -198,7 +207,7 @@ def _compared(
         friction=rms(first.required[first.counted]),
         shares={n: float(m.mean()) for n, m in masks.items() if n != ALL and m.any()},
         models={name: left(f) for name, f in found.items()},
-        floor=Left(squares.rms(noise.force, first.counted), shown),
+        floor=Left(root(noise.force, counted[ALL]), shown),
         gains=tuple(gain(*pair) for pair in _GAINS) if told else (),
         notes=tuple(notes),
         traces=Traces(
@@ -327,11 +336,11 @@ def _causes_along(
     Causes that are values are in the model. Those of the command are known along a record, also
     at the start of each second, and no plant needs them.
     """
-    forces, commands = [], []
+    forces, commands, at_rest = [], [], []
     built: dict[str, Mapping[str, float]] = {}
     for course in courses:
         alone = [with_law_force(course, model)]
-        added = Added.nothing(alone)
+        added = resting = Added.nothing(alone)
         for name, values in told.causes.items():
             if name not in CAUSES:
                 raise BadParameters(
@@ -353,6 +362,9 @@ def _causes_along(
                 built[name] = values
             if not shape.freed:
                 added = added.more(shape, np.array(sizes))
+            if not shape.freed and name not in PARTING:
+                resting = resting.more(shape, np.array(sizes))
         forces += added.force
         commands += added.command
-    return _Extra(Added(forces, commands), built, bool(told.causes))
+        at_rest += resting.force
+    return _Extra(Added(forces, commands), at_rest, built, bool(told.causes))

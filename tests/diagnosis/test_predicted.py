@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from axis_records import NOMINAL
 
 from ballscrew.diagnosis.balance import Added
 from ballscrew.diagnosis.compare import compare_records
@@ -15,7 +16,8 @@ from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.predicted import NotPredicted, Predictor
 from ballscrew.diagnosis.residuals import residual
-from ballscrew.orchestration.parameter_file import DRIVE, ParameterFile, Value
+from ballscrew.diagnosis.with_causes import with_causes
+from ballscrew.orchestration.parameter_file import DRIVE, Diagnosed, ParameterFile, Value
 from ballscrew.plant import LAWS
 from ballscrew.plant.with_friction import with_friction
 from ballscrew.records.reading import check_record
@@ -200,3 +202,28 @@ def test_causes_that_no_plant_can_have_predict_nothing(stuck):
     predictor = Predictor(drive, {"presliding_hysteresis": {"sigma0": 1e6}})
     with pytest.raises(NotPredicted, match="prior law has presliding of its own"):
         predictor(lay_along(record, drive), np.zeros(len(record.x)))
+
+
+def test_a_gap_before_a_block_that_sticks_is_crossed_as_in_one_run():
+    """The gap of a diagnosis, with the rotor on one side and stiction on the other."""
+    plain = Drive("ball_screw", "classical", {})
+    values = {p.name: NOMINAL.get(p.name, p.default) for p in plain.plant.all_parameters}
+    gap = {"backlash": {"gap": 5e-5}}
+    model = Model(generate(with_causes(replace(plain, values=values), list(gap.items()))))
+    time = STEP * np.arange(9 * SECOND)
+    u = command(1.5) / 15.0  # the load is 0.1 V
+    x = model.simulate(time, (np.append(u[:1], u[:-1])[:, None], u[:, None])).states["x"]
+    record = check_record("run.csv", {"time": time, "u": u, "x": x})
+    plant = {n: Value(v) for n, v in values.items()}
+    told = Diagnosed(("one.csv",), "voltage", 0.0, "classical", values, values, gap)
+    found = compare_records([record], ParameterFile(law="classical", plant=plant, diagnosis=told))
+    off = {name: parts["all"].position.value for name, parts in found.models.items()}
+    assert off["corrected"] < 1e-6 < 0.1 * off["prior"]
+    assert found.models["corrected"]["rest"].force.value == 0.0
+
+    values["Jm"], plant["Jm"] = 0.0, Value(0.0)
+    found = compare_records([record], ParameterFile(law="classical", plant=plant, diagnosis=told))
+    assert found.models["corrected"]["all"].position is None
+    assert found.gains[-1].position is None
+    assert any("a gap before the block needs a rotor" in note for note in found.notes)
+    assert "position" not in found.says
