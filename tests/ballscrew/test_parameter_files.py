@@ -39,7 +39,7 @@ def written(folder):
 
 @pytest.fixture(scope="module")
 def chain(tmp_path_factory):
-    """Rig, identify, diagnose, compare, run, lyapunov: each takes the file that one before wrote."""
+    """Rig, identify, diagnose, compare, run, lyapunov: each takes a file that one before wrote."""
     top = tmp_path_factory.mktemp("chain")
     folders = [top / name for name in ("rig", "identify", "diagnose", "run", "lyapunov")]
     trial, identified, diagnosed, ran, exponents = folders
