@@ -15,7 +15,7 @@ _PUBLIC = {
         (
             "catalogue component with_friction export run swap lyapunov stability_map "
             "swap_study run_trial read_force_records read_drive_records read_parameters "
-            "identify diagnose"
+            "identify diagnose compare"
         ).split(),
         "ballscrew.api",
     ),
@@ -36,6 +36,7 @@ __all__ = sorted(_PUBLIC)
 
 if TYPE_CHECKING:
     from .api import catalogue as catalogue
+    from .api import compare as compare
     from .api import component as component
     from .api import diagnose as diagnose
     from .api import export as export

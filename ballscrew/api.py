@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .results.exponents import Exponents
     from .results.identified_law import IdentifiedLaw
     from .results.map_result import StabilityMap
+    from .results.model_comparison import ModelComparison
     from .results.rig_record import RigRecord
     from .results.run_result import RunResult
     from .results.swap_study import SwapStudy
@@ -797,6 +798,42 @@ def diagnose(
     return DiagnosisResult.of(
         diagnosed(_paths(data), params, law, mapping, units=units, lead=lead, take=take)
     )
+
+
+def compare(
+    data: Path | str | Sequence[Path | str],
+    params: Path | str,
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    lead: float | None = None,
+) -> ModelComparison:
+    """How well the model of a parameter file does on records; nothing is fitted to them.
+
+    Parameters
+    ----------
+    data : path-like or sequence of path-like
+        As of `diagnose`.
+    params : path-like
+        Parameter file of any command, or of yours. What `diagnose` wrote has three models: the
+        prior one, the one with values adjusted, and the corrected one.
+    mapping, units, lead
+        As in `read_drive_records`.
+
+    Returns
+    -------
+    ModelComparison
+        ``models`` has what each model leaves, root mean square, by part of the motion: the force
+        [N], and the error of the position predicted from the start of each second [m].
+
+    Raises
+    ------
+    BadRecord, BadParameters
+        With one line that says what cannot be used and why.
+    """
+    from .diagnosis.compare import compare as compared
+    from .results.model_comparison import ModelComparison
+
+    return ModelComparison.of(compared(_paths(data), params, mapping, units, lead))
 
 
 def _loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Any:

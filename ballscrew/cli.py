@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from . import (
+    compare_command,
     diagnose_command,
     export_command,
     gallery_command,
@@ -38,12 +39,13 @@ _EXAMPLES = """examples:
   ballscrew rig 2.4/7 --out out/trial
   ballscrew identify out/trial --law dahl --out out/dahl
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
+  ballscrew compare other.csv --params out/diagnosis/parameters.toml
   ballscrew gallery
   ballscrew new controller mine
 """
 
 
-_DRAWING = ("run", "swap", "lyapunov", "map", "identify", "diagnose", "gallery")
+_DRAWING = ("run", "swap", "lyapunov", "map", "identify", "diagnose", "compare", "gallery")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -110,6 +112,7 @@ def command_parser() -> argparse.ArgumentParser:
         rig_command,
         identify_command,
         diagnose_command,
+        compare_command,
         gallery_command,
         new_command,
     ):

@@ -42,7 +42,7 @@ examples:
     --lead 0.005 --out out/drive
   ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
   ballscrew diagnose run.csv --params axis.toml --take backlash --out out/backlash
-  ballscrew diagnose --judge other.csv --params out/diagnosis/parameters.toml
+  ballscrew compare other.csv --params out/diagnosis/parameters.toml
 """
 
 
@@ -77,7 +77,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add = parser.add_argument
     add(
         "data",
-        nargs="*",
+        nargs="+",
         type=Path,
         metavar="DATA",
         help="text, MAT, TDMS, MDF, HDF5, Excel, Parquet or NumPy files",
@@ -90,37 +90,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="CAUSE",
         help="build this cause in, as one of several suspects, and measure what it gains",
     )
-    add(
-        "--judge",
-        nargs="+",
-        type=Path,
-        metavar="OTHER",
-        help="instead: how well do the models of --params, written by diagnose, do on this record?",
-    )
-    add(
-        "--out",
-        type=out_folder,
-        metavar="DIR",
-        help="folder for the results; with --judge it may be left out",
-    )
+    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
     add("--json", action="store_true", help="print the result as JSON")
     parser.set_defaults(action=_diagnose)
 
 
 def _diagnose(options: argparse.Namespace) -> int:
-    if options.judge is not None:
-        from .judge_command import judge_models
-
-        return judge_models(options)
-    if options.out is None:
-        raise BadRequest("--out DIR is missing, the folder for the results")
-    if not options.data:
-        raise BadRequest("neither DATA nor --judge; see ballscrew diagnose --help")
-    return _records(options)
-
-
-def _records(options: argparse.Namespace) -> int:
-
     columns = read_record_options(options)
     _check_law(options.law)
     _check_cause(options.take)

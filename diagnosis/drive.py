@@ -224,8 +224,8 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
     """The drive of a parameter file that was read already; see `read_drive`."""
     if file.kind not in _PLANTS:
         raise BadParameters(
-            f"{file.path}: kind is {file.kind!r}, expected one of {', '.join(_PLANTS)}: a "
-            "diagnosis needs the equations"
+            f"{file.path}: kind is {file.kind!r}, expected one of {', '.join(_PLANTS)}: the "
+            "equations are needed"
         )
     own = file.law or law or DEFAULT_LAW
     # a file may be read with another law: what only its own law has is then of no use

@@ -254,9 +254,7 @@ def lay_along(record: Record, model: Drive) -> ModelledRecord:
     width = max(round(spacing / record.step), -(-len(record.x) // _MOST_WINDOWS), 1)
     while width * record.step < _LONGEST and _rough(record, width, model) > _ROUGH:
         width = math.ceil(1.2 * width)
-    window = min(4 * width + 1, len(record.x) // 2 * 2 - 1)
-    x = savgol_filter(record.x, window, 3)
-    v = savgol_filter(record.x, window, 3, deriv=1, delta=record.step)
+    x, v = _smoothed(record.x, width, record.step)
     nothing = np.zeros(len(x))
     current = _current(record, v, model)
     resistance = model.values["R"] if model.has_motor else 0.0
@@ -270,6 +268,19 @@ def lay_along(record: Record, model: Drive) -> ModelledRecord:
     return replace(
         with_law_force(course, model), force_variance=_force_variance(course, model, noise)
     )
+
+
+def _smoothed(x: Vector, width: int, step: float) -> tuple[Vector, Vector]:
+    """Position and velocity of positions that have noise."""
+    window = min(4 * width + 1, len(x) // 2 * 2 - 1)
+    return savgol_filter(x, window, 3), savgol_filter(x, window, 3, deriv=1, delta=step)
+
+
+def shaken(course: ModelledRecord, random: np.random.Generator) -> ModelledRecord:
+    """The course with its smoothed motion as the encoder would have read it another time."""
+    noise = position_noise(course.record) * random.standard_normal(len(course.x))
+    x, v = _smoothed(noise, course.width, course.step)
+    return replace(course, x=course.x + x, v=course.v + v)
 
 
 def read_anew(course: ModelledRecord, model: Drive, random: np.random.Generator) -> ModelledRecord:

@@ -10,6 +10,7 @@ from .modelled_record import ModelledRecord
 Mask = npt.NDArray[np.bool_]
 Vector = npt.NDArray[np.float64]
 
+REST = "rest"
 PARTS = {
     "reversals": "within 0.1 s of a change of direction, slower than a fifth of the fast speed",
     "slow": "below half of the fast speed, reversals left out",
@@ -18,6 +19,7 @@ PARTS = {
     "steady": "acceleration below that",
     "forwards": "towards +x",
     "backwards": "towards -x",
+    REST: "slower than is told from rest for 0.05 s or longer",
 }
 """Each of the views by speed, by acceleration and by direction has every moving sample once."""
 
@@ -28,11 +30,11 @@ _DIRECTED = 0.01  # of the fast speed: slower has the direction of before
 
 
 def motion_parts(course: ModelledRecord) -> dict[str, Mask]:
-    """Which samples belong to each part; where the drive rests, to none.
+    """Which samples belong to each part; where the drive rests, to no other.
 
     Parameters
     ----------
-    course : Course
+    course : ModelledRecord
         Of n samples.
 
     Returns
@@ -50,7 +52,8 @@ def motion_parts(course: ModelledRecord) -> dict[str, Mask]:
     a = np.abs(course.mean_a)
     hard = a > (float(np.sqrt(np.mean(a[moving] ** 2))) if moving.any() else 0.0)
     found = (reversing, slow, ~reversing & ~slow, hard, ~hard, direction > 0, direction < 0)
-    return {name: mask & moving for name, mask in zip(PARTS, found, strict=True)}
+    parts = {name: mask & moving for name, mask in zip(PARTS, found, strict=False)}
+    return {**parts, REST: ~moving}
 
 
 def _direction(v: Vector, least: float) -> Vector:

@@ -102,7 +102,7 @@ def residual(courses: Sequence[ModelledRecord], model: Drive, added: Added) -> R
         if c.by_current:  # a simulation is given the voltage
             whole = whole + between
         keep = at_samples(c, _telling(c, model)) == 1.0
-        parts.append((whole, between, _ahead(model, whole, c.step), keep))
+        parts.append((whole, between, _ahead(model, whole, c), keep))
     return Residual(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -153,17 +153,26 @@ def at_samples(course: ModelledRecord, values: Vector) -> Vector:
     return np.interp(np.arange(len(course.x)), centres(len(course.x), course.width), values)
 
 
-def _ahead(model: Drive, force: Vector, step: float) -> Vector:
-    """Error of the position that comes of not knowing a force, from nothing at every second."""
-    every = max(2, round(AHEAD / step))
+def _ahead(model: Drive, force: Vector, course: ModelledRecord) -> Vector:
+    """Error of the position that comes of not knowing a force, from nothing at every second.
+
+    Where the drive rests, friction holds whatever acts, and no error grows. `compare` tells what
+    the model itself does there.
+    """
+    step = course.step
     slowed = model.damping / model.inertia
     kept = math.exp(-slowed * step)
     gained = step if slowed * step < 1e-9 else -math.expm1(-slowed * step) / slowed
     out = np.zeros(len(force))
+    every = max(2, round(AHEAD / step))
     for first in range(0, len(force), every):
-        part = force[first : first + every] / model.inertia
-        speed = lfilter([0.0, gained], [1.0, -kept], part)
+        part = slice(first, first + every)
+        speed = np.zeros(len(force[part]))
+        turns = np.flatnonzero(np.diff(course.rests[part], prepend=True, append=True))
+        for begin, end in zip(turns[::2], turns[1::2], strict=True):
+            pushed = force[part][begin:end] / model.inertia
+            speed[begin:end] = lfilter([0.0, gained], [1.0, -kept], pushed)
         # between two samples the speed goes from one value to the next
         moved = np.cumsum(0.5 * (speed[1:] + speed[:-1])) * step
-        out[first + 1 : first + len(part)] = moved
+        out[first + 1 : first + len(speed)] = moved
     return out

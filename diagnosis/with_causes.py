@@ -24,7 +24,7 @@ _Number = TypeVar("_Number")
 
 # Forces come first, while the body is one and cannot stick; then what parts it; then, once it can
 # stick, what lies between the command and the force.
-_PARTING = ("compliance", "backlash")
+PARTING = ("compliance", "backlash")
 _BEFORE_THE_FORCE = ("resistance_drift", "voltage_saturation", "input_delay")
 
 
@@ -70,8 +70,8 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
         values["sigma1"] = drive.values["sigma1"]
     plant = replace(drive.plant, name="extended_plant").with_defaults(drive.values, PRIOR)
     curve = curve_of(drive.law)
-    first = [n for n in own if n not in (*_PARTING, *_BEFORE_THE_FORCE)]
-    for name in (*first, *(n for n in _PARTING if n in own)):
+    first = [n for n in own if n not in (*PARTING, *_BEFORE_THE_FORCE)]
+    for name in (*first, *(n for n in PARTING if n in own)):
         plant = CAUSES[name].extend(plant, curve, own[name])
     if drive.law == "classical":
         plant = _able_to_stick(plant)

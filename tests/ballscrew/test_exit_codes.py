@@ -104,7 +104,7 @@ def test_an_output_that_nobody_reads_is_one_line_and_the_results_are_there(tmp_p
 
 def test_without_docstrings_and_assertions_commands_work_or_say_why_not(tmp_path):
     optimized = {"PYTHONOPTIMIZE": "2"}
-    for command in ("", "run", "map", "study", "diagnose"):
+    for command in ("", "run", "map", "study", "diagnose", "compare"):
         done = shell(f"{command} --help", tmp_path, **optimized)
         assert done.returncode == 0
         assert "usage: ballscrew" in done.stdout

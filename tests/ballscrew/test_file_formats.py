@@ -75,7 +75,8 @@ def written(tmp_path_factory):
         "bliman": ("identify", out / "rig" / "2.8-01", "--law", "bliman_sorine"),
         "diagnose": ("diagnose", record, "--params", prior),
         "unexplained": ("diagnose", with_current, "--params", prior),
-        "judge": ("diagnose", "--judge", record, "--params", out / "diagnose" / "parameters.toml"),
+        "compare": ("compare", record, "--params", out / "diagnose" / "parameters.toml"),
+        "one_model": ("compare", record, "--params", prior),
     }
     for name, words in commands.items():
         code, _, said = run(*words, "--out", out / name)

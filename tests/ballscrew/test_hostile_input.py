@@ -116,6 +116,8 @@ def folder(tmp_path, monkeypatch):
         (["diagnose", "record.csv", "--params", LONG, "--out", "OUT"], "File name too long"),
         (["identify", "rig", "--law", "dahl", "--out", "OUT"], "expected `plant.m` to be a finite"),
         (["diagnose", "loop", "--out", "OUT"], "symbolic links"),
+        (["compare", "loop", "--params", "deep.toml", "--out", "OUT"], "nested too deep"),
+        (["compare", "record.csv", "--params", "loop"], "symbolic links"),
         (["diagnose", "record.csv", "--params", "loop", "--out", "OUT"], "symbolic links"),
         ([*RUN, "--params", "loop"], "symbolic links"),
     ],

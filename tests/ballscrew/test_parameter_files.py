@@ -39,7 +39,7 @@ def written(folder):
 
 @pytest.fixture(scope="module")
 def chain(tmp_path_factory):
-    """Rig, identify, diagnose, run, lyapunov: each is given the file that the one before wrote."""
+    """Rig, identify, diagnose, compare, run, lyapunov: each takes a file that one before wrote."""
     top = tmp_path_factory.mktemp("chain")
     folders = [top / name for name in ("rig", "identify", "diagnose", "run", "lyapunov")]
     trial, identified, diagnosed, ran, exponents = folders
@@ -49,6 +49,8 @@ def chain(tmp_path_factory):
     done("identify", trial, *law, *given, codes=(0, 1))
     given = ("--params", identified / "parameters.toml", "--out", diagnosed)
     done("diagnose", trial / "record.csv", *given, codes=(0, 1))
+    for folder in (identified, diagnosed):
+        done("compare", trial / "record.csv", "--params", folder / "parameters.toml")
     loop = ("--controller", "nctf", "--stop", "0.05")
     done("run", *loop, "--params", diagnosed / "parameters.toml", "--out", ran)
     given = ("--params", ran / "parameters.toml", "--out", exponents)

@@ -11,10 +11,10 @@ from worlds import layout as at
 
 from ballscrew.diagnosis.balance import Added
 from ballscrew.diagnosis.commanded import commanded, driven_by_current
+from ballscrew.diagnosis.compare import compare_records
 from ballscrew.diagnosis.corrected import corrected
 from ballscrew.diagnosis.diagnose import diagnose
 from ballscrew.diagnosis.drive import Drive
-from ballscrew.diagnosis.judge import judge_records
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.residuals import residual
 from ballscrew.orchestration.parameter_file import BadParameters
@@ -100,7 +100,7 @@ def test_commands_that_no_model_takes_are_one_line(signals):
         assert "\n" not in str(caught.value)
 
 
-def test_current_alone_is_diagnosed_and_judged_in_any_units(signals, tmp_path):
+def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path):
     """Milliamperes and degrees, with the lead: what is left is the load, in newtons."""
     lead = 1e-3
     table = [1e3 * signals["time"], 1e3 * signals["i"], 360 * signals["x"] / lead]
@@ -122,10 +122,10 @@ def test_current_alone_is_diagnosed_and_judged_in_any_units(signals, tmp_path):
     assert "kt" not in file.plant
     # another record, with the voltage beside: the current counts
     other = check_record("other", loaded(seed=5))
-    scores = judge_records([other], file).scores
-    assert scores["prior"].force.value == pytest.approx(LOAD, rel=0.1)
+    models = compare_records([other], file).models
+    assert models["prior"]["all"].force.value == pytest.approx(LOAD, rel=0.1)
     with pytest.raises(BadRecord, match="u is a voltage, but the model was diagnosed with a curr"):
-        judge_records([check_record("voltage", without(other.signals, "i"))], file)
+        compare_records([check_record("voltage", without(other.signals, "i"))], file)
 
 
 def test_a_lead_that_is_said_twice_is_one_line(tmp_path):

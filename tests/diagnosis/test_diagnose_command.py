@@ -66,20 +66,27 @@ def test_the_extended_plant_runs_in_the_closed_loop(diagnosed, tmp_path):
     assert "trusted" in printed
 
 
-def test_the_corrected_file_is_enough_to_judge_all_three_models(diagnosed, tmp_path):
+def test_the_corrected_file_is_enough_to_compare_all_three_models(diagnosed, tmp_path):
     """On the record that it was made from: the same figures come out."""
     params = diagnosed.folder / "parameters.toml"
     told = read_parameters(params).diagnosis
     assert list(told.causes) == ["load_bias"]
     prior = read_parameters(diagnosed.parameters).plant
     assert all(told.prior[n] == v.value for n, v in prior.items())
-    code, printed, _ = run("diagnose", "--judge", diagnosed.record, "--params", params, "--json")
+    code, printed, _ = run("compare", diagnosed.record, "--params", params, "--json")
     assert code == 0
-    scores = json.loads(printed)["scores"]
+    models = json.loads(printed)["models"]
     baseline, final = (diagnosed.result[n] for n in ("baseline_residual", "final_residual"))
-    assert scores["prior"]["force"]["value_N"] == pytest.approx(baseline["force_N"], rel=0.02)
-    assert scores["corrected"]["force"]["value_N"] == pytest.approx(final["force_N"], rel=0.05)
-    assert scores["corrected"]["force"]["value_N"] < scores["adjusted"]["force"]["value_N"]
+    assert models["prior"]["all"]["force"]["value_N"] == pytest.approx(
+        baseline["force_N"], rel=0.02
+    )
+    assert models["corrected"]["all"]["force"]["value_N"] == pytest.approx(
+        final["force_N"], rel=0.05
+    )
+    assert (
+        models["corrected"]["all"]["force"]["value_N"]
+        < models["adjusted"]["all"]["force"]["value_N"]
+    )
 
 
 def test_where_nothing_is_hidden_nothing_is_named_and_no_old_plant_stays(tmp_path):
@@ -137,7 +144,7 @@ def test_requests_that_make_no_sense_are_one_line(diagnosed, tmp_path):
     record, params, out = diagnosed.record, diagnosed.parameters, tmp_path / "out"
     given = ("--params", params, "--out", out)
     for arguments, words in (
-        (("--out", out), "neither DATA nor --judge"),
+        (("--out", out), "the following arguments are required: DATA"),
         ((tmp_path / "no.csv", *given), "no such file"),
         ((record, "--map", "u", *given), "THEIRS=OURS"),
         ((record, "--map", "volts=u", *given), "there is no column 'volts'"),

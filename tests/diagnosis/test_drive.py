@@ -77,7 +77,7 @@ def test_another_law_takes_what_it_knows_of_the_file(written):
     [
         ('plan = "drive"', "there is no 'plan', did you mean plant"),
         ('kind = "rocket"', "kind is 'rocket', expected one of ball_screw, drive"),
-        ('kind = "fmu"', "kind is 'fmu', expected one of ball_screw, drive: a diagnosis needs"),
+        ('kind = "fmu"', "kind is 'fmu', expected one of ball_screw, drive: the equations"),
         ("law = 3", "law is 3, expected one of classical"),
         ("[plant]\nFcc = 1.0", r"\[plant\] there is no 'Fcc', did you mean Fc"),
         ("[plant]\nFc = '1'", r"Fc is '1', expected a finite number in SI units"),

@@ -59,11 +59,12 @@ def test_a_fast_sine_is_not_all_reversal():
     parts = parts_of(v)
     share = parts["reversals"].mean()
     assert share == pytest.approx(2 / np.pi * np.arcsin(0.2), rel=0.1)
-    assert all(mask.any() for mask in parts.values())
+    assert [name for name, mask in parts.items() if not mask.any()] == ["rest"]
 
 
-def test_a_drive_that_rests_is_in_no_part():
+def test_a_drive_that_rests_is_in_no_other_part():
     v = strokes()
     v[4000:5000] = 0.0
     parts = parts_of(v)
+    assert parts.pop("rest")[4200:4800].all()
     assert not any(mask[4200:4800].any() for mask in parts.values())

@@ -1,4 +1,4 @@
-"""Models of a diagnosis, judged on a record that they have not seen and whose truth is known."""
+"""Models beside records whose truth is known, most of all the three models of a diagnosis."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ import pytest
 from axis_records import ASYMMETRY, NOMINAL, friction_noise, gap, moved, signals_of
 from worlds import layout as at
 
-from ballscrew.diagnosis.judge import judge_records
+from ballscrew.diagnosis.compare import compare_records
 from ballscrew.orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.bad_record import BadRecord
@@ -44,43 +44,47 @@ def loaded():
 
 
 def test_a_cause_that_is_there_gains_and_its_model_comes_down_to_the_noise(loaded):
-    found = judge_records([loaded], a_file(causes={"load_bias": {"load": LOAD}}))
-    prior_model, corrected = found.scores["prior"], found.scores["corrected"]
+    found = compare_records([loaded], a_file(causes={"load_bias": {"load": LOAD}}))
+    parts = found.models["prior"]
+    prior_model, corrected = parts["all"], found.models["corrected"]["all"]
     # the load alone is the gap: what is left beside it is the noise of the friction
     assert prior_model.force.value == pytest.approx(
         math.hypot(LOAD, corrected.force.value), rel=0.05
     )
-    assert corrected.force.value < 1.5 * found.floor.force < 0.2 * LOAD
+    assert corrected.force.value < 1.5 * found.floor.force.value < 0.2 * LOAD
     low, high = prior_model.force.interval
     assert low < prior_model.force.value < high
     gain = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
     assert gain.force.value > 0.95
     assert 0.9 < gain.force.interval[0] < gain.force.value < gain.force.interval[1] <= 1.0
     assert gain.position.interval[0] > 0.5
+    assert corrected.position.value < 5e-6 < 0.1 * prior_model.position.value
     # a load is the same wherever one looks
-    for part, score in prior_model.parts.items():
-        assert score.value == pytest.approx(LOAD, rel=0.15), part
+    for part in set(parts) - {"rest"}:
+        assert parts[part].force.value == pytest.approx(LOAD, rel=0.15), part
     assert found.shares["forwards"] + found.shares["backwards"] == pytest.approx(1.0)
 
 
 def test_a_cause_that_is_not_there_loses(loaded):
-    found = judge_records([loaded], a_file(causes={"load_bias": {"load": -LOAD}}))
+    found = compare_records([loaded], a_file(causes={"load_bias": {"load": -LOAD}}))
     gain = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
     assert gain.force.interval[1] < 0.0
     assert gain.position.interval[1] < 0.0
 
 
-def test_values_adjusted_are_judged_beside_the_prior_ones():
+def test_values_adjusted_are_compared_with_the_prior_ones():
     record = a_record({}, 4)
     wrong = {"sigma2": 1.2 * TRUTH["sigma2"]}
-    found = judge_records([record], a_file(prior_model=wrong, adjusted={"sigma2": TRUTH["sigma2"]}))
+    found = compare_records(
+        [record], a_file(prior_model=wrong, adjusted={"sigma2": TRUTH["sigma2"]})
+    )
     gain = next(g for g in found.gains if (g.model, g.over) == ("adjusted", "prior"))
     assert gain.force.interval[0] > 0.5
     nothing = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
     assert (nothing.force.value, nothing.position.value) == (0.0, 0.0)
     # too much viscous friction shows where it is fast
-    parts = found.scores["prior"].parts
-    assert parts["fast"].value > 2 * parts["slow"].value
+    parts = found.models["prior"]
+    assert parts["fast"].force.value > 2 * parts["slow"].force.value
 
 
 @pytest.mark.parametrize(
@@ -110,44 +114,45 @@ def test_values_adjusted_are_judged_beside_the_prior_ones():
 )
 def test_causes_of_every_kind_are_along_the_other_record_what_they_were(effects, corrected, causes):
     record = a_record(effects, 5)
-    found = judge_records([record], a_file(corrected=corrected, causes=causes))
+    found = compare_records([record], a_file(corrected=corrected, causes=causes))
     gain = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
     assert gain.force.interval[0] > 0.0
+    # its plant, or the command that it makes, moves as the record does
+    assert gain.position.interval[0] > 0.5
+    assert found.models["corrected"]["all"].position.value < 5e-6
 
 
 def test_a_short_record_has_figures_and_no_intervals():
     record = a_record({at.LOAD: LOAD}, 6)
     short = check_record("short", {n: s[:2500] for n, s in record.signals.items()})
-    found = judge_records([short], a_file(causes={"load_bias": {"load": LOAD}}))
-    assert found.scores["prior"].force.interval is None
-    assert found.to_dict()["scores"]["prior"]["force"] == {
-        "value_N": found.scores["prior"].force.value,
+    found = compare_records([short], a_file(causes={"load_bias": {"load": LOAD}}))
+    assert found.models["prior"]["all"].force.interval is None
+    assert found.to_dict()["models"]["prior"]["all"]["force"] == {
+        "value_N": found.models["prior"]["all"].force.value,
         "interval_N": None,
     }
 
 
 def test_what_a_diagnosis_did_not_write_is_one_line(loaded):
     file = a_file()
-    with pytest.raises(BadParameters, match=r"has no table \[diagnosis\]"):
-        judge_records([loaded], dataclasses.replace(file, diagnosis=None))
     with pytest.raises(BadParameters, match="there is no 'lod'"):
-        judge_records([loaded], a_file(causes={"lod": {}}))
+        compare_records([loaded], a_file(causes={"lod": {}}))
     with pytest.raises(BadParameters, match=r"\[diagnosis.causes.load_bias\] has no 'load'"):
-        judge_records([loaded], a_file(causes={"load_bias": {}}))
+        compare_records([loaded], a_file(causes={"load_bias": {}}))
     values = {n: v for n, v in file.plant.items() if n != "m"}
     with pytest.raises(BadParameters, match=r"\[plant\] has no 'm'"):
-        judge_records([loaded], dataclasses.replace(file, plant=values))
+        compare_records([loaded], dataclasses.replace(file, plant=values))
     warming = {"warming": 0.0, "friction_per_kelvin": 0.01}
     with pytest.raises(BadRecord, match="has no column 'temperature'"):
-        judge_records([loaded], a_file(causes={"friction_drift": warming}))
+        compare_records([loaded], a_file(causes={"friction_drift": warming}))
 
 
 def test_a_record_with_another_command_is_refused(loaded):
     with pytest.raises(BadRecord, match="u is a current, but the model was diagnosed with a volt"):
-        judge_records([dataclasses.replace(loaded, command=CURRENT)], a_file())
+        compare_records([dataclasses.replace(loaded, command=CURRENT)], a_file())
     current = check_record("current.csv", {"time": loaded.time, "x": loaded.x, "i": loaded.u})
     with pytest.raises(BadRecord, match="has the current i and no command u"):
-        judge_records([current], a_file())
+        compare_records([current], a_file())
 
 
 def test_the_file_says_all_of_it_again_when_it_is_read(tmp_path):
@@ -186,6 +191,6 @@ def test_the_models_law_is_that_of_the_prior_plant():
         {"presliding_hysteresis": {"sigma0": TRUTH["sigma0"]}},
     )
     values = {n: Value(v) for n, v in TRUTH.items()}
-    found = judge_records([record], ParameterFile(plant=values, diagnosis=told))
+    found = compare_records([record], ParameterFile(plant=values, diagnosis=told))
     gain = next(g for g in found.gains if (g.model, g.over) == ("corrected", "adjusted"))
     assert gain.force.value > 0.0

@@ -1,0 +1,370 @@
+"""How well models do on a record: the force that they leave, and the position that they predict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
+from ..orchestration.parameter_reading import read_parameters
+from ..plant.law import claims
+from ..records.bad_record import BadRecord
+from ..records.identifiable import check_identifiable
+from ..records.reading import read_drive_records
+from ..records.record import CURRENT, Record
+from .balance import Added, balance
+from .bands import AROUND_REST
+from .blocks import Blocks, Estimate
+from .causes import CAUSES
+from .commanded import by_current, commanded
+from .compared import ADJUSTED, ALL, CORRECTED, MODEL, PRIOR, Compared, Gain, Left, Traces
+from .diagnosis_pictures import binned
+from .drive import Drive, compiled, drive_of
+from .held_out import ends_of_seconds
+from .modelled_record import ModelledRecord, lay_along, shaken, with_law_force
+from .motion_parts import PARTS, REST, motion_parts
+from .predicted import NotPredicted, Predictor
+from .residuals import at_samples, check_motion, floor, residual, rms
+from .weak_form import averaged
+from .with_causes import PARTING
+
+Vector = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Causes = Mapping[str, Mapping[str, float]]
+
+_GAINS = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))
+_SLOWEST = 1e-5  # just above rest, where a law says what it holds [m/s]
+_SPEEDS = 200  # of a curve, each way
+
+
+def compare(
+    data: Sequence[Path | str],
+    params: Path | str,
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    lead: float | None = None,
+    progress: Callable[[str], None] = lambda doing: None,
+) -> Compared:
+    """Compare the models of a parameter file with records; see `ballscrew.compare`."""
+    progress("reading")
+    file = read_parameters(params).with_lead(lead)
+    lead = lead or file.lead
+    return compare_records(read_drive_records(data, mapping, units, lead), file, progress)
+
+
+def compare_records(
+    records: Sequence[Record],
+    file: ParameterFile,
+    progress: Callable[[str], None] = lambda doing: None,
+) -> Compared:
+    """As `compare`, of records and a parameter file in memory; nothing is fitted to the records.
+
+    Raises
+    ------
+    BadRecord, BadParameters
+        With one line that says what cannot be used and why.
+    """
+    told = file.diagnosis
+    if told is None:
+        records, drive, notes = commanded(records, drive_of(file))
+        models = {MODEL: drive}
+        if file.found:
+            notes.append(f"left aside: {', '.join(file.found)} of [found], no part of the plant")
+    else:
+        models = _models(file, told)
+        known = [_commanded(r, told) for r in records]
+        records, _, notes = commanded(known, models[PRIOR])
+    notes += check_identifiable(records)
+    first = next(iter(models.values()))
+    shift = told.command_shift if told else 0.0
+    courses = [_laid(r, first, shift) for r in records]
+    check_motion(courses, first)
+    nothing = Added.nothing(courses)
+    extras = {name: _Extra(nothing, nothing.force, {}, False) for name in models}
+    if told is not None:
+        extras[CORRECTED] = _causes_along(courses, models[CORRECTED], file, told)
+    found = {}
+    for name, model in models.items():
+        progress(f"solving the {name} model" if told else "solving the model")
+        found[name] = _along(courses, model, extras[name])
+        if found[name].why:
+            notes.append(f"no position is predicted of the {name} model: {found[name].why}")
+    return _compared(courses, models, found, told, notes)
+
+
+@dataclass(frozen=True)
+class _Extra:
+    """What a model has beside its equations: along the records, and built into its plant.
+
+    Of the forces along the records, those `at_rest` act on what rests, too; a joint's does not.
+    """
+
+    added: Added
+    at_rest: list[Vector]
+    built: Causes
+    caused: bool
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What one model leaves, the records end to end, shape (n,); not all have a prediction."""
+
+    force: Vector
+    required: Vector
+    counted: Mask
+    predict: Callable[[Sequence[ModelledRecord]], Vector]
+    predicted: Vector | None
+    why: str
+    curve: tuple[Vector, Vector]
+
+
+def _along(courses: Sequence[ModelledRecord], model: Drive, extra: _Extra) -> _Found:
+    """What a model leaves of the records."""
+    added = extra.added
+    required = [_required(c, model, u) for c, u in zip(courses, added.command, strict=True)]
+    left = residual(courses, model, added)
+    beyond = [
+        _beyond_stiction(c, model, *forces)
+        for c, *forces in zip(courses, required, extra.at_rest, strict=True)
+    ]
+    rests = np.concatenate([c.rests for c in courses])
+    force = np.where(rests, np.concatenate(beyond), left.force)
+    predictor = Predictor(model, extra.built)
+
+    def predict(them: Sequence[ModelledRecord]) -> Vector:
+        return np.concatenate([predictor(c, u) for c, u in zip(them, added.command, strict=True)])
+
+    predicted, why = None, ""
+    try:
+        predicted = predict(courses)
+    except NotPredicted as error:
+        why = str(error)
+    whole = np.concatenate(required)
+    curve = _curve(model, courses)
+    if extra.caused:
+        v = np.concatenate([c.v for c in courses])
+        curve = binned(v, whole - force, left.telling, alike=True)
+    return _Found(force, whole, left.telling, predict, predicted, why, curve)
+
+
+def _compared(
+    courses: Sequence[ModelledRecord],
+    models: Mapping[str, Drive],
+    found: Mapping[str, _Found],
+    told: Diagnosed | None,
+    notes: Sequence[str],
+) -> Compared:
+    first = next(iter(found.values()))
+    lowest = next(iter(models)) if told is None else ADJUSTED
+    x = np.concatenate([c.x for c in courses])
+    ends = ends_of_seconds(courses)
+    squares = Blocks(ends)
+    parts = [motion_parts(c) for c in courses]
+    masks = {ALL: np.ones(len(x), dtype=bool)}
+    masks |= {name: np.concatenate([p[name] for p in parts]) for name in PARTS}
+    counted = {n: m & first.counted for n, m in masks.items()}
+    counted[REST] = np.concatenate([_well_within_rest(c) for c in courses])
+
+    def root(values: Vector, mask: Mask) -> Estimate | None:
+        return squares.rms(values, mask) if mask.any() else None
+
+    def left(f: _Found) -> dict[str, Left]:
+        return {
+            n: Left(
+                root(f.force, counted[n]),
+                None if f.predicted is None else root(f.predicted - x, mask),
+            )
+            for n, mask in masks.items()
+            if mask.any()
+        }
+
+    def gain(model: str, over: str) -> Gain:
+        one, other = found[model], found[over]
+        known = one.predicted is not None and other.predicted is not None
+        return Gain(
+            squares.gain(other.force, one.force, counted[ALL]),
+            squares.gain(other.predicted - x, one.predicted - x) if known else None,
+            model,
+            over,
+        )
+
+    noise = floor(courses, models[lowest])
+    once, shown = found[lowest].predicted, None
+    if once is not None:
+        random = np.random.default_rng(0)
+        shown = squares.rms(found[lowest].predict([shaken(c, random) for c in courses]) - once)
+    starts = np.zeros(len(x), dtype=bool)
+    starts[ends[:-1]] = True
+    return Compared(
+        records=tuple(c.record.name for c in courses),
+        diagnosed=told.records if told else (),
+        causes=tuple(told.causes) if told else (),
+        seconds=float(sum(len(c.x) * c.step for c in courses)),
+        friction=rms(first.required[first.counted]),
+        shares={n: float(m.mean()) for n, m in masks.items() if n != ALL and m.any()},
+        models={name: left(f) for name, f in found.items()},
+        floor=Left(root(noise.force, counted[ALL]), shown),
+        gains=tuple(gain(*pair) for pair in _GAINS) if told else (),
+        notes=tuple(notes),
+        traces=Traces(
+            time=_end_to_end(courses),
+            x=x,
+            v=np.concatenate([c.v for c in courses]),
+            required=first.required,
+            rests=masks[REST],
+            counted=first.counted,
+            starts=starts,
+            left={name: f.force for name, f in found.items()},
+            predicted={n: f.predicted for n, f in found.items() if f.predicted is not None},
+            curves={name: f.curve for name, f in found.items()},
+        ),
+    )
+
+
+# -- along one record ------------------------------------------------------------------------
+
+
+def _laid(record: Record, model: Drive, shift: float) -> ModelledRecord:
+    """The record with its motion; the command acts when it did where the models come from."""
+    course = lay_along(record, model)
+    return replace(course, calibration={**course.calibration, "command_shift": shift})
+
+
+def _required(course: ModelledRecord, model: Drive, command: Vector) -> Vector:
+    """Force of the command less mass times acceleration, shape (n,) [N]."""
+    nothing = np.zeros(len(course.x))
+    less_viscous = balance(course, model, nothing, nothing, command)[:, 0]
+    viscous = _scale(course, model) * model.linear_friction * averaged(course.moved_v, course.width)
+    return at_samples(course, less_viscous + viscous)
+
+
+def _well_within_rest(course: ModelledRecord) -> Mask:
+    """Samples at rest that no window beside a motion reaches, as `moving` has it of a motion."""
+    moves = averaged((~course.rests).astype(float), course.width) > 0.0
+    near = np.convolve(moves, np.ones(2 * AROUND_REST + 1), mode="same")
+    return np.asarray(course.rests & (at_samples(course, near) == 0.0))
+
+
+def _beyond_stiction(
+    course: ModelledRecord, model: Drive, required: Vector, force: Vector
+) -> Vector:
+    """What of the force required is more than friction can hold at rest, shape (n,) [N].
+
+    The law holds as much as it has while it slides just above rest.
+    """
+    scale = _scale(course, model)
+    asked = required - scale * (force + model.values.get("offset", 0.0))
+    backwards, forwards = scale * _sliding(model, np.array([-_SLOWEST, _SLOWEST]))
+    return np.asarray(asked - np.clip(asked, backwards, forwards))
+
+
+def _scale(course: ModelledRecord, model: Drive) -> float:
+    """Forces are told at the first model's force per unit of the command, see `balance`."""
+    return course.per_command / model.per_command
+
+
+def _sliding(model: Drive, v: Vector) -> Vector:
+    """Friction of steady sliding at these velocities, shape (n,) [N]."""
+    names, steady = compiled(claims(model.law).steady_state)
+    numbers = {**model.values, "v": v}
+    return np.broadcast_to(np.asarray(steady(*(numbers[n] for n in names)), dtype=float), v.shape)
+
+
+def _curve(model: Drive, courses: Sequence[ModelledRecord]) -> tuple[Vector, Vector]:
+    """Friction over velocity, within the records' speeds: [m/s] and [N]."""
+    fastest = max(float(np.abs(c.v).max()) for c in courses)
+    speeds = np.linspace(0.0, 1.0, _SPEEDS) ** 3 * fastest + _SLOWEST
+    v = np.concatenate([-speeds[::-1], speeds])
+    return v, _sliding(model, v) + model.values.get("offset", 0.0)
+
+
+def _end_to_end(courses: Sequence[ModelledRecord]) -> Vector:
+    lasting = np.cumsum([0.0, *(len(c.x) * c.step for c in courses)])
+    return np.concatenate([c.time + begin for c, begin in zip(courses, lasting[:-1], strict=True)])
+
+
+# -- the models of a diagnosis ---------------------------------------------------------------
+
+
+def _models(file: ParameterFile, told: Diagnosed) -> dict[str, Drive]:
+    """The three models, by name; causes that are forces stand beside the corrected one."""
+
+    def model(where: str, values: Mapping[str, Value]) -> Drive:
+        missing = [n for n in told.prior if n not in values]
+        if missing:
+            raise BadParameters(f"{file.path}: [{where}] has no {missing[0]!r}")
+        own = {n: values[n] for n in told.prior}
+        return drive_of(replace(file, law=told.law, plant=own, found={}, tolerance={}))
+
+    def plain(values: Mapping[str, float]) -> dict[str, Value]:
+        return {n: Value(v) for n, v in values.items()}
+
+    return {
+        PRIOR: model("diagnosis.prior", plain(told.prior)),
+        ADJUSTED: model("diagnosis.adjusted", plain(told.adjusted)),
+        CORRECTED: model("plant", file.plant),
+    }
+
+
+def _commanded(record: Record, told: Diagnosed) -> Record:
+    """The record with the command that the models take."""
+    current = by_current(record) if told.command == CURRENT else None
+    if current is not None:
+        return current
+    if record.current_alone:
+        raise BadRecord(
+            f"{record.name}: has the current i and no command u; the model was diagnosed with a "
+            f"{told.command} as u"
+        )
+    if record.command != told.command:
+        raise BadRecord(
+            f"{record.name}: u is a {record.command}, but the model was diagnosed with a "
+            f"{told.command} as u; take such a record, or say its unit with --unit u=UNIT"
+        )
+    return record
+
+
+def _causes_along(
+    courses: Sequence[ModelledRecord], model: Drive, file: ParameterFile, told: Diagnosed
+) -> _Extra:
+    """The named causes: along each record, and those to be built into the plant.
+
+    Causes that are values are in the model. Those of the command are known along a record, also
+    at the start of each second, and no plant needs them.
+    """
+    forces, commands, at_rest = [], [], []
+    built: dict[str, Mapping[str, float]] = {}
+    for course in courses:
+        alone = [with_law_force(course, model)]
+        added = resting = Added.nothing(alone)
+        for name, values in told.causes.items():
+            if name not in CAUSES:
+                raise BadParameters(
+                    f"{file.path}: [diagnosis.causes] there is no {name!r}; there are "
+                    f"{', '.join(CAUSES)}"
+                )
+            if "warming" in values and "temperature" not in course.record.signals:
+                raise BadRecord(
+                    f"{course.record.name}: has no column 'temperature', with which {name} changes"
+                )
+            try:
+                shape = CAUSES[name].at(alone, model, values)
+                sizes = [1.0 if shape.sure is not None else values[n] for n in shape.amplitudes]
+            except KeyError as error:
+                raise BadParameters(
+                    f"{file.path}: [diagnosis.causes.{name}] has no {error.args[0]!r}"
+                ) from error
+            if shape.command is None:
+                built[name] = values
+            if not shape.freed:
+                added = added.more(shape, np.array(sizes))
+            if not shape.freed and name not in PARTING:
+                resting = resting.more(shape, np.array(sizes))
+        forces += added.force
+        commands += added.command
+        at_rest += resting.force
+    return _Extra(Added(forces, commands), at_rest, built, bool(told.causes))
