@@ -27,7 +27,7 @@ are compared: the prior one, the one with values adjusted, and the corrected one
 examples:
   ballscrew compare run.csv --params axis.toml
   ballscrew compare other.csv --params out/diagnosis/parameters.toml --out out/compare
-  ballscrew compare emps.mat --params emps.toml --map vir=u --map qm=x --map t=time \
+  ballscrew compare emps.mat --params emps.toml --map vir=u --map qm=x --map t=time \\
     --unit time=s --unit x=m --unit u=V --out out/emps
   ballscrew compare drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \\
     --lead 0.005 --json
