@@ -111,10 +111,10 @@ def verdict_of(
     scale = scales(run[:rows])
     amplification = 1 / (1 - min(contraction, 0.999)) if np.isfinite(contraction) else 1.0
     with np.errstate(invalid="ignore", over="ignore"):
-        difference = np.abs(run[:rows] - co_run[:rows]).max(axis=0) * amplification
+        difference = _worst(np.abs(run[:rows] - co_run[:rows]), run) * amplification
         if half:
             rows = min(len(run), len(half[0]))
-            halving = np.abs(run[:rows] - half[0][:rows]).max(axis=0)
+            halving = _worst(np.abs(run[:rows] - half[0][:rows]), run)
             difference = np.maximum(difference, HALVING * halving)
             what += ", or the set-point within the steps,"
     share = difference / scale
@@ -201,7 +201,7 @@ def second_verdict(
     if delayed is not None:  # the run's commands may be late by four times as much
         error = np.maximum(error, 4 * np.abs(delayed - quarter))
     error += around
-    worst_error = error.max(axis=0)
+    worst_error = _worst(error, run)
     share = worst_error / scales(run)
     worst = int(np.argmax(share))
     estimate = dict(zip(names, worst_error.tolist(), strict=True))
@@ -212,6 +212,16 @@ def second_verdict(
         return Verdict(False, reason, first.advice, estimate, first.contraction)
     reason = f"the coupling moved no output further than {found}, {by}"
     return Verdict(True, reason, "", estimate, first.contraction)
+
+
+def _worst(error: Vector, run: Vector) -> Vector:
+    """Of each output the largest error; of a flag, which is 0 or 1, the share of time it is wrong.
+
+    A flag is wrong by all of its range at the one point where it changes a little sooner or later,
+    however small that is, and what follows from it is seen in the other outputs.
+    """
+    flags = np.isin(run, (0.0, 1.0)).all(axis=0) & (run.min(axis=0) < run.max(axis=0))
+    return np.where(flags, np.minimum(error, 1.0).mean(axis=0), error.max(axis=0))
 
 
 def scales(run: Vector) -> Vector:

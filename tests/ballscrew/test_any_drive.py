@@ -281,3 +281,34 @@ def test_the_next_record_of_an_identified_machine_is_diagnosed(identified, tmp_p
     (cause,) = swings["causes"]
     size = max(abs(v) for n, v in cause["parameters"].items() if n.startswith("friction_cos"))
     assert size == pytest.approx(12.0 / 80.0, rel=0.1)
+
+
+def karnopp(stop, step=4e-6):
+    """The drive with classical friction and its controller, by Karnopp's stiction, typed by hand."""
+    x = v = w = 0.0
+    places = [x]
+    for k in range(round(stop / step)):
+        u = 2e5 * (0.02 - x) + 1e6 * w - 4e3 * v
+        if v == 0.0 and abs(u) <= 100.0:
+            a = 0.0
+        else:
+            way = np.sign(v) if v else np.sign(u)
+            a = (u - way * (80.0 + 20.0 * np.exp(-((v / 0.01) ** 2))) - 200.0 * v) / 40.0
+        faster = v + step * a
+        v = 0.0 if v * faster < 0.0 else faster
+        x += step * v
+        w += step * (0.02 - x)
+        if (k + 1) % round(1e-3 / step) == 0:
+            places.append(x)
+    return np.array(places)
+
+
+def test_a_drive_that_comes_to_rest_by_classical_friction_is_trusted_and_is_right():
+    """Whether it sticks already or still moves differs at one point, and hid that all else fits."""
+    values = {"m": 40.0, "Fc": 80.0, "Fs": 100.0, "sigma2": 200.0, "Vs": 0.01}
+    gains = {"Kp": 2e5, "Ki": 1e6, "Kd": 4e3}
+    result = run_loop(Loop("pid", "drive_classical+force", 0.02, 0.8, values, gains))
+    assert result.run.verdict.trusted
+    found = np.interp(1e-3 * np.arange(801), result.run.time, result.run.outputs["x"])
+    assert found == pytest.approx(karnopp(0.8), abs=5e-6)
+    assert result.run.outputs["stuck"].max() == 1.0

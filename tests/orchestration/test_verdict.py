@@ -5,6 +5,7 @@ from pathlib import Path
 
 import linear_loops
 import nonlinear_loops
+import numpy as np
 import pytest
 from trusted_loops import RIGHT, WRONG, lower_bound, plain, summaries, summary, upper_bound
 
@@ -12,6 +13,7 @@ from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.run import run_closed_loop
+from ballscrew.orchestration.verdict import Verdict, second_verdict
 
 ROOT = Path(__file__).resolve().parents[2]
 LOOPS, PARTS = 40, 2
@@ -104,3 +106,15 @@ def test_a_sample_of_the_kept_proof_comes_out_the_same_again(kind):
         assert again.trusted == row["trusted"]
         if row["error"] is not None:
             assert again.error == pytest.approx(row["error"], rel=1e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize(("late", "trusted"), [(1, True), (30, False)])
+def test_a_flag_is_judged_by_the_share_of_time_that_it_is_wrong(late, trusted):
+    """Where all else agrees: at the point where it changes it is wrong by all of its range."""
+    time = np.linspace(0.0, 1.0, 1001)
+    runs = [np.column_stack([time, time > t]) for t in (0.5, 0.5 + 1e-3 * late, 0.5)]
+    run, half, quarter = (r.astype(float) for r in runs)
+    first = Verdict(True, "", "", {"x": 0.0, "stuck": 0.0})
+    found = second_verdict(first, run, half, quarter, None, np.zeros(2))
+    assert found.trusted is trusted
+    assert found.error_estimate["stuck"] == pytest.approx(2e-3 * late, rel=1e-2)
