@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
+Response = npt.NDArray[np.complex128]
 
 LOWEST, HIGHEST, POINTS = 0.1, 1e5, 2000  # of the frequency response [rad/s]
 UNSTABLE = 1e-6  # share of the fastest pole by which a pole may be on the wrong side by round-off
@@ -87,7 +88,7 @@ class Margins:
     sensitivity: float
     sensitivity_frequency: float
     frequency: Vector
-    response: npt.NDArray[np.complex128]
+    response: Response
 
 
 def linear_kernel(part: Part, inputs: Sequence[str], outputs: Sequence[str]) -> Kernel:
@@ -217,33 +218,44 @@ def open_loop(plant: Linear, controller: Linear, period: float = 0.0) -> Any:
     return -(law * control.sample_system(p, period, "zoh"))
 
 
+def is_stable(loop: Any) -> bool:
+    """Whether a loop of `open_loop` is stable when it is closed."""
+    import control
+
+    poles = control.feedback(loop, 1).poles()
+    beyond = np.abs(poles) - 1 if loop.dt else poles.real / np.abs(poles).max(initial=1.0)
+    return bool((beyond <= UNSTABLE).all())
+
+
+def response_of(loop: Any, points: int = POINTS) -> tuple[Vector, Response]:
+    """Frequencies [rad/s], up to half the sampling frequency, and the loop's response there."""
+    top = math.pi / loop.dt * (1 - 1e-9) if loop.dt else HIGHEST
+    omega = np.geomspace(LOWEST, top, points)
+    at = np.exp(1j * omega * loop.dt) if loop.dt else 1j * omega
+    return omega, np.asarray(loop(at), dtype=np.complex128)
+
+
 def margins_of(loop: Any, state: str, speed: float) -> Margins:
     """Margins of a loop of `open_loop`; see `Margins`."""
     import control
 
-    top = math.pi / loop.dt * (1 - 1e-9) if loop.dt else HIGHEST
-    omega = np.geomspace(LOWEST, top, POINTS)
-    response = _response(loop, omega)
+    omega, response = response_of(loop)
     data = control.frd(response, omega, smooth=True)  # no polynomials, which lose digits here
     found = [np.atleast_1d(f) for f in control.stability_margins(data, returnall=True)]
     gains, phases, distances, at_gain, at_phase, at_distance = found
-    gain, gain_at = min(
-        ((g, w) for g, w in zip(gains, at_gain, strict=True) if g > 1),
-        default=(math.inf, math.nan),
-    )
-    phase, phase_at = min(
-        zip(phases, at_phase, strict=True), key=lambda p: abs(p[0]), default=(math.nan, math.nan)
-    )
+    none = math.inf, math.nan
+    up = [(g, w) for g, w in zip(gains, at_gain, strict=True) if g > 1]
+    gain, gain_at = min(up, default=none)
+    pairs = zip(phases, at_phase, strict=True)
+    phase, phase_at = min(pairs, key=lambda p: abs(p[0]), default=(math.nan, math.nan))
     nearest = [*zip(distances, at_distance, strict=True)]
     nearest += [*zip(np.abs(1 + response), omega, strict=True)]
     distance, distance_at = min(nearest)
-    poles = control.feedback(loop, 1).poles()
-    beyond = np.abs(poles) - 1 if loop.dt else poles.real / np.abs(poles).max(initial=1.0)
     hertz = 2 * math.pi
     return Margins(
         state,
         speed,
-        bool((beyond <= UNSTABLE).all()),
+        is_stable(loop),
         float(gain),
         float(max((g for g in gains if g < 1), default=0.0)),
         float(gain_at) / hertz,
@@ -254,8 +266,3 @@ def margins_of(loop: Any, state: str, speed: float) -> Margins:
         omega / hertz,
         response,
     )
-
-
-def _response(loop: Any, omega: Vector) -> npt.NDArray[np.complex128]:
-    at = np.exp(1j * omega * loop.dt) if loop.dt else 1j * omega
-    return np.asarray(loop(at), dtype=np.complex128)

@@ -32,6 +32,8 @@ STEP_SHARE = 0.05  # of the way of a move
 SLOW, FAST = 0.2, 200.0
 """Bandwidths of the nominal axis at the ends of the ranges of `pid.TUNABLE` [rad/s]."""
 START = 20.0  # rad/s, of gains to start from
+WEIGHTS = {1: 2.0, -1: 0.25}  # of their derivative and integral parts: well damped
+LEAST = 1e-3  # of the high end of a range that begins at zero
 MODEL_AT = 100.0  # rad/s, where inertia and damping are read off
 SLOWEST_LAG = 10.0  # s, of a machine without damping
 LIMIT = "voltage_limit"
@@ -210,14 +212,15 @@ def gain_ranges(
                 for w in (SLOW, FAST)
             )
             seconds = powers.get("s", 0) + 3 * volts
-            start[name] = abs(machine.command_per_metre(START)) ** volts * START**-seconds
+            modest = abs(machine.command_per_metre(START)) ** volts * START**-seconds
+            start[name] = modest * WEIGHTS.get(seconds, 1.0)
         elif volts and powers.get("A", 0) == -volts and not metres:
             slow = fast = (machine.limit / nominal.limit) ** volts
         elif volts:
             slow = fast = 1.0
         else:  # lengths and speeds grow as those of the motions
             slow = fast = (machine.speed / nominal.speed) ** metres
-        ranges[name] = low * slow, high * fast
+        ranges[name] = (low or LEAST * high) * slow, high * fast  # positive: searched by logarithms
         p = known[name]
         ranges[name] = max(ranges[name][0], p.minimum), min(ranges[name][1], p.maximum)
         start.setdefault(name, p.default * slow)

@@ -1,7 +1,9 @@
 """Tune one controller for one machine, judge it on another motion, and linearize the loop twice.
 
-What is tuned is the rms error of the tuning motions over their size, with a price on commands that
-the machine cannot give, as in studies. See ``docs/howto/tune.md``.
+What is made small is the rms error of the tuning motions, each over that under modest gains, with a
+price on commands that the machine cannot give, as in studies, and on a sensitivity above 2, from
+which on a loop is not called robust (K. J. Astrom and T. Hagglund, "Advanced PID Control", ISA (2006), section 4.6).
+See ``docs/howto/tune.md``.
 """
 
 from __future__ import annotations
@@ -17,12 +19,22 @@ from typing import Any
 import numpy as np
 
 from ..controllers import CONTROLLERS, tunable
+from ..fmus.catalogue import component
 from ..fmus.units import base_exponents
 from ..instruments import bare
 from ..solver.files import finite_or_null, write_atomically
-from ..solver.kernel import CONTROLLER, PLANT, Model
+from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from .limits import BadParameter
-from .linear_loop import Margins, linear_kernel, linearized, margins_of, open_loop
+from .linear_loop import (
+    Linear,
+    Margins,
+    is_stable,
+    linear_kernel,
+    linearized,
+    margins_of,
+    open_loop,
+    response_of,
+)
 from .loop import Loop
 from .machine import LIMIT, Machine, gain_ranges, limit_of, model_values
 from .reference_motions import read_set_point
@@ -41,6 +53,8 @@ TOLERANCE, TIGHTER = 1e-6, 1e-8  # of the solver; two runs that are to agree
 AGREE = 0.01  # share of the rms error
 REST = 0.5  # s, after the end of a motion
 COUNT = 1e-6  # m, by which hunting is told
+MOST_SENSITIVE = 2.0  # Ms
+SENSITIVITY_POINTS = 300  # of the frequency response of a candidate
 MORE = 0.1  # share of the cost that twice the budget gains, from which on it is said
 SLIDE = 2.0  # s, until a loop slides steadily
 NOT_LINEAR = {
@@ -66,8 +80,8 @@ class Gain:
     unit : str
     low, high : float
         The range that was searched.
-    at_end : bool
-        Whether the value is within 1 % of an end of the range.
+    at_end : {"", "low", "high"}
+        Which end of the range the value is within 1 % of.
     """
 
     name: str
@@ -76,7 +90,7 @@ class Gain:
     unit: str
     low: float
     high: float
-    at_end: bool
+    at_end: str
 
 
 @dataclass(frozen=True)
@@ -155,10 +169,12 @@ class TunedController:
             elif motion.figures.saturated_share > 0:
                 share = 100 * motion.figures.saturated_share
                 found.append(f"the command is at its limit for {share:.2g} % of the {motion.name}")
-        found += [f"unstable while {m.state}" for m in self.margins if not m.stable]
-        ends = [g.name for g in self.gains if g.at_end]
-        if ends:
-            found.append(f"{', '.join(ends)} at the end of the range")
+        for m in self.margins:
+            if not m.stable:
+                found.append(f"unstable while {m.state}")
+            elif m.sensitivity > MOST_SENSITIVE * (1 + AGREE):
+                found.append(f"Ms is more than {MOST_SENSITIVE:g} while {m.state}")
+        found += [f"{g.name} is at the {g.at_end} end of its range" for g in self.gains if g.at_end]
         if self.doubled_cost < (1 - MORE) * self.cost:
             gain = 100 * (1 - self.doubled_cost / self.cost)
             found.append(f"twice the budget would gain {gain:.0f} %")
@@ -268,8 +284,8 @@ def tune_loop(
     motions = [("step", step, True), ("move", move, True)]
     if reference is not None:
         motions = [("motion", reference, True)]
-    runs = [(text, *_signal(text, stop)) for _, text, _ in motions]
     ranges, modest = gain_ranges(loop.controller, machine)
+    runs = [work.scaled(modest, *_signal(text, stop)) for _, text, _ in motions]
     own = {n: loop.controller_values.get(n, loop.controller.parameters[n].default) for n in ranges}
     count = 2 * budget + 2
     done = 0
@@ -279,11 +295,12 @@ def tune_loop(
         done += 1
         if progress:
             progress(min(done, count), count)
-        return sum(work.price(gains, signal, length) for _, signal, length in runs) / len(runs)
+        errors = [work.price(gains, *run) for run in runs]
+        return sum(errors) / len(errors) + work.fragility(gains)
 
     start = min(own, modest, key=cost)
     found = optimized(cost, start, ranges, budget, seed)
-    gains = {**start, **found.values}
+    gains = found.values
     motions.append(("judging move", judge, False))
     shown = tuple(
         work.motion(gains, name, text, tuned_on, stop if tuned_on else None)
@@ -302,7 +319,7 @@ def tune_loop(
         ),
         most,
         work.command_unit,
-        _gains(loop, found, gains, start, ranges),
+        _gains(loop, found, start, ranges),
         found.published_cost,
         found.cost,
         found.doubled_cost,
@@ -317,15 +334,17 @@ def tune_loop(
 def _gains(
     loop: Loop,
     found: Tuned,
-    gains: Mapping[str, float],
     start: Mapping[str, float],
     ranges: Mapping[str, tuple[float, float]],
 ) -> tuple[Gain, ...]:
-    units = {n: p.unit for n, p in loop.controller.parameters.items()}
-    return tuple(
-        Gain(n, gains[n], start[n], units[n], *ends, n in found.at_bound)
-        for n, ends in ranges.items()
-    )
+    gains = []
+    for name, (low, high) in ranges.items():
+        value = found.values[name]
+        near = "low" if value - low < high - value else "high"
+        unit = loop.controller.parameters[name].unit
+        at_end = near if name in found.at_bound else ""
+        gains.append(Gain(name, value, start[name], unit, low, high, at_end))
+    return tuple(gains)
 
 
 def _signal(text: str, stop: float | None = None) -> tuple[Reference, float]:
@@ -389,15 +408,23 @@ class _Work:
     def figures(self, course: Course) -> Figures:
         return figures_of(course, COUNT, self.machine.limit)
 
-    def price(self, gains: Mapping[str, float], signal: Reference, stop: float) -> float:
+    def scaled(
+        self, modest: Mapping[str, float], signal: Reference, stop: float
+    ) -> tuple[Reference, float, float]:
+        """A motion, and the rms error that costs one: that of modest gains."""
+        error = self.figures(self.run(modest, signal, stop, TOLERANCE)).rms_error
+        return signal, stop, error if error > 0 else float(np.abs(signal.values).max()) or 1.0
+
+    def price(
+        self, gains: Mapping[str, float], signal: Reference, stop: float, scale: float
+    ) -> float:
         course = self.run(gains, signal, stop, TOLERANCE)
         found = self.figures(course)
         if found.failed:
             return FAILED
         over = max(0.0, float(np.abs(course.command).max()) / self.machine.limit - 1)
-        size = float(np.abs(course.reference).max())
         excess = OVER_LIMIT * (min(over, FAILED / OVER_LIMIT) + found.saturated_share)
-        return min(FAILED, found.rms_error / size) + excess
+        return min(FAILED, found.rms_error / scale) + excess
 
     def motion(
         self, gains: Mapping[str, float], name: str, text: str, tuned_on: bool, stop: float | None
@@ -409,53 +436,74 @@ class _Work:
         peak = float(np.abs(course.command).max(initial=0.0))
         return Motion(name, text, tuned_on, found, peak, same, course)
 
+    def fragility(self, gains: Mapping[str, float]) -> float:
+        """What is added to the cost of gains whose loop has Ms above 2; one if it is unstable.
+
+        A law that is not linear is taken as it is at rest without an error.
+        """
+        price = 0.0
+        for _, _, plant, _ in self._states:
+            loop = self._open(gains, plant, self.machine.stuck())
+            largest = float(np.abs(1 / (1 + response_of(loop, SENSITIVITY_POINTS)[1])).max())
+            excess = OVER_LIMIT * max(0.0, largest / MOST_SENSITIVE - 1)
+            price += min(1.0, excess) if is_stable(loop) else 1.0
+        return price
+
     def margins(self, gains: Mapping[str, float]) -> tuple[tuple[Margins, ...], tuple[str, ...]]:
         """Of the loop stuck and sliding; why it has none."""
-        part, machine = self.loop.controller, self.machine
+        part = self.loop.controller
         if reason := NOT_LINEAR.get(bare(part.name)):
             return (), (f"{part}: no margins, {reason}",)
         found, without = [], []
-        states = {"stuck": (0.0, machine.stuck()), "sliding": (machine.speed, {})}
         if self.kernel.modes:
-            del states["stuck"]
             without.append("stuck: this friction law has no bristles, and the body does not move")
-        for state, (speed, at) in states.items():
-            controller_at = dict(at)
+        for state, speed, plant, at in self._states:
             if speed:
-                at = machine.sliding(speed)
-                controller_at = self._sliding(gains, speed) | {n: at[n] for n in at if n != "x"}
-                if not controller_at.get("steady", 1.0):
-                    without.append(f"sliding at {speed:g} m/s: the loop does not slide steadily")
-                    continue
-            found.append(margins_of(*self._open(gains, at, controller_at), state, speed))
+                at = self._followed(gains, speed, at)
+            if at is None:
+                without.append(f"sliding at {speed:g} m/s: the loop does not slide steadily")
+            else:
+                found.append(margins_of(self._open(gains, plant, at), state, speed))
         return tuple(found), tuple(without)
 
-    def _sliding(self, gains: Mapping[str, float], speed: float) -> dict[str, float]:
-        """States of the controller where the loop follows a ramp, and the position and set-point."""
+    @cached_property
+    def _states(self) -> list[tuple[str, float, Linear, dict[str, float]]]:
+        """Where the loop is linearized: name, speed, the plant there, and its states."""
+        machine = self.machine
+        if NOT_LINEAR.get(bare(self.loop.controller.name)):
+            return []
+        at = {"stuck": (0.0, machine.stuck())} if not self.kernel.modes else {}
+        at["sliding"] = (machine.speed, machine.sliding(machine.speed))
+        return [(s, v, machine.linear(self._seen, own), own) for s, (v, own) in at.items()]
+
+    def _followed(
+        self, gains: Mapping[str, float], speed: float, plant: Mapping[str, float]
+    ) -> dict[str, float] | None:
+        """What the controller's states and inputs are where the loop follows a ramp steadily."""
         model = self.model(gains, TOLERANCE)
         ramp = Reference.of_pieces([0.0, 2 * SLIDE], [[0.0, speed], [2 * SLIDE * speed, 0.0]])
         step = model.sample_time or STEP
         y, stopped = follow(model, ramp, np.arange(round(SLIDE / step) + 1) * step)
-        steady = not stopped and abs(y["v"][-1] / speed - 1) < AGREE
-        kernel = model.kernel
-        held = model.u[len(kernel.inputs) : len(kernel.inputs) + len(kernel.discrete)]
+        if stopped or abs(y["v"][-1] / speed - 1) > AGREE:
+            return None
+        kernel, first = model.kernel, len(model.kernel.inputs)
         names = [s.name for s in (*kernel.states, *kernel.discrete)]
-        all_of = dict(zip(names, [*model.x, *held], strict=True))
+        all_of = dict(zip(names, [*model.x, *model.u[first:]], strict=False))
         own = {n.removeprefix(CONTROLLER): v for n, v in all_of.items() if n.startswith(CONTROLLER)}
-        at = {"x": float(y["x"][-1]), "x_d": SLIDE * speed, "v_d": speed, "steady": float(steady)}
-        return {**own, **at}
+        return {**plant, **own, "x": float(y["x"][-1]), "x_d": SLIDE * speed, "v_d": speed}
 
-    def _open(
-        self, gains: Mapping[str, float], at: Mapping[str, float], controller_at: Mapping[str, float]
-    ) -> tuple[Any]:
-        part = self.loop.controller
-        from ..fmus.catalogue import component
+    @cached_property
+    def _seen(self) -> tuple[str, ...]:
+        """What the controller measures."""
+        used = {str(s) for s in component(self.loop.controller.name).used_symbols()}
+        return tuple(n for n in self.machine.outputs if n in used)
 
-        used = {str(s) for s in component(part.name).used_symbols()}
-        seen = tuple(n for n in self.machine.outputs if n in used)
-        plant = self.machine.linear(seen, at)
-        kernel = linear_kernel(part, seen, ["u"])
+    @cached_property
+    def _law(self) -> Kernel:
+        return linear_kernel(self.loop.controller, self._seen, ("u",))
+
+    def _open(self, gains: Mapping[str, float], plant: Linear, at: Mapping[str, float]) -> Any:
+        count = len(self.loop.controller.kernel.discrete)
         values = self.values(gains)
-        count = len(part.kernel.discrete)
-        law = linearized(kernel, seen, ["u"], values, controller_at, sampled=count)
-        return (open_loop(plant, law, self.model(gains, TOLERANCE).sample_time),)
+        law = linearized(self._law, self._seen, ("u",), values, at, sampled=count)
+        return open_loop(plant, law, self.model(gains, TOLERANCE).sample_time)
