@@ -53,13 +53,14 @@ def bode_figure(tuned: TunedController) -> Any:
             style: dict[str, Any] = {"color": COLOURS[k], "ls": DASHES[k], "label": name}
             gain.loglog(m.frequency, np.abs(m.response), **style)
             angle = np.unwrap(np.angle(m.response))
-            angle -= 2 * np.pi * round(float(angle[0] - np.angle(m.response[0])) / (2 * np.pi))
+            angle -= 2 * np.pi * np.ceil((angle[0] - np.pi / 4) / (2 * np.pi))  # -180, not 180
             phase.semilogx(m.frequency, np.degrees(angle), **style)
             sensitivity.loglog(m.frequency, np.abs(1 / (1 + m.response)), **style)
         gain.axhline(1, color="#555555", lw=0.8)
         phase.axhline(-180, color="#555555", lw=0.8)
         gain.set_ylabel("gain of the open loop")
         phase.set_ylabel("phase [degrees]")
+        sensitivity.set_ylim(bottom=1e-3)
         sensitivity.set_ylabel("sensitivity |1/(1 + L)|")
         sensitivity.set_xlabel("frequency [Hz]")
         gain.set_title(f"{tuned.loop.title}, broken at the command")
