@@ -181,8 +181,8 @@ def linearized(
     u = [names.index(f"held_{n}") for n in inputs]
     y = [names.index(f"summed_of_{n}") for n in outputs]
     x = [k for k in range(len(names)) if k not in {*u, *y}]
-    blocks = (jacobian[np.ix_(r, c)] for r, c in ((x, x), (x, u), (y, x), (y, u)))
-    return Linear(*blocks, sampled)
+    a, b, c, d = (jacobian[np.ix_(to, by)] for to, by in ((x, x), (x, u), (y, x), (y, u)))
+    return Linear(a, b, c, d, sampled)
 
 
 def open_loop(plant: Linear, controller: Linear, period: float = 0.0) -> Any:

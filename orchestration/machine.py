@@ -83,7 +83,9 @@ class Machine:
             return model.derivatives(0.0, model.x)[inner]
 
         if inner:  # what friction remembers goes to its steady state within a metre
-            last = solve_ivp(rates, (0.0, 1.0 / speed), model.x[inner], "BDF", rtol=1e-8, atol=1e-12)
+            last = solve_ivp(
+                rates, (0.0, 1.0 / speed), model.x[inner], "BDF", rtol=1e-8, atol=1e-12
+            )
             model.x[inner] = last.y[:, -1]
         unknown = [*inner, names.index("held_u")]
         zero = [*inner, names.index("v")]
@@ -113,7 +115,7 @@ class Machine:
         for k in range(HALVINGS):
             speed = FASTEST / 2**k
             if abs(self.sliding(speed)["u"]) <= FOR_SPEED * self.limit:
-                return speed
+                return float(speed)
         needed = abs(self.sliding(speed)["u"])
         raise BadParameter(
             f"the limit of the command is {self.limit:g}, and friction alone takes {needed:.3g} at "
@@ -143,13 +145,13 @@ class Machine:
     @property
     def command_per_speed(self) -> float:
         """Of damping, in sliding [unit of the command, s/m]; a machine without has a long lag."""
-        needed = self.command_per_metre(MODEL_AT) / (1j * MODEL_AT)
-        return max(needed.real, self.command_per_acceleration / SLOWEST_LAG)
+        damping = self.command_per_metre(MODEL_AT).imag / MODEL_AT
+        return max(damping, self.command_per_acceleration / SLOWEST_LAG)
 
     @property
     def command_per_acceleration(self) -> float:
         """Of inertia [unit of the command, s^2/m]."""
-        return (self.command_per_metre(MODEL_AT) / (1j * MODEL_AT)).imag / MODEL_AT
+        return -self.command_per_metre(MODEL_AT).real / MODEL_AT**2
 
     def motions(self) -> tuple[str, str, str]:
         """A step, a reversing move, and another move to judge by, as `read_motion` reads them."""
@@ -185,8 +187,8 @@ def limit_of(plant: Part, values: Mapping[str, float], asked: float | None) -> f
     if "R" in plant.parameters and asked is None:
         return NOMINAL_VOLTAGE
     raise BadParameter(
-        f"{plant.label} has no limit of its command; give it, in the command's unit, as --limit, or "
-        f"as {LIMIT} in the parameter file"
+        f"{plant.label} has no limit of its command; give --limit, in the command's unit, or "
+        f"{LIMIT} in the parameter file"
     )
 
 

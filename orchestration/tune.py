@@ -2,8 +2,8 @@
 
 What is made small is the rms error of the tuning motions, each over that under modest gains, with a
 price on commands that the machine cannot give, as in studies, and on a sensitivity above 2, from
-which on a loop is not called robust (K. J. Astrom and T. Hagglund, "Advanced PID Control", ISA (2006), section 4.6).
-See ``docs/howto/tune.md``.
+which on a loop is not called robust (K. J. Astrom and T. Hagglund, "Advanced PID Control", ISA
+(2006), section 4.6). See ``docs/howto/tune.md``.
 """
 
 from __future__ import annotations
@@ -233,8 +233,10 @@ class TunedController:
         replace(told, controllers={**told.controllers, label: values}).save(folder)
 
 
-_TOLD = ("rms_error", "peak_error", "reversal_error", "overshoot", "settling_2pct", "steady_error")
-_TOLD += ("saturated_share", "hunting_amplitude", "failed")
+_TOLD = (
+    "rms_error peak_error reversal_error overshoot settling_2pct steady_error saturated_share "
+    "hunting_amplitude failed"
+).split()
 
 
 def tune_loop(
@@ -273,9 +275,11 @@ def tune_loop(
     gained = tunable(bare(loop.controller.name))
     if not gained:
         names = ", ".join(n for n in CONTROLLERS if tunable(n))
-        raise BadParameter(f"{loop.controller} states no gains to tune; those that do are {names}")
+        raise BadParameter(f"{loop.controller} has no gains to tune; those that have are {names}")
     if not loop.plant.has_equations:
-        raise BadParameter(f"{loop.plant} gives no equations to tune on; expected a plant with them")
+        raise BadParameter(
+            f"{loop.plant} gives no equations to tune on; expected a plant with them"
+        )
     loop.check_values()
     most = limit_of(loop.plant, loop.plant_values, limit)
     machine = Machine(loop.plant, {**loop.plant_values, LIMIT: most}, most)
@@ -399,7 +403,7 @@ class _Work:
     ) -> Course:
         model = self.model(gains, tolerance)
         step = model.sample_time or STEP
-        time = np.arange(math.ceil(stop / step - 1e-9) + 1) * step
+        time = np.arange(math.ceil(stop / step - 1e-9) + 1, dtype=np.float64) * step
         y, stopped = follow(model, signal, time)
         goal, speed = signal.on(time, 0), signal.on(time, 1)
         none = np.zeros(len(y["x"]))
@@ -457,9 +461,8 @@ class _Work:
         found, without = [], []
         if self.kernel.modes:
             without.append("stuck: this friction law has no bristles, and the body does not move")
-        for state, speed, plant, at in self._states:
-            if speed:
-                at = self._followed(gains, speed, at)
+        for state, speed, plant, own in self._states:
+            at = self._followed(gains, speed, own) if speed else own
             if at is None:
                 without.append(f"sliding at {speed:g} m/s: the loop does not slide steadily")
             else:
@@ -483,7 +486,8 @@ class _Work:
         model = self.model(gains, TOLERANCE)
         ramp = Reference.of_pieces([0.0, 2 * SLIDE], [[0.0, speed], [2 * SLIDE * speed, 0.0]])
         step = model.sample_time or STEP
-        y, stopped = follow(model, ramp, np.arange(round(SLIDE / step) + 1) * step)
+        time = np.arange(round(SLIDE / step) + 1, dtype=np.float64) * step
+        y, stopped = follow(model, ramp, time)
         if stopped or abs(y["v"][-1] / speed - 1) > AGREE:
             return None
         kernel, first = model.kernel, len(model.kernel.inputs)

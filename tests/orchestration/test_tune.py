@@ -89,7 +89,7 @@ def test_values_that_are_no_gains_stay_as_the_user_gave_them():
 def test_a_motion_of_one_s_own_is_tuned_on():
     text = "move:distance=0.01,speed=0.05"
     found = tune_loop(heavy("p_pi"), reference=text, stop=0.6, limit=LIMIT, budget=2)
-    assert [(m.reference, m.tuned_on) for m in found.motions][0] == (text, True)
+    assert (found.motions[0].reference, found.motions[0].tuned_on) == (text, True)
     assert len(found.motions) == 2
     assert found.motions[0].course.time[-1] == pytest.approx(0.6)
 
@@ -127,7 +127,7 @@ def test_a_sampled_controller_is_tuned_at_its_period():
 
 
 def test_a_controller_without_gains_to_tune_is_refused_with_those_that_have():
-    with pytest.raises(BadParameter, match=r"those that do are .*pid.*p_pi"):
+    with pytest.raises(BadParameter, match=r"those that have are .*pid.*p_pi"):
         tune_loop(Loop(replace(pid(), name="mine"), "drive_lugre"), limit=LIMIT)
 
 
