@@ -19,6 +19,7 @@ from ..controllers import tunable
 from ..fmus.units import base_exponents
 from ..instruments import bare
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
+from ..plant.ball_screw import PARAMETERS as MOTOR
 from ..solver.kernel import Model
 from .limits import BadParameter
 from .linear_loop import Linear, Vector, linear_kernel, linearized
@@ -231,8 +232,20 @@ def gain_ranges(
 
 
 def model_values(controller: Part, machine: Machine) -> dict[str, float]:
-    """What a controller has to know of its machine: parameters that are no gains."""
+    """What a controller has to know of its machine: parameters that are no gains.
+
+    Raises
+    ------
+    BadParameter
+        If it is derived from a motor that the machine does not have.
+    """
     known, own = controller.parameters, machine.plant.parameters
+    motor = [p.name for p in MOTOR if p.name in known and p.name not in own]
+    if motor:
+        raise BadParameter(
+            f"{controller.label} is derived from an axis with a motor, and {machine.plant.label} "
+            f"has no {', '.join(motor)}"
+        )
     of_plant = {n: machine.values.get(n, p.default) for n, p in own.items()}
     gains = tunable(bare(controller.name))
     found = {"u_max": machine.limit}
