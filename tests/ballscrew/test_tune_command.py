@@ -79,6 +79,16 @@ def test_swap_and_export_take_the_file(here):
     assert main([*words.split(), "--out", "swap"]) in (0, 1)
 
 
+def test_a_second_controller_is_tuned_from_the_file_with_its_limit_and_beside_the_first(here):
+    words = "tune --controller pid --params out/parameters.toml --budget 2 --out both"
+    assert main(words.split()) == 0
+    both = tomllib.loads((here / "both" / "parameters.toml").read_text())["controller"]
+    first = tomllib.loads((here / "out" / "parameters.toml").read_text())["controller"]
+    assert both["p_pi"] == first["p_pi"]
+    assert both["pid"].keys() >= {"Kp", "Ki", "Kd"}
+    assert told(here, "both")["limit"] == 500.0
+
+
 def test_json_is_what_the_file_holds(here, capsys):
     assert main([*WORDS.split(), "--json", "--out", "again"]) == 0
     assert json.loads(capsys.readouterr().out) == told(here, "again") == told(here)

@@ -94,12 +94,33 @@ def test_a_motion_of_one_s_own_is_tuned_on():
     assert found.motions[0].course.time[-1] == pytest.approx(0.6)
 
 
-def test_a_candidate_that_asks_for_too_much_is_said_to():
-    known = {"Kp": 1e6, "Ki": 1e3, "Kd": 1e4}
-    found = tune_loop(heavy("pid", **known), reference="step:size=0.01,at=0.1", limit=9e3, budget=2)
-    peak = found.motions[0].peak_command
-    said = any("more than the limit" in w for w in found.weaknesses)
-    assert said == (peak > 9e3)
+def test_what_weakens_a_result_is_said(tuned):
+    step, *others = tuned.motions
+    margin = tuned.margins[0]
+
+    def weak(**changes):
+        return replace(tuned, **changes)
+
+    beyond = weak(motions=(replace(step, peak_command=1.1 * LIMIT), *others))
+    assert "the step asks for more than the limit" in beyond.weaknesses
+    rough = weak(motions=(replace(step, converged=False), *others))
+    assert "the run of the step is not converged" in rough.weaknesses
+    assert not rough.trusted
+    assert "twice the budget would gain 20 %" in weak(doubled_cost=0.8 * tuned.cost).weaknesses
+    assert "budget" not in " ".join(weak(doubled_cost=0.95 * tuned.cost).weaknesses)
+    fragile = weak(margins=(replace(margin, sensitivity=2.5),))
+    assert "Ms is more than 2 while stuck" in fragile.weaknesses
+    unstable = weak(margins=(replace(margin, stable=False),))
+    assert "unstable while stuck" in unstable.weaknesses
+    assert not unstable.trusted
+    gain = replace(tuned.gains[0], at_end="high")
+    assert f"{gain.name} is at the high end of its range" in weak(gains=(gain,)).weaknesses
+
+
+def test_the_anti_windup_s_time_follows_the_gains():
+    values = tune_loop(heavy("p_pi"), limit=LIMIT, budget=2).loop.controller_values
+    assert values["Tt"] == pytest.approx(values["Kp"] / values["Ki"])
+    assert values["u_max"] == LIMIT
 
 
 def test_a_body_that_sticks_as_a_mode_has_margins_only_where_it_slides():
