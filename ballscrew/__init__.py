@@ -15,7 +15,7 @@ _PUBLIC = {
         (
             "catalogue component with_friction export run swap lyapunov stability_map "
             "swap_study run_trial read_force_records read_drive_records read_parameters "
-            "identify diagnose compare"
+            "identify diagnose compare tune"
         ).split(),
         "ballscrew.api",
     ),
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from .api import stability_map as stability_map
     from .api import swap as swap
     from .api import swap_study as swap_study
+    from .api import tune as tune
     from .api import with_friction as with_friction
     from .solver.connect import connect as connect
     from .solver.interconnect import interconnect as interconnect

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .results.rig_record import RigRecord
     from .results.run_result import RunResult
     from .results.swap_study import SwapStudy
+    from .results.tuned_gains import TunedGains
     from .solver.component import Component, ForceTerm
 
     Values = Mapping[str, float]
@@ -568,6 +569,84 @@ def swap_study(
     result = SwapStudy.of(do_study(plan, Path(folder), _processes(workers), resume))
     discard_parts(Path(folder))
     return result
+
+
+def tune(  # noqa: PLR0913
+    loop: Loop | PartLike,
+    plant: PartLike | None = None,
+    reference: str | None = None,
+    stop: float | None = None,
+    limit: float | None = None,
+    plant_values: Values | None = None,
+    controller_values: Values | None = None,
+    budget: int = 100,
+    seed: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> TunedGains:
+    """Find the gains of one controller for one machine, and judge them on another motion.
+
+    Parameters
+    ----------
+    loop : Loop, or a controller
+        Its set-point and coupling are not used.
+    plant, plant_values, controller_values
+        As in `run`. Gains among the values are where the search may begin.
+    reference : str, optional
+        What to tune on, a motion in words or the path of a table. Default: a step and a reversing
+        move that the limit allows.
+    stop : float, optional
+        Length of the reference [s]. Default: its end and 0.5 s.
+    limit : float, optional
+        Largest command, in its unit. Default: the plant's ``voltage_limit``, of an axis 36 V.
+    budget : int
+        Candidates; as many again tell what more would gain.
+    seed : int
+    progress : function of int and int, optional
+        Told how many candidates are done, and of how many.
+
+    Returns
+    -------
+    TunedGains
+        ``values`` are the gains; ``trusted`` says whether all runs converged, and the loop is
+        stable where it is linear.
+
+    Raises
+    ------
+    ValueError
+        If the controller states no gains, the machine no limit, or a value makes no sense.
+
+    Notes
+    -----
+    The search is CMA-ES (N. Hansen, "The CMA evolution strategy", 2006), as in studies. See
+    ``docs/howto/tune.md``.
+
+    Examples
+    --------
+    >>> import ballscrew
+    >>> result = ballscrew.tune("pid", "drive_lugre", limit=20.0, budget=4)
+    >>> sorted(result.values)
+    ['Kd', 'Ki', 'Kp']
+    >>> [m.state for m in result.margins]
+    ['stuck', 'sliding']
+    """
+    asked = locals() | {"reference": None, "stop": None}
+    from .options import read_whole_number
+    from .orchestration.limits import check_length
+    from .orchestration.tune import tune_loop
+    from .results.tuned_gains import TunedGains
+
+    length = None if stop is None else check_length("stop", stop)
+    count = read_whole_number("budget", budget, 2)
+    found = tune_loop(
+        _loop(loop, asked),
+        reference,
+        length,
+        limit,
+        count,
+        read_whole_number("seed", seed, 0),
+        progress,
+    )
+    return TunedGains.of(found)
 
 
 def run_trial(

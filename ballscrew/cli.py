@@ -27,6 +27,7 @@ from . import (
     run_command,
     study_command,
     swap_command,
+    tune_command,
 )
 from .console import complain, complain_of_ourselves, forget_output
 from .options import BadRequest, Parser
@@ -34,6 +35,7 @@ from .options import BadRequest, Parser
 _EXAMPLES = """examples:
   ballscrew run --controller iol --out out/iol
   ballscrew swap --controllers iol nctf pid --out out/swap
+  ballscrew tune --controller p_pi --params axis.toml --out out/tuned
   ballscrew study STUDY.toml --out out/study
   ballscrew export --out fmus
   ballscrew rig 2.4/7 --out out/trial
@@ -45,7 +47,7 @@ _EXAMPLES = """examples:
 """
 
 
-_DRAWING = ("run", "swap", "lyapunov", "map", "identify", "diagnose", "compare", "gallery")
+_DRAWING = ("run", "swap", "tune", "lyapunov", "map", "identify", "diagnose", "compare", "gallery")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -106,6 +108,7 @@ def command_parser() -> argparse.ArgumentParser:
         export_command,
         run_command,
         swap_command,
+        tune_command,
         study_command,
         lyapunov_command,
         map_command,

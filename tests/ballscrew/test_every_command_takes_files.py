@@ -45,6 +45,7 @@ tuning = {{budget = 1, plants = 0, seeds = 1}}
 RESULTS = [
     (f"run {LOOP} {SHORT}", "trajectory.csv"),
     (f"swap --controllers {LAW}{SENSOR} iol --plant {BODY} {SHORT}", "comparison.csv"),
+    (f"tune --controller pid --plant {BODY} --budget 2", "tuning.json"),
     (f"lyapunov --controller {LAW} --plant {BODY} --stop 0.05", "lyapunov.csv"),
     (f"map {LOOP} {AXES}", "map.csv"),
     (f"map {LOOP} {AXES} --via fmu", "map.csv"),
@@ -63,6 +64,7 @@ PLACES = {
     "export": {"--component", "--loop", "--plant"},
     "run": {"--controller", "--plant"},
     "swap": {"--controllers", "--plant"},
+    "tune": {"--plant"},
     "lyapunov": {"--controller", "--plant"},
     "map": {"--controller", "--plant"},
 }

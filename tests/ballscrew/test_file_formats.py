@@ -45,6 +45,8 @@ def written(tmp_path_factory):
             "--workers",
             "1",
         ),
+        "tune": ("tune", "--controller", "pid", "--budget", "2"),
+        "tune_a_relay": ("tune", "--controller", "relay", "--budget", "2"),
         "study": ("study", DATA / "small_study.toml", "--workers", "1"),
         "exponents_of_a_file": (
             "lyapunov",

@@ -1,0 +1,138 @@
+"""``ballscrew tune``: gains of one controller for one machine."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .console import Bar
+from .controllers import CONTROLLERS
+from .loop_options import read_loops
+from .options import (
+    NOT_TRUSTED,
+    PART,
+    TRUSTED,
+    BadRequest,
+    guard,
+    out_folder,
+    read_length,
+    read_number,
+    read_whole_number,
+)
+from .params_option import add_params
+from .results_folder import prepare_folder, save_results
+from .supervision import tell
+
+if TYPE_CHECKING:
+    from .results.tuned_gains import TunedGains
+
+_EXAMPLES = """examples:
+  ballscrew tune --controller p_pi --out out/tuned
+  ballscrew tune --controller p_pi --params axis.toml --limit 500 --out out/tuned
+  ballscrew tune --controller pid --plant drive_lugre --set plant.m=40 --limit 500 --out out/tuned
+  ballscrew run --controller p_pi --params out/tuned/parameters.toml --setpoint 0.02 --out out/run
+"""
+MOST = 100_000
+
+
+def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
+    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    del parser_class
+    parser = commands.add_parser(
+        "tune",
+        help="gains of one controller for one machine, judged on a motion not tuned on",
+        description="Write parameters.toml with the gains, which run, swap and export take, "
+        "tuning.json, and pictures of motions and of the frequency response. Exit code 1: done, "
+        "but a run failed or is not converged, or the loop is unstable where it is linear.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--controller", required=True, metavar="NAME", help=f"one of {', '.join(CONTROLLERS)}")
+    add("--plant", metavar="PART", help=f"in place of what --params describes, or ours: {PART}")
+    add_params(add, "values of the machine; --set wins over them")
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="SIDE.NAME=VALUE",
+        help="a parameter, such as plant.m=40; a gain is where the search may begin",
+    )
+    add(
+        "--limit",
+        metavar="U",
+        help="largest command, either sign, in its unit: N where the command is the force, else V "
+        "(default: voltage_limit of the parameter file; for axes 36 V)",
+    )
+    add(
+        "--reference",
+        metavar="CSV|MOTION",
+        help="what to tune on, as run takes it (default: a step and a reversing move that the "
+        "limit allows)",
+    )
+    add("--stop", metavar="SECONDS", help="length of --reference (default: its end and 0.5 s)")
+    add("--budget", default="100", metavar="N", help="candidates (default 100); twice are tried")
+    add("--seed", default="1", metavar="N", help="of the search (default 1)")
+    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
+    add("--json", action="store_true", help="print the figures as JSON")
+    parser.set_defaults(action=_tune, map=[], limit_voltage=None, limit_current=None)
+
+
+def _tune(options: argparse.Namespace) -> int:
+    how: dict[str, Any] = {
+        "budget": read_whole_number("--budget", options.budget, 2, MOST),
+        "seed": read_whole_number("--seed", options.seed, 0),
+        "reference": options.reference,
+    }
+    if options.limit is not None:
+        how["limit"] = read_number("--limit", options.limit)
+    if options.stop is not None:
+        if options.reference is None:
+            raise BadRequest("--stop is the length of --reference; give it, too")
+        how["stop"] = read_length("--stop", options.stop)
+    (loop,) = read_loops(options, [options.controller], fmus=False)
+    prepare_folder(options.out, [options.params, options.reference])
+    from . import api
+    from .solver.files import finite_or_null
+
+    progress = _Progress()
+    try:
+        result = guard(lambda: api.tune(loop, progress=progress, **how))
+    finally:
+        progress.finish()
+    save_results(options.out, result.save)
+    if options.json:
+        print(json.dumps(finite_or_null(result.figures())))
+    else:
+        _show(result, options.out)
+    if not result.trusted:
+        print(f"not trusted: {', '.join(result.weaknesses)}", file=sys.stderr)
+    return TRUSTED if result.trusted else NOT_TRUSTED
+
+
+def _show(result: TunedGains, folder: Path) -> None:
+    print(result.headline())
+    for name, text in result.facts():
+        print(f"  {name:<16}{text}")
+    pictures = ", ".join(f"{name}.png" for name in result.pictures())
+    print(f"parameters.toml with the gains for --params, tuning.json, {pictures} in {folder}")
+
+
+class _Progress:
+    """How many candidates are done."""
+
+    def __init__(self) -> None:
+        self.bar: Bar | None = None
+
+    def __call__(self, done: int, total: int) -> None:
+        tell(f"{done} of {total} candidates")
+        if self.bar is None:
+            self.bar = Bar("candidates: {bar} {n} of {total}, {remaining} left", total)
+        self.bar.show(done)
+
+    def finish(self) -> None:
+        if self.bar is not None:
+            self.bar.close()

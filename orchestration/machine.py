@@ -1,0 +1,261 @@
+"""What a machine lets a controller do: motions that fit it, and gains that fit it.
+
+All is read off the plant's own equations, linearized about sliding at a constant speed. The ranges
+in which gains are tuned stand in the laws' files for the nominal axis. Another machine gets those
+that do the same there: a gain in volts per metre is multiplied by how much more command the machine
+needs for a metre at the same frequency.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..controllers import tunable
+from ..fmus.units import base_exponents
+from ..instruments import bare
+from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
+from ..plant.ball_screw import PARAMETERS as MOTOR
+from ..solver.kernel import Model
+from .limits import BadParameter
+from .linear_loop import Linear, Vector, linear_kernel, linearized
+from .parts import Part
+
+FASTEST = 0.2  # m/s, of the reference motions; halved until the limit allows it
+HALVINGS = 12
+FOR_SPEED, FOR_ACCELERATION = 0.5, 0.3  # shares of the limit
+RISE, JERK_TIME, CRUISE = 0.05, 0.02, 0.4  # s
+STEP_SHARE = 0.05  # of the way of a move
+SLOW, FAST = 0.2, 200.0
+"""Bandwidths of the nominal axis at the ends of the ranges of `pid.TUNABLE` [rad/s]."""
+START = 20.0  # rad/s, of gains to start from
+WEIGHTS = {1: 2.0, -1: 0.25}  # of their derivative and integral parts: well damped
+LEAST = 1e-3  # of the high end of a range that begins at zero
+MODEL_AT = 100.0  # rad/s, where inertia and damping are read off
+SLOWEST_LAG = 10.0  # s, of a machine without damping
+LIMIT = "voltage_limit"
+STICTION = 100.0  # a smooth sign is one at so many times the inverse of its sharpness
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A plant with values, and the largest command that it takes.
+
+    Attributes
+    ----------
+    plant : Part
+    values : mapping of str to float
+    limit : float
+        Of the command, either sign [its unit].
+    """
+
+    plant: Part
+    values: Mapping[str, float]
+    limit: float
+
+    @cached_property
+    def outputs(self) -> tuple[str, ...]:
+        """What a controller may measure."""
+        law = next((i.law for i in self.plant.kernel.inputs if i.name == "u"), [])
+        return tuple(n for n in law if n in self.plant.outputs)
+
+    def linear(self, outputs: tuple[str, ...], at: Mapping[str, float]) -> Linear:
+        """From the command to outputs, about a state; sliding forward, or stuck at no speed."""
+        kernel = linear_kernel(self.plant, ["u"], outputs)
+        return linearized(kernel, ["u"], outputs, self.values, at, "forward")
+
+    def sliding(self, speed: float) -> dict[str, float]:
+        """States and command of steady sliding at a speed [m/s], the position zero."""
+        from scipy.integrate import solve_ivp
+
+        model = Model(linear_kernel(self.plant, ["u"], ("x",)), self.values)
+        names = [s.name for s in model.kernel.states]
+        if model.kernel.modes:
+            model.u[-1] = model.kernel.modes.index("forward")
+        model.x[names.index("v")] = speed
+        inner = [k for k, n in enumerate(names) if n not in ("x", "v", "held_u", "summed_of_x")]
+
+        def rates(_: float, state: Vector) -> Vector:
+            model.x[inner] = state
+            return model.derivatives(0.0, model.x)[inner]
+
+        if inner:  # what friction remembers goes to its steady state within a metre
+            last = solve_ivp(
+                rates, (0.0, 1.0 / speed), model.x[inner], "BDF", rtol=1e-8, atol=1e-12
+            )
+            model.x[inner] = last.y[:, -1]
+        unknown = [*inner, names.index("held_u")]
+        zero = [*inner, names.index("v")]
+        for _ in range(5):  # Newton, for the command and what carries it
+            left = model.derivatives(0.0, model.x)[zero]
+            slopes = model.jacobian(0.0, model.x)[np.ix_(zero, unknown)]
+            model.x[unknown] -= np.linalg.lstsq(slopes, left, rcond=None)[0]
+        found = dict(zip(names, model.x.tolist(), strict=True))
+        return {n: v for n, v in found.items() if not n.startswith(("held_", "summed_"))} | {
+            "u": found["held_u"]
+        }
+
+    def stuck(self) -> dict[str, float]:
+        """Bristles that are not bent. A smooth sign needs a little speed to be one."""
+        sharpness = self.values.get("Kv", getattr(self.plant.parameters.get("Kv"), "default", 0.0))
+        return {"v": STICTION / sharpness} if sharpness else {}
+
+    @cached_property
+    def speed(self) -> float:
+        """Of the reference motions [m/s]: half of the limit drives it.
+
+        Raises
+        ------
+        BadParameter
+            If the limit hardly overcomes friction.
+        """
+        for k in range(HALVINGS):
+            speed = FASTEST / 2**k
+            if abs(self.sliding(speed)["u"]) <= FOR_SPEED * self.limit:
+                return float(speed)
+        needed = abs(self.sliding(speed)["u"])
+        raise BadParameter(
+            f"the limit of the command is {self.limit:g}, and friction alone takes {needed:.3g} at "
+            f"{speed:.2g} m/s; expected a limit of at least twice as much"
+        )
+
+    def command_per_metre(self, frequency: float) -> complex:
+        """One over the response from command to position in sliding, at a frequency [rad/s]."""
+        g, s = self._sliding, 1j * frequency
+        (found,) = (g.c @ np.linalg.solve(s * np.eye(len(g.a)) - g.a, g.b) + g.d).ravel()
+        return complex(1 / found)
+
+    @cached_property
+    def _sliding(self) -> Linear:
+        return self.linear(("x",), self.sliding(self.speed))
+
+    @cached_property
+    def acceleration(self) -> float:
+        """Of the reference motions [m/s^2]: three tenths of the limit, at most."""
+        wanted = self.speed / RISE
+        for _ in range(HALVINGS):
+            if wanted * self.command_per_acceleration <= FOR_ACCELERATION * self.limit:
+                break
+            wanted /= 2
+        return wanted
+
+    @property
+    def command_per_speed(self) -> float:
+        """Of damping, in sliding [unit of the command, s/m]; a machine without has a long lag."""
+        damping = self.command_per_metre(MODEL_AT).imag / MODEL_AT
+        return max(damping, self.command_per_acceleration / SLOWEST_LAG)
+
+    @property
+    def command_per_acceleration(self) -> float:
+        """Of inertia [unit of the command, s^2/m]."""
+        return -self.command_per_metre(MODEL_AT).real / MODEL_AT**2
+
+    def motions(self) -> tuple[str, str, str]:
+        """A step, a reversing move, and another move to judge by, as `read_motion` reads them."""
+        v, a = self.speed, self.acceleration
+        way, jerk = CRUISE * v, a / JERK_TIME
+
+        def move(distance: float, speed: float, acceleration: float) -> str:
+            numbers = f"speed={speed:g},acceleration={acceleration:g},jerk={jerk:g},dwell=0.2"
+            return f"move:distance={distance:g},{numbers}"
+
+        step = f"step:size={STEP_SHARE * way:g},at=0.05"
+        return step, move(way, v, a), move(-0.6 * way, 0.5 * v, 0.5 * a)
+
+
+def nominal_machine() -> Machine:
+    """The axis that the ranges of the laws' files are for."""
+    return Machine(Part("plant"), {}, NOMINAL_VOLTAGE)
+
+
+def limit_of(plant: Part, values: Mapping[str, float], asked: float | None) -> float:
+    """The largest command: what was asked for, what the plant's values say, or the axis' supply.
+
+    Raises
+    ------
+    BadParameter
+        If nobody says it.
+    """
+    given = values.get(LIMIT, UNLIMITED) if asked is None else asked
+    if not given > 0:
+        raise BadParameter(f"limit is {given:g}, expected more than 0")
+    if given < UNLIMITED:
+        return given
+    if "R" in plant.parameters and asked is None:
+        return NOMINAL_VOLTAGE
+    raise BadParameter(
+        f"{plant.label} has no limit of its command; give --limit, in the command's unit, or "
+        f"{LIMIT} in the parameter file"
+    )
+
+
+def gain_ranges(
+    controller: Part, machine: Machine
+) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Ranges of a controller's gains for a machine, and gains for a modest bandwidth.
+
+    Raises
+    ------
+    BadParameter
+        If the controller states no gains.
+    """
+    nominal, known = nominal_machine(), controller.parameters
+    ranges, start = {}, {}
+    for name, (low, high) in tunable(bare(controller.name)).items():
+        powers = base_exponents(known[name].unit)
+        volts = powers.get("kg", 0)
+        metres = powers.get("m", 0) - 2 * volts
+        if volts and volts + powers.get("A", 0) == 0 and volts + metres == 0:
+            slow, fast = (
+                abs(machine.command_per_metre(w) / nominal.command_per_metre(w)) ** volts
+                for w in (SLOW, FAST)
+            )
+            seconds = powers.get("s", 0) + 3 * volts
+            modest = abs(machine.command_per_metre(START)) ** volts * START**-seconds
+            start[name] = modest * WEIGHTS.get(seconds, 1.0)
+        elif volts and powers.get("A", 0) == -volts and not metres:
+            slow = fast = (machine.limit / nominal.limit) ** volts
+        elif volts:
+            slow = fast = 1.0
+        else:  # lengths and speeds grow as those of the motions
+            slow = fast = (machine.speed / nominal.speed) ** metres
+        ranges[name] = (low or LEAST * high) * slow, high * fast  # positive: searched by logarithms
+        p = known[name]
+        ranges[name] = max(ranges[name][0], p.minimum), min(ranges[name][1], p.maximum)
+        start.setdefault(name, p.default * slow)
+        start[name] = float(np.clip(start[name], *ranges[name]))
+    return ranges, start
+
+
+def model_values(controller: Part, machine: Machine) -> dict[str, float]:
+    """What a controller has to know of its machine: parameters that are no gains.
+
+    Raises
+    ------
+    BadParameter
+        If it is derived from a motor that the machine does not have.
+    """
+    known, own = controller.parameters, machine.plant.parameters
+    motor = [p.name for p in MOTOR if p.name in known and p.name not in own]
+    if motor:
+        raise BadParameter(
+            f"{controller.label} is derived from an axis with a motor, and {machine.plant.label} "
+            f"has no {', '.join(motor)}"
+        )
+    of_plant = {n: machine.values.get(n, p.default) for n, p in own.items()}
+    gains = tunable(bare(controller.name))
+    found = {"u_max": machine.limit}
+    found |= {n: of_plant[n] for n in known if n in own}
+    found |= {n: of_plant[n[:-4]] for n in known if n.endswith("_hat") and n[:-4] in own}
+    damping, inertia = machine.command_per_speed, machine.command_per_acceleration
+    found |= {"Fv": damping, "Fa": inertia, "b": 1 / damping, "lag": inertia / damping}
+    if "force_per_volt" in known:
+        from ..controllers.rigid_axis import rigid_axis
+
+        axis = {n: v for n, v in of_plant.items() if math.isfinite(v)}
+        found["force_per_volt"] = axis.get("gain") or rigid_axis(axis).force_per_volt
+    return {n: v for n, v in found.items() if n in known and n not in gains and "_start" not in n}

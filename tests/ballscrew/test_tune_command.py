@@ -1,0 +1,152 @@
+"""The command that tunes one controller for one machine, and what the next command makes of it."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+import ballscrew
+from ballscrew.cli import main
+
+AXIS = """
+format = "ballscrew-parameters 1"
+kind = "drive"
+law = "lugre"
+[plant]
+m = {value = 40.0, unit = "kg"}
+sigma2 = {value = 200.0}
+Fc = {value = 80.0}
+Fs = {value = 80.0}
+Vs = {value = 0.01}
+sigma0 = {value = 1e7}
+sigma1 = {value = 2e4}
+"""
+WORDS = "tune --controller p_pi --params axis.toml --limit 500 --budget 12"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where an axis was tuned."""
+    place = tmp_path_factory.mktemp("tuned")
+    (place / "axis.toml").write_text(AXIS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        assert main([*WORDS.split(), "--out", "out"]) == 0
+    return place
+
+
+@pytest.fixture
+def here(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def told(folder, name="out"):
+    return json.loads((folder / name / "tuning.json").read_text())
+
+
+def test_files_are_written(here):
+    names = {p.name for p in (here / "out").iterdir() if p.is_file()}
+    assert names == {"tuning.json", "parameters.toml", "motions.png", "bode.png"}
+
+
+def test_the_gains_of_both_files_are_the_same(here):
+    table = tomllib.loads((here / "out" / "parameters.toml").read_text())
+    written = {n: v["value"] for n, v in table["controller"]["p_pi"].items()}
+    for gain in told(here)["gains"]:
+        assert written[gain["name"]] == gain["value"]
+        assert f"controller.{gain['name']}={gain['value']!r}" in told(here)["set"]
+    assert table["plant"]["voltage_limit"]["value"] == 500.0
+
+
+def test_run_over_fmus_with_the_file_makes_the_errors_that_were_told(here):
+    judge = told(here)["motions"][-1]
+    stop = 2.1795
+    words = "run --controller p_pi --params out/parameters.toml --step 1e-3"
+    assert main([*words.split(), "--reference", judge["reference"], "--out", "run"]) in (0, 1)
+    table = np.genfromtxt(here / "run" / "trajectory.csv", delimiter=",", names=True)
+    rows = table["time"] <= stop
+    error = (table["x_d"] - table["x"])[rows]
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(judge["rms_error"], rel=0.01)
+    assert np.abs(error).max() == pytest.approx(judge["peak_error"], rel=0.01)
+
+
+def test_swap_and_export_take_the_file(here):
+    params = "--params out/parameters.toml"
+    assert main(f"export --only p_pi drive_lugre {params} --out fmus".split()) == 0
+    words = f"swap --controllers p_pi pid {params} --setpoint 1e-3 --stop 0.2 --step 1e-3"
+    assert main([*words.split(), "--out", "swap"]) in (0, 1)
+
+
+def test_a_second_controller_is_tuned_from_the_file_with_its_limit_and_beside_the_first(here):
+    words = "tune --controller pid --params out/parameters.toml --budget 2 --out both"
+    assert main(words.split()) == 0
+    both = tomllib.loads((here / "both" / "parameters.toml").read_text())["controller"]
+    first = tomllib.loads((here / "out" / "parameters.toml").read_text())["controller"]
+    assert both["p_pi"] == first["p_pi"]
+    assert both["pid"].keys() >= {"Kp", "Ki", "Kd"}
+    assert told(here, "both")["limit"] == 500.0
+
+
+def test_json_is_what_the_file_holds(here, capsys):
+    assert main([*WORDS.split(), "--json", "--out", "again"]) == 0
+    assert json.loads(capsys.readouterr().out) == told(here, "again") == told(here)
+
+
+def test_the_first_line_says_errors_margins_and_what_weakens_them(here, capsys):
+    # a search of two candidates finds nothing, or not the last of it
+    words = WORDS.replace("12", "2")
+    main([*words.split(), "--out", "short"])
+    first = capsys.readouterr().out.splitlines()[0]
+    found = told(here, "short")
+    rms = found["motions"][-1]["rms_error"]
+    assert f"{1e6 * rms:.3g} um rms" in first or f"{1e3 * rms:.3g} mm rms" in first
+    assert "stuck: gain margin" in first
+    assert "sliding at 0.2 m/s: gain margin" in first
+    for weakness in found["weaknesses"]:
+        assert weakness in first
+    gained = found["doubled_cost"] < 0.9 * found["cost"]
+    assert ("twice the budget would gain" in first) == gained
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--controller p_pi --params axis.toml", "--limit"),
+        ("--controller p_pi --params axis.toml --limit 90", "friction alone takes"),
+        ("--controller p_pi --params axis.toml --limit 0", "more than 0"),
+        ("--controller p_pi --params axis.toml --limit much", "expected a number"),
+        ("--controller none --params axis.toml --limit 500", "those that have are"),
+        ("--controller lqi --params axis.toml --limit 500", "no output 'i'"),
+        ("--controller p_pi --stop 1", "--reference"),
+        ("--controller p_pi --reference step:length=1", "step has no 'length'"),
+        ("--controller p_pi --set controller.Kq=1", "Kq"),
+        ("--controller p_pi --budget 1", "--budget"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_line(here, capsys, words, said):
+    assert main(["tune", *words.split(), "--out", "bad"]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_python_gives_the_same_as_the_command(here):
+    loop = ballscrew.Loop(
+        "p_pi",
+        "drive_lugre",
+        plant_values={
+            "m": 40.0,
+            "sigma2": 200.0,
+            "Fc": 80.0,
+            "Fs": 80.0,
+            "Vs": 0.01,
+            "sigma0": 1e7,
+            "sigma1": 2e4,
+        },
+    )
+    result = ballscrew.tune(loop, limit=500.0, budget=12)
+    assert result.values == {g["name"]: g["value"] for g in told(here)["gains"]}
+    assert list(result.pictures()) == ["motions", "bode"]
+    assert result.headline() in repr(result)
