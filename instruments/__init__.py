@@ -35,6 +35,16 @@ def without_sampling(controller: str) -> tuple[str, bool]:
     return name, name != controller
 
 
+FEED_FORWARD = "feed_forward"
+"""Behind a controller's name: that it uses the set-point's derivatives."""
+
+
+def without_feed_forward(controller: str) -> tuple[str, bool]:
+    """The controller of ``controller+feed_forward``, and whether it is one."""
+    name = controller.removesuffix(f"+{FEED_FORWARD}")
+    return name, name != controller
+
+
 def bare(part: str) -> str:
-    """The controller alone of ``controller+sampled+instrument+...``."""
-    return without_sampling(without_instruments(part)[0])[0]
+    """The controller alone of ``controller+feed_forward+sampled+instrument+...``."""
+    return without_feed_forward(without_sampling(without_instruments(part)[0])[0])[0]
