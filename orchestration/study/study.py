@@ -24,7 +24,7 @@ from .reading import BadPlan
 from .result import JUDGED_BY, SMALLEST, Array, Run, StudyResult, concluded
 from .sobol import SobolIndex, sobol_indices
 from .tuning import Tuned, tune
-from .values import LIMIT, check_controller, check_plants, values_for
+from .values import LIMIT, check_controller, check_plants, limit_of, values_for
 
 if TYPE_CHECKING:
     from ...solver.component import Component
@@ -278,7 +278,7 @@ def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:
 
 def _measured(plan: Plan, loop: StudyLoop, values: Mapping[str, float], duty: Duty) -> Figures:
     course = loop.run(values, duty.signal(), duty.stop, plan.tolerance)
-    return figures_of(course, plan.count, values.get(PLANT + LIMIT, plan.voltage_limit))
+    return figures_of(course, plan.count, values.get(PLANT + LIMIT, limit_of(plan, loop.kernel)))
 
 
 def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str, Any]:
