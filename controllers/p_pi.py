@@ -23,6 +23,7 @@ VELOCITY_TIME = 0.11
 
 TUNABLE = {"Kx": (0.5, 50.0), "Kp": (0.0, 500.0), "Ki": (100.0, 1e5)}
 
+
 @dataclass(frozen=True)
 class CascadeGains:
     """Kx [1/s], Kp [V*s/m], Ki [V/m], and feed-forward Fv [V*s/m] and Fa [V*s^2/m]."""

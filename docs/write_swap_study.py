@@ -3,6 +3,8 @@
 ballscrew study docs/examples/swap_study.toml --out out/study
 ballscrew study docs/examples/swap_study_ideal.toml --out out/ideal
 python docs/write_swap_study.py out/study out/ideal
+
+The second folder may be left out: the table of ideal sensors then stays as it is.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import ballscrew
+from ballscrew.orchestration.study.lengths import length, scale
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "swap-study.md"
@@ -35,10 +38,16 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def _rms(study: Mapping[str, Any], duty: str, name: str) -> str:
-    """Mean rms error with its interval [um]."""
+    """Mean rms error with its interval."""
     found = study["intervals"][duty][name]["rms_error"]
-    mean, low, high = (f"{found[k] / MICRON:.3g}" for k in ("mean", "low", "high"))
-    return f"{mean} ({low} to {high})"
+    factor, unit = scale([found["mean"]])
+    mean, low, high = (f"{factor * found[k]:.3g}" for k in ("mean", "low", "high"))
+    return f"{mean} {unit} ({low} to {high})"
+
+
+def verdict(study: Mapping[str, Any]) -> str:
+    """The study's own sentence, and what weakens it."""
+    return "\n".join([f"**{study['verdict']}.**", "", *(f"- {w}" for w in study["weaknesses"])])
 
 
 def answers(study: Mapping[str, Any]) -> str:
@@ -54,17 +63,17 @@ def answers(study: Mapping[str, Any]) -> str:
         else:
             cells += ["-", "-"]
         rows.append(cells)
-    head = "duty", "best", "rms [um] (90 %)", "not told from it", "next", "rms [um] (90 %)"
+    head = "duty", "best", "rms error (90 %)", "not told from it", "next", "rms error (90 %)"
     return table(head, rows)
 
 
 def errors(study: Mapping[str, Any]) -> str:
-    """Mean rms error [um] of every controller at every duty."""
+    """Mean rms error of every controller at every duty."""
     duties = list(study["means"])
     rows = [
         [
             f"`{name}`",
-            *(f"{study['means'][d][name]['rms_error'] / MICRON:.3g}" for d in duties),
+            *(length(study["means"][d][name]["rms_error"]) for d in duties),
         ]
         for name in study["tunings"]
     ]
@@ -87,7 +96,7 @@ def tunings(study: Mapping[str, Any]) -> str:
                 f"{min(costs):.3g} to {max(costs):.3g}",
                 f"{min(gains):.2g} to {max(gains):.2g} %",
                 f"{means['total_variation']:.3g}",
-                f"{means['peak_error'] / MICRON:.3g}",
+                length(means["peak_error"]),
             ]
         )
     head = (
@@ -97,7 +106,7 @@ def tunings(study: Mapping[str, Any]) -> str:
         "cost, tuned (3 seeds)",
         "gain of twice the budget",
         f"variation at {first} [V]",
-        f"peak error at {first} [um]",
+        f"peak error at {first}",
     )
     return table(head, rows)
 
@@ -162,6 +171,7 @@ def _outcome(result: Any) -> str:
 
 
 TABLES = {
+    "verdict": verdict,
     "answers": answers,
     "errors": errors,
     "tunings": tunings,
@@ -170,10 +180,11 @@ TABLES = {
 }
 
 
-def main(folder: Path, ideal: Path) -> None:
-    study, best_case = (json.loads((f / "study.json").read_text("utf-8")) for f in (folder, ideal))
-    tables = {name: made(study) for name, made in TABLES.items()}
-    tables |= {"ideal": errors(best_case), "thesis step": thesis_step()}
+def main(folder: Path, ideal: Path | None = None) -> None:
+    study = json.loads((folder / "study.json").read_text("utf-8"))
+    tables = {name: made(study) for name, made in TABLES.items()} | {"thesis step": thesis_step()}
+    if ideal:
+        tables["ideal"] = errors(json.loads((ideal / "study.json").read_text("utf-8")))
     page = PAGE.read_text("utf-8")
     for name, text in tables.items():
         block = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.S)

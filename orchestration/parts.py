@@ -221,7 +221,8 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
                 f"{role} {name!r}: {SAMPLED!r} comes once, behind {first!r} and its feed-forward"
             )
         raise BadPart(
-            f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}"
+            f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, and "
+            f"before them {FEED_FORWARD} and {SAMPLED}"
         )
     files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
     raise BadPart(

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 _SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x")
 _DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot", "5px 1px 1px 1px")
-_FAR_OFF = 30.0  # times the median of the largest errors: such a course is drawn when it is asked for
+_FAR_OFF = (
+    30.0  # times the median of the largest errors: such a course is drawn when it is asked for
+)
 
 
 def report(study: StudyResult) -> str:
@@ -112,7 +114,11 @@ def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
     peaks = {n: max(map(abs, course.error)) for n, course in courses.items()}
     factor, unit = scale(peaks.values())
     far = {n for n, p in peaks.items() if p > _FAR_OFF * statistics.median(peaks.values())}
-    hidden = f" Not drawn until you click on it, since it is far off: {', '.join(sorted(far))}." if far else ""
+    hidden = (
+        f" Not drawn until you click on it, since it is far off: {', '.join(sorted(far))}."
+        if far
+        else ""
+    )
 
     def figure(name: str, title: str, axis: str, values: Any) -> dict[str, Any]:
         traces = []

@@ -110,9 +110,7 @@ def overtaken(study: StudyResult) -> dict[str, tuple[str, ...]]:
     for answer in study.answers:
         if not answer.order:
             continue
-        hoped = {
-            n: gain(study, n) * study.mean(JUDGED_BY, n, answer.duty) for n in answer.order
-        }
+        hoped = {n: gain(study, n) * study.mean(JUDGED_BY, n, answer.duty) for n in answer.order}
         first = hoped[answer.order[0]]
         names = tuple(n for n in answer.order if n not in answer.best and hoped[n] < first)
         if names:

@@ -17,9 +17,9 @@ from ballscrew.cli import main
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.study.loop import StudyLoop
+from ballscrew.orchestration.study.pictures import COLOURS
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.reading import BadPlan
-from ballscrew.orchestration.study.pictures import COLOURS
 from ballscrew.orchestration.study.report import report
 from ballscrew.orchestration.study.study import PARTS, do_study
 from ballscrew.orchestration.study.verdict import sentence
@@ -126,14 +126,15 @@ def test_the_courses_are_those_of_the_nominal_plant_under_the_best_tuning(plan, 
     motion = plan.judged_duties[0].signal()
     for name, course in result.courses["back"].items():
         best = min(result.tunings[name], key=lambda t: t.cost)
-        loop = Loop(name, reference=motion, stop=0.4, controller_values=best.values)
+        loop = Loop(f"{name}+sampled", reference=motion, stop=0.4, controller_values=best.values)
         own = run_monolithic(replace(loop, plant_values={"voltage_limit": 36.0}), 1e-3)
         x_d = motion.on(own.time, 0)
         shown = np.isin(own.time.round(9), np.round(course.time, 9))
         assert shown.sum() == len(course.time) >= 200
         error = (x_d - own.outputs["x"])[shown]
         np.testing.assert_allclose(course.error, error, rtol=1e-4, atol=1e-8)
-        np.testing.assert_allclose(course.command, own.commands["u"][shown], rtol=1e-4, atol=1e-3)
+        command = own.commands["u"][shown]  # which gains make of what the study's solver leaves
+        np.testing.assert_allclose(course.command, command, rtol=0, atol=1e-3 * np.ptp(command))
 
 
 def test_a_controller_has_one_colour_in_every_figure_of_the_page(result):
@@ -249,7 +250,8 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     page = (out / "report.html").read_text()
     assert "Which controller for which duty" in page
     assert f"<h1>{sentence(result)}</h1>" in page
-    assert "rms error [um]" in page and "rms error [m]" not in page
+    assert "rms error [um]" in page
+    assert "rms error [m]" not in page
     assert told["verdict"] == sentence(result) == printed.splitlines()[0].partition(". ")[0]
     assert not (out / PARTS).exists()
 
@@ -264,7 +266,7 @@ def test_a_browser_draws_the_page_zooms_and_asks_for_nothing(result, tmp_path):
         assert page.errors == []
         assert page.requests == [path.resolve().as_uri()]
         for name in ("course0", "command0"):
-            lines = f"document.querySelectorAll('#{name} .js-line').length"
+            lines = f"document.querySelectorAll('#{name} .scatterlayer .js-line').length"
             assert page.evaluate(lines) == 2
         for name in ("errors", "effort0"):
             points = f"document.querySelectorAll('#{name} .points path').length"

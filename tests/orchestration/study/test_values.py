@@ -176,4 +176,5 @@ def test_a_study_of_a_drive_runs_without_current_and_limit():
     found = figures_of(course, 1e-6, 1e6)
     assert np.abs(course.command).max() > 36.0
     assert found.saturated_share == 0.0
-    assert math.isnan(found.peak_current) and not found.failed
+    assert math.isnan(found.peak_current)
+    assert not found.failed

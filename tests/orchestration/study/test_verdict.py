@@ -85,7 +85,9 @@ def test_more_budget_that_would_change_the_order_is_said():
     found = study(ERRORS, {"p_pi": [(0.1, 0.1), (0.1, 0.1)], "pid": [(0.1, 0.02), (0.1, 0.02)]})
     assert gain(found, "pid") == pytest.approx(0.2)
     assert overtaken(found) == {"move": ("pid",), "sine": ("pid",)}
-    assert any(w.startswith("with more budget pid might win move and sine") for w in weaknesses(found))
+    assert any(
+        w.startswith("with more budget pid might win move and sine") for w in weaknesses(found)
+    )
 
 
 def test_a_tuning_that_finds_nothing_is_said():
