@@ -234,7 +234,7 @@ def _shown(
 ) -> dict[str, list[float]]:
     """A run on the nominal plant, thinned out; see `Shown`."""
     number = FIRST_JUDGED - 1  # whose noise no judged plant has
-    values = values_for(plan, loop.kernel, entrant, tuned, duty, plan.nominal, number)
+    values = values_for(plan, loop.kernel, entrant, tuned, duty, list(plan.nominal), number)
     course = loop.run(values, duty.signal(), duty.stop, plan.tolerance)
     if course.stopped:
         return asdict(Shown([], [], []))
