@@ -142,14 +142,25 @@ def size(study: Mapping[str, Any]) -> str:
 def checks(study: Mapping[str, Any]) -> str:
     """What came of the runs over FMUs."""
     found = study["over_fmus"]
-    differ = sum(not run["agrees"] for run in found)
+    differ = [run for run in found if not run["agrees"]]
     unsure = sum(run["coupling"] not in ("", "trusted") for run in found)
     return (
-        f"{len(found)} runs were done again over FMUs, and {differ or 'none'} came out "
-        f"differently. Of {unsure} of these the master does\nnot say that every output is right "
+        f"{len(found)} runs were done again over FMUs, and {len(differ) or 'none'} came out "
+        f"differently{_which(differ)}.\nOf {unsure} of these the master does not say that every "
+        "output is right "
         "within 1 %: its runs with shorter steps see other counts of the encoder, and the\ncurrent "
         "follows each count."
     )
+
+
+def _which(runs: list[Mapping[str, Any]]) -> str:
+    """Which runs differ, and by how much."""
+    named = (
+        f"`{run['controller']}` at {run['duty']}, {1e9 * run['apart']:.2g} nm apart where "
+        f"{1e9 * run['allowed']:.2g} nm are allowed"
+        for run in runs
+    )
+    return f" ({'; '.join(named)})" if runs else ""
 
 
 def sensitivities(study: Mapping[str, Any]) -> str:
