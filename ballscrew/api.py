@@ -557,7 +557,7 @@ def swap_study(
     ...     _ = pathlib.Path(folder, "study.toml").write_text(text)
     ...     found = ballscrew.swap_study(folder + "/study.toml", folder + "/out")
     >>> found.headline()
-    '2 controllers, 1 duties, 4 runs'
+    'pid wins 1 of 1 duties. 2 controllers, 1 duties, 4 runs'
     """
     from .orchestration.study.plan import read_plan
     from .orchestration.study.study import discard_parts, do_study

@@ -54,8 +54,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         nargs="+",
         metavar="PART",
         help=f"some of {', '.join([*PLANTS, *CONTROLLERS, *INSTRUMENTS])}; or mine.py:pi, a "
-        "function of a Python file that returns a Component; or CONTROLLER+INSTRUMENT+..., a "
-        "controller that measures through instruments",
+        "function of a Python file that returns a Component; or CONTROLLER+feed_forward, told the "
+        "derivatives of the set-point; or CONTROLLER+INSTRUMENT+..., a controller that measures "
+        "through instruments",
     )
     parser.add_argument(
         "--ssp",

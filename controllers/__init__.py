@@ -2,6 +2,8 @@
 
 from importlib import import_module
 
+from ..instruments import without_feed_forward
+
 CONTROLLERS = {
     "iol": "ballscrew.controllers.linearization:input_output_linearization",
     "iol_true_acceleration": "ballscrew.controllers.linearization:with_true_acceleration",
@@ -30,9 +32,19 @@ def tunable(name: str) -> dict[str, tuple[float, float]]:
     """What a study tunes of a controller, by parameter its range; empty where it states none.
 
     The ranges stand in the law's own file, as ``TUNABLE``; a sampled law is tuned as the continuous
-    one.
+    one. Those of ``controller+feed_forward`` are the controller's and those of the feed-forward
+    that it has.
     """
-    if name not in CONTROLLERS:
-        return {}
-    module = import_module(CONTROLLERS[name.removesuffix("_sampled")].partition(":")[0])
-    return dict(getattr(module, "TUNABLE", {}))
+    law, has_forward = without_feed_forward(name)
+    ranges: dict[str, tuple[float, float]] = {}
+    linearizing = False
+    if law in CONTROLLERS:
+        module, _, function = CONTROLLERS[law.removesuffix("_sampled")].partition(":")
+        made = import_module(module)
+        ranges = dict(getattr(made, "TUNABLE", {}))
+    if has_forward:
+        from .feed_forward import TUNABLE, is_linearizing
+
+        linearizing = law in CONTROLLERS and is_linearizing(getattr(made, function)())
+        ranges |= {} if linearizing else TUNABLE
+    return ranges

@@ -12,7 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..plant.axis import axis
-from ..solver.component import Component, Input, Parameter, symbol
+from ..solver.component import Component, Parameter, symbol
+from .feed_forward import REFERENCES, acceleration_forward
 from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
 from .linearization import measurements_of
 from .rigid_axis import rigid_axis
@@ -21,12 +22,6 @@ VELOCITY_TIME = 0.11
 """Closed-loop time of the velocity loop [s]: keeps an 8 cm step within the 36 V of the motor."""
 
 TUNABLE = {"Kx": (0.5, 50.0), "Kp": (0.0, 500.0), "Ki": (100.0, 1e5)}
-REFERENCES = (
-    Input("v_d", "m/s", "velocity of the set-point", nominal=0.1, role="reference_derivative"),
-    Input(
-        "a_d", "m/s^2", "acceleration of the set-point", nominal=1.0, role="reference_derivative"
-    ),
-)
 
 
 @dataclass(frozen=True)
@@ -43,16 +38,14 @@ class CascadeGains:
 def cascade(velocity_time: float = VELOCITY_TIME) -> CascadeGains:
     """The gains for the nominal axis and a closed-loop time of the velocity loop [s]."""
     plant = rigid_axis()
-    values = {p.name: p.default for p in axis().all_parameters}
     effective = velocity_time + plant.electrical_time
     proportional = plant.lag / (plant.speed_per_volt * effective)
-    electrical = values["sigma2"] * plant.electrical_time
     return CascadeGains(
         position=1 / (4 * velocity_time),
         proportional=proportional,
         integral=proportional / min(plant.lag, 4 * effective),
         velocity_forward=1 / plant.speed_per_volt,
-        acceleration_forward=(plant.inertia + electrical) / plant.force_per_volt,
+        acceleration_forward=acceleration_forward(),
     )
 
 

@@ -1,9 +1,10 @@
 """Components by what a user calls them, and their FMUs kept ready on disk.
 
 A part is a name of the catalogue, a function of a user's file (``mine.py:pi``), either of them
-as a computer runs it (``nctf+sampled``) and with the instruments that it measures through
-(``nctf+sampled+position_encoder``), or a component that was made a minute ago; all others are paths
-of FMUs. Behind all that may stand the units of a drive, as in ``pid+sampled+force``.
+with feed-forward (``nctf+feed_forward``), as a computer runs it (``nctf+sampled``) and with the
+instruments that it measures through (``nctf+sampled+position_encoder``), or a component that was
+made a minute ago; all others are paths of FMUs. Behind all that may stand the units of a drive, as
+in ``pid+sampled+force``.
 """
 
 from __future__ import annotations
@@ -15,7 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ..controllers import ALONE, CONTROLLERS
-from ..instruments import INSTRUMENTS, bare, without_instruments, without_sampling, without_units
+from ..instruments import (
+    INSTRUMENTS,
+    bare,
+    without_feed_forward,
+    without_instruments,
+    without_sampling,
+    without_units,
+)
 from ..plant import NOMINAL, PLANTS
 from ..solver import kernel_cache
 from ..solver.component_file import load_component, names_file
@@ -36,6 +44,7 @@ _MEASURED = "ballscrew.instruments.measured_through"
 _SAMPLED = "ballscrew.instruments.sample_and_hold"
 _INSTRUMENTS = "ballscrew.instruments"
 _OF_MOTOR = {"A", "ohm", "H"}
+_FORWARD = "ballscrew.controllers.feed_forward"
 
 
 class UnknownComponent(KeyError):
@@ -61,7 +70,8 @@ def component(part: str | Component) -> Component:
     UnknownComponent
     BadComponentFile
     ContractError
-        For instruments that do not go together with the controller, or one that cannot be sampled.
+        For instruments that do not go together with the controller, or one that cannot be sampled
+        or have feed-forward.
     """
     if not isinstance(part, str):
         return part
@@ -72,6 +82,11 @@ def component(part: str | Component) -> Component:
     name, is_sampled = without_sampling(base)
     if is_sampled or instruments:
         return put_into_practice(component(name), is_sampled, instruments)
+    law, has_forward = without_feed_forward(name)
+    if has_forward:
+        from ..controllers.feed_forward import with_feed_forward
+
+        return with_feed_forward(component(law))
     if names_file(part):
         return load_component(part)
     module, _, function = _place_of(part).partition(":")
@@ -171,6 +186,10 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
         if is_sampled:
             name, own = kept_as(base)
             return f"sampled_{name}", (*own, _SAMPLED)
+        law, has_forward = without_feed_forward(base)
+        if has_forward:
+            name, own = kept_as(law)
+            return f"feed_forward_{name}", (*own, _FORWARD)
         if not names_file(part):
             return part, (_place_of(part).partition(":")[0],)
     made = component(part)

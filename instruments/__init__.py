@@ -54,6 +54,17 @@ def without_units(part: str) -> tuple[str, str]:
     return name, part[len(name) :]
 
 
+FEED_FORWARD = "feed_forward"
+"""Behind a controller's name: that it uses the set-point's derivatives."""
+
+
+def without_feed_forward(controller: str) -> tuple[str, bool]:
+    """The controller of ``controller+feed_forward``, and whether it is one."""
+    name = controller.removesuffix(f"+{FEED_FORWARD}")
+    return name, name != controller
+
+
 def bare(part: str) -> str:
-    """The part alone of ``part+sampled+instrument+...+force``."""
-    return without_sampling(without_instruments(without_units(part)[0])[0])[0]
+    """The part alone of ``part+feed_forward+sampled+instrument+...+force``."""
+    plain = without_instruments(without_units(part)[0])[0]
+    return without_feed_forward(without_sampling(plain)[0])[0]

@@ -14,7 +14,7 @@ from ..controllers import ALONE, CONTROLLERS
 from ..fmus import catalogue
 from ..fmus.interface import START, TOLERANCE, interface_of
 from ..fmus.reading import Description, unpack
-from ..instruments import INSTRUMENTS, SAMPLED, bare
+from ..instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, bare
 from ..plant import PLANTS
 from ..solver.component_file import (
     BadComponentFile,
@@ -214,10 +214,15 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
     first, *rest = name.split("+")
     if rest and first in known:
         wrong = next((part for part in rest if part not in INSTRUMENTS), "")
+        if wrong == FEED_FORWARD:
+            raise BadPart(f"{role} {name!r}: {FEED_FORWARD!r} comes right behind {first!r}, once")
         if wrong == SAMPLED:
-            raise BadPart(f"{role} {name!r}: {SAMPLED!r} comes right behind {first!r}, once")
+            raise BadPart(
+                f"{role} {name!r}: {SAMPLED!r} comes once, behind {first!r} and its feed-forward"
+            )
         raise BadPart(
-            f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}"
+            f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, and "
+            f"before them {FEED_FORWARD} and {SAMPLED}"
         )
     files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
     raise BadPart(

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ..orchestration.pictures import drawing, write_figure
+from ..orchestration.study.lengths import length
 from ..orchestration.study.result import StudyResult
+from ..orchestration.study.verdict import sentence, weaknesses
 from ..solver.files import finite_or_null, write_atomically, write_json
 from ..solver.tables import write_table
 from .result import Result, table_of
@@ -24,13 +26,12 @@ class SwapStudy(Result, StudyResult):
         return not self.disagreed and not any(any(a.failed.values()) for a in self.answers)
 
     def headline(self) -> str:
+        """Who wins, then what weakens that, then the size of the study."""
         entrants, duties = len(self.plan.entrants), len(self.plan.judged_duties)
         runs = self.figures["rms_error"].size
-        failed = sum(sum(a.failed.values()) for a in self.answers)
-        lost = f"; {failed} runs FAILED" if failed else ""
-        if self.disagreed:
-            lost += f"; {self.disagreed} of {len(self.checks)} runs DIFFER over FMUs"
-        return f"{entrants} controllers, {duties} duties, {runs} runs{lost}"
+        size = f"{entrants} controllers, {duties} duties, {runs} runs"
+        parts = [sentence(self), *weaknesses(self), size]
+        return ". ".join(part[0].upper() + part[1:] if k else part for k, part in enumerate(parts))
 
     def facts(self) -> Iterable[tuple[str, str]]:
         for answer in self.answers:
@@ -38,12 +39,12 @@ class SwapStudy(Result, StudyResult):
                 yield answer.duty, "no controller came through"
                 continue
             first = answer.order[0]
-            text = f"{first} ({1e6 * self.mean('rms_error', first, answer.duty):.3g} um rms)"
+            text = f"{first} ({length(self.mean('rms_error', first, answer.duty))} rms)"
             if len(answer.best) > 1:
                 text += f"; not told from it: {', '.join(answer.best[1:])}"
             yield answer.duty, text
         worst = max((c.apart for c in self.checks.values() if c.apart >= 0), default=0.0)
-        text = f"{len(self.checks)} runs, at most {worst:.2g} m apart"
+        text = f"{len(self.checks)} runs, at most {length(worst)} apart"
         if self.not_converged:
             text += f"; the coupling of {self.not_converged} not converged"
         yield "again over FMUs", text
@@ -54,10 +55,11 @@ class SwapStudy(Result, StudyResult):
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "study.json", finite_or_null(self.to_dict()))
+        told = {"verdict": sentence(self), "weaknesses": weaknesses(self)}
+        write_json(folder / "study.json", finite_or_null(told | self.to_dict()))
         write_table(folder, "runs", [self.rows()])
         if pictures:
-            write_atomically(folder / "report.html", report(self, self.headline()).encode())
+            write_atomically(folder / "report.html", report(self).encode())
             with drawing():
                 write_figure(self.plot(), folder, "study")
 

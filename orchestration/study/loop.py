@@ -29,7 +29,8 @@ class Course:
     time : ndarray, shape (m,)
         [s]
     position, velocity, current, command, reference, reference_velocity : ndarray, shape (m,)
-        [m], [m/s], [A], [V], [m], [m/s]
+        [m], [m/s], [A], in the unit of the plant's command, [m], [m/s]. The current is NaN for a
+        plant without.
     stopped : str
         Why it ended before its time; empty if it did not.
     """
@@ -90,7 +91,8 @@ class StudyLoop:
         y, stopped = follow(model, reference, time)
         if stopped:
             y = dict.fromkeys("xviu", np.zeros(0))
-        return Course(time, y["x"], y["v"], y["i"], y["u"], x_d, v_d, stopped)
+        current = y.get("i", np.full(len(time), np.nan))  # a plant driven by a force has none
+        return Course(time, y["x"], y["v"], current, y["u"], x_d, v_d, stopped)
 
 
 _SYSTEMS: dict[str, core.System] = {}  # a process runs a loop many times, one run after another

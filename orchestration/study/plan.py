@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -14,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ...controllers import tunable
-from ...instruments.supply import NOMINAL_VOLTAGE
 from ..reference_motions import read_motion
 from ..reference_signal import BadReference, Reference
 from .figures import NAMES
@@ -67,11 +67,12 @@ class Entrant:
     name : str
         In tables.
     component : str
-        A name of the catalogue, or ``file.py:function``.
+        A name of the catalogue, or ``file.py:function``; either with ``+feed_forward``.
     values : dict of str to float
         Parameters that are not default and stay.
     tune : dict of str to (float, float)
-        Parameters that are tuned, and their ranges.
+        Parameters that are tuned, and their ranges; where a plan does not say which, those of
+        `tunable` that `values` leaves.
     """
 
     name: str
@@ -121,8 +122,9 @@ class Plan:
         Samples until a computed command is put out.
     instruments : tuple of str
         Through which the controllers measure, one behind the other, see `measured_through`.
-    voltage_limit : float
-        The amplifier's [V].
+    command_limit : float or None
+        Largest command, either sign, in the unit of the plant's command: volts of an amplifier,
+        newtons where the command is a force. None: see `limit_of`.
     count : float
         Of the position sensor, for figures in counts [m].
     tolerance : float
@@ -142,7 +144,7 @@ class Plan:
     period: float = 1e-3
     delay: int = 0
     instruments: tuple[str, ...] = ()
-    voltage_limit: float = NOMINAL_VOLTAGE
+    command_limit: float | None = None
     count: float = 1 / 512_000
     tolerance: float = 1e-6
     seed: int = 1
@@ -241,6 +243,11 @@ def _plan(table: dict[str, Any]) -> Plan:
     check_names("sensitivity", sensitivity, ("sobol",))
     elsewhere = {"entrants", "duties", "variations", "tuning", "sobol"}
     known = {f.name for f in fields(Plan)} - elsewhere
+    if "voltage_limit" in table:
+        raise BadPlan(
+            "voltage_limit is called command_limit now, in the unit of the plant's command: V of a "
+            "motor's amplifier, N where the command is a force; rename it"
+        )
     check_names("the study", table, known)
     plan = Plan(
         plant=str(table.pop("plant", "plant")),
@@ -270,7 +277,8 @@ def _entrant(name: str, given: Any) -> Entrant:
     check_names(where, given, ("component", "values", "tune"))
     component = str(given.get("component", name))
     values = as_numbers(f"{where}.values", as_table(f"{where}.values", given.get("values", {})), {})
-    ranges = as_table(f"{where}.tune", given.get("tune", tunable(component)))
+    own = {n: r for n, r in tunable(component).items() if n not in values}
+    ranges = as_table(f"{where}.tune", given.get("tune", own))
     return Entrant(name, component, values, {n: as_range(where, n, r) for n, r in ranges.items()})
 
 
@@ -326,7 +334,7 @@ def _check(plan: Plan) -> None:
         raise BadPlan("two [[vary]] vary the same parameters; leave one out")
     for name, value, least in (
         ("period", plan.period, 0.0),
-        ("voltage_limit", plan.voltage_limit, 1e-9),
+        ("command_limit", math.inf if plan.command_limit is None else plan.command_limit, 1e-9),
         ("count", plan.count, 1e-15),
         ("tolerance", plan.tolerance, 1e-12),
     ):

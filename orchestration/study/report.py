@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import math
+import statistics
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from .figures import UNITS
+from .lengths import length, scale
 from .pictures import COLOURS, mark_of
 from .result import JUDGED_BY, MEASURED
+from .verdict import sentence, weaknesses
 
 if TYPE_CHECKING:
     from .result import StudyResult
 
 _SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x")
+_DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot", "5px 1px 1px 1px")
+_FAR_OFF = (
+    30.0  # times the median of the largest errors: such a course is drawn when it is asked for
+)
 
 
-def report(study: StudyResult, headline: str) -> str:
-    """The page as text; its headline says what weakens the result."""
+def report(study: StudyResult) -> str:
+    """The page as text; its headline says who wins, and the line below what weakens that."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
 
@@ -28,16 +35,22 @@ def report(study: StudyResult, headline: str) -> str:
         trim_blocks=True,
     )
     made.filters["number"] = number
+    made.filters["metres"] = length
     duties = [d.name for d in study.plan.judged_duties]
     return made.get_template("report.html.jinja").render(
         study=study,
-        headline=headline,
+        headline=sentence(study),
+        weaknesses=weaknesses(study),
         plan=study.plan,
         duties=duties,
         names=[e.name for e in study.plan.entrants],
         answers=study.answers,
-        shown=[(n, UNITS[n]) for n in MEASURED],
-        figures=[_error_over_duties(study), *(_error_against_effort(study, d) for d in duties)],
+        shown={d: [(n, *_scale(study, n, d)) for n in MEASURED] for d in duties},
+        figures=[
+            _error_over_duties(study),
+            *(course for d in duties for course in _courses(study, d)),
+            *(_error_against_effort(study, d) for d in duties),
+        ],
         plotly=get_plotlyjs(),
         version=version("ballscrew"),
     )
@@ -48,6 +61,13 @@ def number(value: float) -> str:
     if math.isnan(value):
         return "-"
     return "never" if math.isinf(value) else f"{value:.3g}"
+
+
+def _scale(study: StudyResult, figure: str, duty: str) -> tuple[float, str]:
+    """What a column of the table is multiplied by, and its unit."""
+    if UNITS[figure] != "m":
+        return 1.0, UNITS[figure]
+    return scale(study.interval(figure, e.name, duty).mean for e in study.plan.entrants)
 
 
 def _trace(k: int, name: str, **data: Any) -> dict[str, Any]:
@@ -85,6 +105,55 @@ def _error_over_duties(study: StudyResult) -> dict[str, Any]:
         "data": traces,
         "layout": _layout({"type": "category"}, y),
     }
+
+
+def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
+    """Position error and command over time, of all controllers on the nominal plant."""
+    place = [d.name for d in study.plan.judged_duties].index(duty)
+    courses = {n: c for n, c in study.courses.get(duty, {}).items() if c.time}
+    peaks = {n: max(map(abs, course.error)) for n, course in courses.items()}
+    factor, unit = scale(peaks.values())
+    far = {n for n, p in peaks.items() if p > _FAR_OFF * statistics.median(peaks.values())}
+    hidden = (
+        f" Not drawn until you click on it, since it is far off: {', '.join(sorted(far))}."
+        if far
+        else ""
+    )
+
+    def figure(name: str, title: str, axis: str, values: Any) -> dict[str, Any]:
+        traces = []
+        for k, entrant in enumerate(study.plan.entrants):
+            if entrant.name not in courses:
+                continue
+            trace: dict[str, Any] = {
+                "type": "scatter",
+                "mode": "lines",
+                "name": entrant.name,
+                "line": {"color": COLOURS[k % len(COLOURS)], "dash": dash_of(k), "width": 1.5},
+                "x": courses[entrant.name].time,
+                "y": values(courses[entrant.name]),
+            }
+            if entrant.name in far:
+                trace["visible"] = "legendonly"
+            traces.append(trace)
+        return {
+            "name": f"{name}{place}",
+            "title": f"{title}: {duty}",
+            "says": "On the nominal plant, each with its best tuning." + hidden,
+            "data": traces,
+            "layout": _layout({"title": {"text": "time [s]"}}, {"title": {"text": axis}}),
+        }
+
+    errors = f"set-point less position [{unit}]"
+    return [
+        figure("course", "Error over time", errors, lambda c: [factor * e for e in c.error]),
+        figure("command", "Command over time", "command [V]", lambda c: c.command),
+    ]
+
+
+def dash_of(number: int) -> str:
+    """How a controller's line is drawn: whole for the first of each colour."""
+    return _DASHES[number // len(COLOURS) % len(_DASHES)]
 
 
 def _error_against_effort(study: StudyResult, duty: str) -> dict[str, Any]:

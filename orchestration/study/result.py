@@ -35,6 +35,25 @@ class Run(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Shown:
+    """A run as the report draws it, at some hundreds of times; empty where it failed.
+
+    Attributes
+    ----------
+    time : list of float
+        [s]
+    error : list of float
+        Set-point less position [m].
+    command : list of float
+        In the unit of the plant's command.
+    """
+
+    time: list[float]
+    error: list[float]
+    command: list[float]
+
+
+@dataclass(frozen=True)
 class DutyAnswer:
     """Who is best at a duty.
 
@@ -76,6 +95,8 @@ class StudyResult:
     sobol : dict
         Sobol indices of the rms error by controller, duty and what was varied; empty where not
         asked, and at a duty where a run failed.
+    courses : dict of str to dict of str to Shown
+        By duty and controller, of the nominal plant under the tuning with the least cost.
     """
 
     plan: Plan
@@ -86,6 +107,7 @@ class StudyResult:
     sensitivities: dict[str, Sensitivity]
     checks: dict[Run, FmuCheck]
     sobol: dict[str, dict[str, dict[str, SobolIndex]]] = field(default_factory=dict)
+    courses: dict[str, dict[str, Shown]] = field(default_factory=dict, repr=False)
 
     @property
     def disagreed(self) -> int:
@@ -193,6 +215,7 @@ def concluded(
     figures: Mapping[str, Array],
     checks: dict[Run, FmuCheck],
     sobol: dict[str, dict[str, dict[str, SobolIndex]]],
+    courses: dict[str, dict[str, Shown]],
 ) -> StudyResult:
     """The result of a study from its runs."""
     names = [e.name for e in plan.entrants]
@@ -221,6 +244,7 @@ def concluded(
         {n: _sensitivity(plan, errors[e], failed[e]) for e, n in enumerate(names)},
         checks,
         sobol,
+        courses,
     )
 
 

@@ -21,10 +21,10 @@ from .loop import StudyLoop
 from .over_fmus import COMPARED, SHARE, FmuCheck, check_over_fmus
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
-from .result import JUDGED_BY, SMALLEST, Array, Run, StudyResult, concluded
+from .result import JUDGED_BY, SMALLEST, Array, Run, Shown, StudyResult, concluded
 from .sobol import SobolIndex, sobol_indices
 from .tuning import Tuned, tune
-from .values import LIMIT, check_controller, check_plants, values_for
+from .values import LIMIT, check_controller, check_plants, limit_of, values_for
 
 if TYPE_CHECKING:
     from ...solver.component import Component
@@ -36,6 +36,7 @@ PARTS = "study.parts"
 FAILED = 1e6  # cost of a candidate whose run fails, for each such run
 OVER_LIMIT = 10.0  # cost for each limit that is exceeded by its own size
 CHUNK = 10  # plants of a task
+SHOWN = 500  # times of a run that the report draws, at least
 FIRST_JUDGED = 1000  # number of the first drawn plant to judge on; those to tune on count from 0
 
 
@@ -75,7 +76,8 @@ def do_study(
     checked = _computed(parts, again, _checked, here, "over FMUs", progress)
     checks = {run: FmuCheck(**checked[name]) for run, name in zip(runs, again, strict=True)}
     sobol = _sobol(plan, loops, tunings, parts, workers, progress)
-    return concluded(plan, tunings, figures, checks, sobol)
+    courses = _courses(plan, loops, tunings, parts, workers, progress)
+    return concluded(plan, tunings, figures, checks, sobol, courses)
 
 
 def loops_of(plan: Plan) -> dict[str, StudyLoop]:
@@ -204,6 +206,44 @@ def _sobol(
     }
 
 
+def _courses(
+    plan: Plan,
+    loops: Mapping[str, StudyLoop],
+    tunings: Mapping[str, list[Tuned]],
+    parts: KeptParts,
+    workers: Workers,
+    progress: Progress | None,
+) -> dict[str, dict[str, Shown]]:
+    """Each judged duty on the nominal plant, by every controller with its tuning of least cost."""
+    jobs = {}
+    for k, entrant in enumerate(plan.entrants):
+        best = min(tunings[entrant.name], key=lambda t: t.cost)
+        for d, duty in enumerate(plan.judged_duties):
+            jobs[f"course-{k}-{d}.json"] = plan, entrant, loops[entrant.name], best.values, duty
+    done = _computed(parts, jobs, _shown, workers, "courses", progress)
+    return {
+        duty.name: {
+            e.name: Shown(**done[f"course-{k}-{d}.json"]) for k, e in enumerate(plan.entrants)
+        }
+        for d, duty in enumerate(plan.judged_duties)
+    }
+
+
+def _shown(
+    plan: Plan, entrant: Entrant, loop: StudyLoop, tuned: Mapping[str, float], duty: Duty
+) -> dict[str, list[float]]:
+    """A run on the nominal plant, thinned out; see `Shown`."""
+    number = FIRST_JUDGED - 1  # whose noise no judged plant has
+    values = values_for(plan, loop.kernel, entrant, tuned, duty, list(plan.nominal), number)
+    course = loop.run(values, duty.signal(), duty.stop, plan.tolerance)
+    if course.stopped:
+        return asdict(Shown([], [], []))
+    every = slice(None, None, max(1, len(course.time) // SHOWN))
+    error = course.reference - course.position
+    kept = ([float(f"{v:.5g}") for v in a[every]] for a in (course.time, error, course.command))
+    return asdict(Shown(*kept))
+
+
 def _errors_on(
     plan: Plan,
     entrant: Entrant,
@@ -278,7 +318,7 @@ def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:
 
 def _measured(plan: Plan, loop: StudyLoop, values: Mapping[str, float], duty: Duty) -> Figures:
     course = loop.run(values, duty.signal(), duty.stop, plan.tolerance)
-    return figures_of(course, plan.count, values.get(PLANT + LIMIT, plan.voltage_limit))
+    return figures_of(course, plan.count, values.get(PLANT + LIMIT, limit_of(plan, loop.kernel)))
 
 
 def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str, Any]:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from ...instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
 from ...solver.kernel import CONTROLLER, PLANT, Kernel
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
 
-LIMIT = "voltage_limit"  # the plant's parameter
+LIMIT = "voltage_limit"  # the plant's parameter, whatever the unit of its command
+OWN_LIMIT = "u_max"  # a controller's
+AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
 SEED = "_seed"  # how the name of a noise's seed ends
 BETWEEN_SOURCES = 1_000_000  # by which the seeds of a second noise are larger than of the first
 
@@ -40,7 +43,8 @@ def values_for(
         Of the drawn plant, from 0.
     """
     known = {p.name: p.default for p in kernel.parameters}
-    values = {PLANT + LIMIT: plan.voltage_limit} if PLANT + LIMIT in known else {}
+    limit = limit_of(plan, kernel)
+    values = {n: limit for n in (PLANT + LIMIT, CONTROLLER + OWN_LIMIT) if n in known}
     values |= {PLANT + n: v for n, v in duty.plant.items()}
     for variation, draw in zip(plan.variations, drawn, strict=True):
         for name, factor in variation.factors(draw).items():
@@ -48,6 +52,18 @@ def values_for(
     values |= {CONTROLLER + n: v for n, v in {**entrant.values, **tuned}.items()}
     sources = sorted(n for n in known if n.endswith(SEED))
     return values | {n: float(1 + number + k * BETWEEN_SOURCES) for k, n in enumerate(sources)}
+
+
+def limit_of(plan: Plan, kernel: Kernel) -> float:
+    """Largest command of plant and controllers, in the unit of the plant's command.
+
+    What the plan says; else the nominal amplifier's 36 V where the plant has an amplifier, and none
+    elsewhere: a limit in volts means nothing where the command is a force.
+    """
+    if plan.command_limit is not None:
+        return plan.command_limit
+    known = [p.name for p in kernel.parameters]
+    return NOMINAL_VOLTAGE if PLANT + AMPLIFIER in known else UNLIMITED
 
 
 def check_controller(entrant: Entrant, kernel: Kernel) -> None:
@@ -72,6 +88,12 @@ def check_plants(plan: Plan, kernel: Kernel) -> None:
     ------
     BadPlan
     """
+    if plan.command_limit is not None and PLANT + LIMIT not in [p.name for p in kernel.parameters]:
+        raise BadPlan(
+            f"command_limit is {plan.command_limit:g}, and {plan.plant} has no parameter {LIMIT} "
+            "that would hold it; leave command_limit out, or put the plant behind "
+            "plant.direct_drive.with_command_limit"
+        )
     for duty in plan.duties:
         for name, value in duty.plant.items():
             _check_known(f"duty {duty.name}", PLANT, name, kernel)

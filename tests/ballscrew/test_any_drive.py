@@ -284,7 +284,7 @@ def test_the_next_record_of_an_identified_machine_is_diagnosed(identified, tmp_p
 
 
 def karnopp(stop, step=4e-6):
-    """The drive with classical friction and its controller, by Karnopp's stiction, typed by hand."""
+    """The drive with classical friction and its controller, by Karnopp, typed by hand."""
     x = v = w = 0.0
     places = [x]
     for k in range(round(stop / step)):

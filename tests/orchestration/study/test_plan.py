@@ -137,3 +137,11 @@ def test_the_studies_of_the_manual_are_read(tmp_path):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(BadPlan, match=r"none\.toml: cannot be read"):
         read_plan(tmp_path / "none.toml")
+
+
+def test_what_is_given_a_value_is_not_tuned_unless_the_plan_says_so(tmp_path):
+    forward = '[controllers.pid]\ncomponent = "pid+feed_forward"\nvalues = {Kfff = 0.0}'
+    given = GOOD.replace("[controllers.pid]\ntune = {Kp = [10.0, 3000.0]}", forward)
+    assert set(plan_of(tmp_path, given).entrants[0].tune) == {"Kp", "Ki", "Kd", "Kvff", "Kaff"}
+    said = given.replace(forward, f"{forward}\ntune = {{Kfff = [0.0, 1.0]}}")
+    assert plan_of(tmp_path, said).entrants[0].tune == {"Kfff": (0.0, 1.0)}

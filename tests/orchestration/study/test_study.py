@@ -1,6 +1,7 @@
 """A small study from beginning to end, over the functions and by the command."""
 
 import json
+import re
 import shutil
 import signal
 import time
@@ -16,9 +17,12 @@ from ballscrew.cli import main
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.study.loop import StudyLoop
+from ballscrew.orchestration.study.pictures import COLOURS
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.reading import BadPlan
+from ballscrew.orchestration.study.report import report
 from ballscrew.orchestration.study.study import PARTS, do_study
+from ballscrew.orchestration.study.verdict import sentence
 from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.workers import Processes
 from ballscrew.results.swap_study import SwapStudy
@@ -115,6 +119,31 @@ def test_every_run_has_a_verdict_on_hunting(result):
         assert sum(counts.values()) == 6
         own = [v for v, c in zip(said, result.rows()["controller"], strict=True) if c == name]
         assert counts == {word: own.count(word) for word in counts}
+
+
+def test_the_courses_are_those_of_the_nominal_plant_under_the_best_tuning(plan, result):
+    assert {d: set(by) for d, by in result.courses.items()} == {"back": {"pid", "nctf"}}
+    motion = plan.judged_duties[0].signal()
+    for name, course in result.courses["back"].items():
+        best = min(result.tunings[name], key=lambda t: t.cost)
+        loop = Loop(f"{name}+sampled", reference=motion, stop=0.4, controller_values=best.values)
+        own = run_monolithic(replace(loop, plant_values={"voltage_limit": 36.0}), 1e-3)
+        x_d = motion.on(own.time, 0)
+        shown = np.isin(own.time.round(9), np.round(course.time, 9))
+        assert shown.sum() == len(course.time) >= 200
+        error = (x_d - own.outputs["x"])[shown]
+        np.testing.assert_allclose(course.error, error, rtol=1e-4, atol=1e-8)
+        command = own.commands["u"][shown]  # which gains make of what the study's solver leaves
+        np.testing.assert_allclose(course.command, command, rtol=0, atol=1e-3 * np.ptp(command))
+
+
+def test_a_controller_has_one_colour_in_every_figure_of_the_page(result):
+    page = report(SwapStudy.of(result))
+    figures = json.loads(re.search(r"^const figures = (.*);$", page, re.M)[1])
+    assert [f["name"] for f in figures] == ["errors", "course0", "command0", "effort0"]
+    for figure in figures:
+        colours = {t["name"]: (t.get("marker") or t["line"])["color"] for t in figure["data"]}
+        assert colours == dict(zip(("pid", "nctf"), COLOURS, strict=False))
 
 
 def test_a_study_that_goes_on_after_a_kill_gives_the_same_numbers(plan, folder, result, tmp_path):
@@ -220,6 +249,10 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     assert [a["order"] for a in told["answers"]] == [list(a.order) for a in result.answers]
     page = (out / "report.html").read_text()
     assert "Which controller for which duty" in page
+    assert f"<h1>{sentence(result)}</h1>" in page
+    assert "rms error [um]" in page
+    assert "rms error [m]" not in page
+    assert told["verdict"] == sentence(result) == printed.splitlines()[0].partition(". ")[0]
     assert not (out / PARTS).exists()
 
 
@@ -232,6 +265,9 @@ def test_a_browser_draws_the_page_zooms_and_asks_for_nothing(result, tmp_path):
     with opened(path) as page:
         assert page.errors == []
         assert page.requests == [path.resolve().as_uri()]
+        for name in ("course0", "command0"):
+            lines = f"document.querySelectorAll('#{name} .scatterlayer .js-line').length"
+            assert page.evaluate(lines) == 2
         for name in ("errors", "effort0"):
             points = f"document.querySelectorAll('#{name} .points path').length"
             assert page.evaluate(points) == 2  # controllers
@@ -257,6 +293,7 @@ def test_a_browser_draws_the_page_zooms_and_asks_for_nothing(result, tmp_path):
         ("Kp =", "Kpp =", "no parameter 'Kpp'; there are Kd, Ki, Kp"),
         ("[controllers.pid]", '[controllers.pid]\ncomponent = "no.py:f"', "there is no file no.py"),
         ("plants = 3", 'plants = 3\nplant = "no.py:f"', "there is no file no.py"),
+        ("plants = 3", "plants = 3\nvoltage_limit = 36.0", "voltage_limit is called command_limit"),
         ("plants = 3", 'plants = 3\ninstruments = ["encodr"]', "no instrument 'encodr'"),
         ("uniform = [0.7, 1.3]", "uniform = [-1.0, 1.0]", "Fc would be -1"),
         ("uniform = [0.7, 1.3]", "normal = [1.0, 3.0]", "Fc would be -"),

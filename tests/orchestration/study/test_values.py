@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
+from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.reference_motions import read_motion
+from ballscrew.orchestration.study.figures import figures_of
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Variation
 from ballscrew.orchestration.study.reading import BadPlan
 from ballscrew.orchestration.study.study import composed, loops_of
 from ballscrew.orchestration.study.values import check_plants, values_for
+from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.plant.direct_drive import direct_drive
 
 LOAD, LOAD_TIME = -5.0, 0.1
+LIMITS = ("plant_voltage_limit", "controller_u_max")
 HOLD = Duty("hold", "step:size=0", 0.6, plant={"load_force": LOAD, "load_time": LOAD_TIME})
 PLAN = Plan(
     plant="plant_loaded",
@@ -125,3 +131,50 @@ def test_a_duty_on_a_plant_without_a_load_is_one_line_and_exit_code_2(tmp_path, 
     heard = capsys.readouterr().err
     assert "duty b: no parameter 'load_force'" in heard
     assert heard.count("\n") == 1
+
+
+def kernel_of(plant):
+    return loop_kernel(plant, "p_pi")
+
+
+def limits(plant, **given):
+    """Of the plant's command and of the controller, as a run gets them."""
+    plan = replace(PLAN, plant=plant, variations=(), instruments=(), period=0.0, **given)
+    entrant = Entrant("p_pi", "p_pi")
+    duty = replace(HOLD, plant={})
+    values = values_for(plan, kernel_of(plant), entrant, {}, duty, [], 0)
+    return values["plant_voltage_limit"], values["controller_u_max"]
+
+
+def test_an_amplifier_has_its_volts_and_a_force_has_no_limit_but_the_one_that_is_given():
+    assert limits("plant") == (36.0, 36.0)
+    assert limits("drive") == (1e6, 1e6)
+    assert limits("plant", command_limit=24.0) == (24.0, 24.0)
+    assert limits("drive", command_limit=500.0) == (500.0, 500.0)
+
+
+def test_a_controller_s_own_limit_stays():
+    plan = replace(PLAN, variations=(), period=0.0)
+    entrant = Entrant("p_pi", "p_pi", values={"u_max": 12.0})
+    values = values_for(plan, kernel_of("plant"), entrant, {}, HOLD, [], 0)
+    assert (values["plant_voltage_limit"], values["controller_u_max"]) == (36.0, 12.0)
+
+
+def test_a_limit_that_no_parameter_holds_is_refused():
+    plan = replace(PLAN, plant="bare", duties=PLAN.duties[:1], variations=(), command_limit=9.0)
+    kernel = loop_kernel(replace(direct_drive(), name="bare"), component("p_pi"))
+    with pytest.raises(BadPlan, match="command_limit is 9, and bare has no parameter voltage_li"):
+        check_plants(plan, kernel)
+
+
+def test_a_study_of_a_drive_runs_without_current_and_limit():
+    """Its command is a force: nothing saturates at 36, and there is no current to have a peak."""
+    plan = replace(PLAN, plant="drive", variations=(), instruments=(), duties=PLAN.duties[:1])
+    loop = loops_of(replace(plan, entrants=(Entrant("p_pi", "p_pi"),)))["p_pi"]
+    values = {"controller_Kp": 500.0, "controller_Ki": 1e3, **dict.fromkeys(LIMITS, 1e6)}
+    course = loop.run(values, read_motion("step:size=0.05"), 0.5)
+    found = figures_of(course, 1e-6, 1e6)
+    assert np.abs(course.command).max() > 36.0
+    assert found.saturated_share == 0.0
+    assert math.isnan(found.peak_current)
+    assert not found.failed
