@@ -62,7 +62,7 @@ def judge_models(options: argparse.Namespace) -> int:
 
 def table(result: Judgement) -> str:
     """The scores for a reader, 95 % intervals in brackets."""
-    from .diagnosis.motion_parts import PARTS
+    from .identification.motion_parts import PARTS
 
     causes = ", ".join(result.causes) or "no cause"
     wide = max(map(len, PARTS)) + 12

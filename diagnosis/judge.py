@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..identification.motion_parts import PARTS, motion_parts
 from ..orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
 from ..orchestration.parameter_reading import read_parameters
 from ..records.bad_record import BadRecord
@@ -24,7 +25,6 @@ from .diagnosis import Level
 from .drive import Drive, drive_of
 from .held_out import ends_of_seconds
 from .modelled_record import ModelledRecord, lay_along, with_law_force
-from .motion_parts import PARTS, motion_parts
 from .residuals import check_motion, floor, residual
 
 PRIOR, ADJUSTED, CORRECTED = "prior", "adjusted", "corrected"
