@@ -72,7 +72,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add(
         "--mass",
         metavar="KG",
-        help="mass between load cell and block (default m of --params, the rig's, or 1)",
+        help="mass between load cell and block, or `fit` (default m of --params, the rig's, or 1)",
     )
     add(
         "--fix",
@@ -97,7 +97,8 @@ def _identify(options: argparse.Namespace) -> int:
 
     check_name("--law", options.law, LAWS)
     columns = read_record_options(options)
-    mass = None if options.mass is None else read_number("--mass", options.mass)
+    fit_mass = options.mass == "fit"
+    mass = None if options.mass is None or fit_mass else read_number("--mass", options.mass)
     from .diagnosis.drive import drive_of
     from .records.bad_record import BadRecord
     from .records.reading import read_force_records
@@ -106,7 +107,7 @@ def _identify(options: argparse.Namespace) -> int:
     if told is not None:
         with bad_parameters():
             model = drive_of(told)
-        if mass is None and "m" in told.plant:
+        if mass is None and not fit_mass and "m" in told.plant:
             mass = model.values["m"]
     fixed = _fixed(options.fix, told)
     from .identification.identify import CannotHold, check_held, identify
@@ -125,7 +126,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
-    result = identify(records, options.law, told, fixed, options.offset)
+    result = identify(records, options.law, told, fixed, options.offset, fit_mass)
     save_results(options.out, IdentifiedLaw.of(result).save)
     if options.json:
         print(json.dumps(result.to_dict()))
@@ -172,6 +173,9 @@ def _intervals_table(result: Identification) -> str:
     for side, table in result.per_direction.items():
         values = ", ".join(f"{n} {i.value:.5g} ({_interval(i)})" for n, i in table.items())
         lines.append(f"{side}: {values}")
+    for shift in result.time_shifts:
+        told = f"{1e3 * shift.value:.3g} ms ({_interval(shift.times(1e3))})"
+        lines.append(f"the force comes later than the motion by {told}")
     lines.append(
         f"noise of the load cell {result.fit.noise:.3g} N, unexplained {result.unexplained:.3g} N"
     )

@@ -37,7 +37,7 @@ def sum_up(climb: Climb, cost: float) -> Fit:
     q, p = len(columns), problem.size
     inverse = np.asarray(np.linalg.inv(pieces.information), dtype=float)
     prior = climb.prior_std**-2
-    meat, share = _from_pieces(climb, pieces, inverse)
+    meat, share = outer_products_of_pieces(climb, pieces, inverse, p)
     robust = (inverse @ meat @ inverse)[:p, :p]
     blind = pieces.information.copy()
     clocks = np.arange(p, q)
@@ -65,7 +65,7 @@ def sum_up(climb: Climb, cost: float) -> Fit:
     scale = np.sqrt(np.maximum(np.maximum(least, whole) / np.diag(robust), 1.0))
     covariance = robust * np.outer(scale, scale)
     floor = np.full(p, FLOOR)
-    floor[problem.of_law :] *= course.level
+    floor[problem.logarithms :] *= course.level
     covariance[np.diag_indices(p)] += floor**2 + rounded + _of_sensors(climb)
     # Satterthwaite's; what is known beforehand is known for certain
     known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
@@ -90,18 +90,23 @@ def sum_up(climb: Climb, cost: float) -> Fit:
         freedom=freedom,
         predicted=np.where(problem.spoken, climb.force(point), course.force),
         spoken=problem.spoken,
+        hidden=problem.unseen(climb.force(point)) + np.mean(climb.errors**2, axis=0),
+        time_shifts=(),
     )
 
 
-def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix, Matrix]:
+def outer_products_of_pieces(
+    climb: Climb, pieces: Pieces, inverse: Matrix, first_unknowns: int
+) -> tuple[Matrix, Matrix]:
     """Outer products of what pieces of the records say, summed up, and each piece's share.
 
-    A piece touches the global unknowns and one record's own.
+    A piece touches the global unknowns and one record's own. Shares are in the information of the
+    first unknowns, shape (pieces, first_unknowns).
     """
     problem = climb.problem
     course = problem.course
     columns, own, noisy = pieces.columns, pieces.own, pieces.noisy
-    q, p = len(columns), problem.size
+    q = len(columns)
     meat = np.diag(climb.prior_std**-2)
     shares: list[Vector] = []
     for r in range(course.records):
@@ -121,7 +126,7 @@ def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix,
             # what the piece says if it had no part in the estimate it is compared with
             said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
             meat[np.ix_(at, at)] += np.outer(said, said)
-            arms = inverse[:p][:, at]
+            arms = inverse[:first_unknowns][:, at]
             shares.append(np.einsum("ij,jk,ik->i", arms, block, arms))
     return meat, np.array(shares)
 

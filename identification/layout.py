@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,8 @@ class StackedRecords:
         How far corners may be wrong in the same way everywhere [m].
     still : ndarray of bool, shape (n,)
         Where the block may as well stick.
+    mass : float
+        Of `inertial` in the first record [kg]; in all of them where the mass is fitted.
     """
 
     x: Vector
@@ -67,6 +69,7 @@ class StackedRecords:
     replays: Matrix
     backlash: Vector
     still: npt.NDArray[np.bool_]
+    mass: float = 1.0
 
     @property
     def records(self) -> int:
@@ -80,6 +83,12 @@ class StackedRecords:
     def level(self) -> float:
         """Size of the friction where it is large [N]."""
         return max(float(np.quantile(np.abs(self.force - self.inertial), 0.98)), 1e-9)
+
+    def with_mass(self, mass: float) -> StackedRecords:
+        """The same motion of another mass [kg]."""
+        replays = self.replays * np.array([1.0, 1.0, mass / self.mass])[:, None]
+        inertial = self.inertial * (mass / self.mass)
+        return replace(self, inertial=inertial, replays=replays, mass=mass)
 
     def of_record(self) -> npt.NDArray[np.int64]:
         """Number of the record of each sample, shape (n,)."""
@@ -138,6 +147,7 @@ def lay_out(
         replays=np.stack(replays),
         backlash=np.array([_BACKLASH * e.motion.noise for e in estimates]),
         still=np.concatenate([_may_stick(e.motion) for e in estimates]),
+        mass=records[0].mass,
     )
 
 

@@ -25,7 +25,8 @@ class Problem:
     def __init__(self, course: StackedRecords, law: FittedLaw, tied: bool) -> None:
         self.course, self.law, self.tied = course, law, tied
         self.of_law = len(law.parameters) * (1 if tied else 2)
-        self.size = self.of_law + law.offset
+        self.size = self.of_law + len(law.beside)
+        self.logarithms = self.of_law + law.mass
         # Stribeck's curve falls: coordinates of Fc and Fs, which is never less
         self.peaked: list[tuple[int, int]] = []
         if {"Fc", "Fs"} <= set(law.parameters):
@@ -70,6 +71,8 @@ class Problem:
         half = len(self.law.parameters)
         forwards, backwards = values[:half], values[self.of_law - half : self.of_law]
         constant = float(values[-1]) if self.law.offset else 0.0
+        if self.law.mass:
+            inertial = inertial * (values[self.of_law] / course.mass)
         law = LawValues(self.law.name, forwards, backwards)
         friction = friction_along(law, x, v, course.step, course.starts, shifts, vibration)
         friction += constant
@@ -85,6 +88,12 @@ class Problem:
     def later(self, force: Vector, delays: Vector) -> Vector:
         """The force as it arrives `delays` late: a parabola through three samples."""
         part = delays[self.course.clock][self.owner] * self.per_sample
+        whole = np.trunc(part)
+        if np.any(whole):  # the parabola ends in the sample before: this goes on from there
+            starts = self.course.starts
+            first, last = starts[:-1][self.owner], starts[1:][self.owner] - 1
+            force = force[np.clip(np.arange(len(force)) - whole.astype(int), first, last)]
+            part = part - whole
         bend = np.zeros_like(force)
         slope = np.zeros_like(force)
         slope[1:-1] = 0.5 * (force[2:] - force[:-2])
