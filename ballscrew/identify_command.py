@@ -173,9 +173,11 @@ def _intervals_table(result: Identification) -> str:
     for side, table in result.per_direction.items():
         values = ", ".join(f"{n} {i.value:.5g} ({_interval(i)})" for n, i in table.items())
         lines.append(f"{side}: {values}")
-    for shift in result.time_shifts:
-        told = f"{1e3 * shift.value:.3g} ms ({_interval(shift.times(1e3))})"
-        lines.append(f"the force comes later than the motion by {told}")
+    if result.time_shift:
+        shift = result.time_shift.times(1e3)
+        lines.append(
+            f"the force comes later than the motion by {shift.value:.3g} ms ({_interval(shift)})"
+        )
     lines.append(
         f"noise of the load cell {result.fit.noise:.3g} N, unexplained {result.unexplained:.3g} N"
     )

@@ -45,7 +45,6 @@ from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .likelihood import Problem
 from .optimizer import Climb
-from .time_shift import time_shifts
 
 Vector = npt.NDArray[np.float64]
 Start = dict[str, float]
@@ -124,8 +123,7 @@ def fit_along(
             reached = math.exp(best.point.coordinates[problem.of_law])
             problem.course = problem.course.with_mass(reached)
     fit = sum_up(best, cost)
-    shifts = time_shifts(best) if follow else ()
-    return replace(fit, intervals=intervals_of(fit, best, follow, fixed), time_shifts=shifts)
+    return replace(fit, intervals=intervals_of(fit, best, follow, fixed))
 
 
 def _first_mass(course: StackedRecords) -> float:

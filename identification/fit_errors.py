@@ -37,7 +37,7 @@ def sum_up(climb: Climb, cost: float) -> Fit:
     q, p = len(columns), problem.size
     inverse = np.asarray(np.linalg.inv(pieces.information), dtype=float)
     prior = climb.prior_std**-2
-    meat, share = outer_products_of_pieces(climb, pieces, inverse, p)
+    meat, share = _from_pieces(climb, pieces, inverse)
     robust = (inverse @ meat @ inverse)[:p, :p]
     blind = pieces.information.copy()
     clocks = np.arange(p, q)
@@ -91,22 +91,18 @@ def sum_up(climb: Climb, cost: float) -> Fit:
         predicted=np.where(problem.spoken, climb.force(point), course.force),
         spoken=problem.spoken,
         hidden=problem.unseen(climb.force(point)) + np.mean(climb.errors**2, axis=0),
-        time_shifts=(),
     )
 
 
-def outer_products_of_pieces(
-    climb: Climb, pieces: Pieces, inverse: Matrix, first_unknowns: int
-) -> tuple[Matrix, Matrix]:
+def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix, Matrix]:
     """Outer products of what pieces of the records say, summed up, and each piece's share.
 
-    A piece touches the global unknowns and one record's own. Shares are in the information of the
-    first unknowns, shape (pieces, first_unknowns).
+    A piece touches the global unknowns and one record's own.
     """
     problem = climb.problem
     course = problem.course
     columns, own, noisy = pieces.columns, pieces.own, pieces.noisy
-    q = len(columns)
+    q, p = len(columns), problem.size
     meat = np.diag(climb.prior_std**-2)
     shares: list[Vector] = []
     for r in range(course.records):
@@ -126,7 +122,7 @@ def outer_products_of_pieces(
             # what the piece says if it had no part in the estimate it is compared with
             said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
             meat[np.ix_(at, at)] += np.outer(said, said)
-            arms = inverse[:first_unknowns][:, at]
+            arms = inverse[:p][:, at]
             shares.append(np.einsum("ij,jk,ik->i", arms, block, arms))
     return meat, np.array(shares)
 

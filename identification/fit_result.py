@@ -49,9 +49,6 @@ class Fit:
         Where the law says what the force is.
     hidden : ndarray, shape (n,)
         Variance of the force by what happens between samples and by rebuilding the motion [N^2].
-    time_shifts : tuple of Interval
-        How much later the force comes than the motion by the records alone, whatever is known of
-        it beforehand, for each of their rates; empty where nobody asked.
     """
 
     law: FittedLaw
@@ -70,7 +67,6 @@ class Fit:
     predicted: Vector
     spoken: npt.NDArray[np.bool_]
     hidden: Vector
-    time_shifts: tuple[Interval, ...]
     intervals: dict[str, Interval] = field(default_factory=dict)
 
     @property

@@ -46,9 +46,9 @@ class Identification:
     points : StribeckPoints
     left : LeftOver
         What the law leaves of the force beyond its noise, and with what that goes.
-    time_shifts : tuple of Interval
-        How much later the force comes than the motion [s], for each rate of the records; where it
-        is more than was known, `records` are corrected by it.
+    time_shift : Interval or None
+        How much later the force comes than the motion [s]; where it is more than was known,
+        `records` are corrected by it. None where they do not tell.
     warnings : tuple of str
         Why the result is not trusted; empty if it is.
     notes : tuple of str
@@ -68,7 +68,7 @@ class Identification:
     estimates: tuple[FrictionEstimate, ...]
     points: StribeckPoints
     left: LeftOver
-    time_shifts: tuple[Interval, ...]
+    time_shift: Interval | None
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     told: ParameterFile | None = None
@@ -99,7 +99,7 @@ class Identification:
             "unexplained_force_N": self.unexplained,
             "unexplained_force_goes_with": [asdict(p) for p in self.left.parts],
             "force_less_fit_by_motion_N": self.left.by_motion,
-            "time_shift_s": [asdict(s) for s in self.time_shifts],
+            "time_shift_s": asdict(self.time_shift) if self.time_shift else None,
             "friction_estimation": {
                 r.name: [*e.said, *r.notes]
                 for r, e in zip(self.records, self.estimates, strict=True)

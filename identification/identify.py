@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.stats import chi2
 
 from ..orchestration.parameter_file import DRIVE, ParameterFile, Value
@@ -16,7 +17,7 @@ from ..solver.nearest import nearest
 from .fit import fit_along
 from .fit_result import Fit
 from .fitted_law import LAWS, MASS, OFFSET
-from .friction_estimation import estimate_friction
+from .friction_estimation import FrictionEstimate, estimate_friction
 from .identifiability import ways, which_would_do, why_not
 from .identification import MISFIT, SIDES, Identification
 from .intervals import Interval, average
@@ -25,8 +26,10 @@ from .layout import StackedRecords, lay_out
 from .left_over import gain_words, left_over
 from .stribeck_fit import stribeck_points
 from .thesis_estimates import TOGETHER, thesis_estimates
-from .time_shift import corrected
+from .time_shift import corrected, time_shift
 
+_SMALL = 0.02  # of the friction: what is left is not worth a word
+_BETTER = 0.95  # what a correction in time must leave of the force that is not explained
 _LEAST_DIFFERENCE = 1e-3  # probability of such different directions if they were the same
 
 
@@ -129,14 +132,14 @@ def identify(
     estimates = [estimate_friction(r) for r in records]
     course = lay_out(records, estimates)
     fit = fit_along(records, law, course, fixed=fixed, beside=beside)
-    shifts = fit.time_shifts
-    moved = corrected(records, course, shifts)
+    shift = time_shift(records, estimates)
+    moved = corrected(records, shift)
     if moved:
-        records = moved
-        estimates = [estimate_friction(r) for r in records]
-        course = lay_out(records, estimates)
-        fit = fit_along(records, law, course, fixed=fixed, beside=beside)
-        shifts = tuple(b.moved(a.value) for a, b in zip(shifts, fit.time_shifts, strict=True))
+        others = [estimate_friction(r) for r in moved]
+        there = lay_out(moved, others)
+        better = fit_along(moved, law, there, fixed=fixed, beside=beside)
+        if _left(others, there, better) < _BETTER * _left(estimates, course, fit):
+            records, estimates, course, fit = moved, others, there, better
     if mass:
         found = fit.values[MASS]
         records = [replace(r, mass=found) for r in records]
@@ -148,19 +151,27 @@ def identify(
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
     unkept = OFFSET in judged and (told is None or told.kind != DRIVE)
     notes += _remarks(records, law, fit, offset, unkept)
-    notes += _of_shifts(shifts, moved is not None)
+    if shift and shift.low is not None and shift.high is not None and records is moved:
+        notes.append(
+            f"the force comes {1e3 * shift.value:.3g} ms later than the motion "
+            f"({1e3 * shift.low:.3g} .. {1e3 * shift.high:.3g} ms): the records were corrected "
+            "by it"
+        )
     if mass:
         notes += _of_mass(judged[MASS], told)
     points = stribeck_points(list(records), estimates)
     noise = float(np.median([e.force_noise for e in estimates]))
     left = left_over(course, fit, noise)
     warnings = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
+    parts = [f"{p.force:.3g} N go {p.words}" for p in left.parts]
     if left.force > MISFIT * left.noise:
-        parts = "".join(f"; {p.force:.3g} N go {p.words}" for p in left.parts)
         warnings.append(
             f"the law leaves {left.force:.3g} N of the force unexplained, "
-            f"{left.force / left.noise:.3g} times what noise and sampling make of it{parts}"
+            f"{left.force / left.noise:.3g} times what noise and sampling make of it; "
+            + "; ".join(parts)
         )
+    elif left.force > _SMALL * course.level:
+        notes.append(f"of the force that is left, {'; '.join(parts)}")
     return Identification(
         law=law,
         records=tuple(records),
@@ -172,7 +183,7 @@ def identify(
         estimates=tuple(estimates),
         points=points,
         left=left,
-        time_shifts=shifts,
+        time_shift=shift,
         warnings=tuple(warnings),
         notes=tuple(notes),
         told=told,
@@ -210,14 +221,16 @@ def _each_way(
     return _by_direction(split, fit.law.parameters), _difference(apart, split, fixed)
 
 
-def _of_shifts(shifts: Sequence[Interval], corrected_by: bool) -> list[str]:
-    """What to say of the time between force and motion, where the records were corrected by it."""
-    return [
-        f"the force comes {1e3 * s.value:.3g} ms later than the motion ({1e3 * s.low:.3g} .. "
-        f"{1e3 * s.high:.3g} ms): the records were corrected by it"
-        for s in shifts
-        if corrected_by and s.low is not None and s.high is not None
-    ]
+def _left(estimates: Sequence[FrictionEstimate], course: StackedRecords, fit: Fit) -> float:
+    """Root mean square of what a fit leaves below the bandwidth of the position [N].
+
+    The largest tenth is left out: around jumps of the friction a shift changes everything.
+    """
+    motion = estimates[0].motion
+    width = 1.0 / (motion.bandwidth * motion.step)
+    left = gaussian_filter1d(course.force - fit.predicted, width)
+    squares = np.sort(left[fit.spoken] ** 2)
+    return math.sqrt(float(np.mean(squares[: 9 * len(squares) // 10 + 1])))
 
 
 def _of_mass(found: Interval, told: ParameterFile | None) -> list[str]:

@@ -43,11 +43,6 @@ class Interval:
     because: str = ""
     would_do: str = ""
 
-    def moved(self, by: float) -> Interval:
-        """The interval of the sum of this and a number."""
-        low, high = (None if b is None else b + by for b in (self.low, self.high))
-        return replace(self, value=self.value + by, low=low, high=high)
-
     def times(self, factor: float) -> Interval:
         """The interval in another unit: the number times a factor above 0."""
         low, high = (None if b is None else b * factor for b in (self.low, self.high))

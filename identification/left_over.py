@@ -18,14 +18,15 @@ import numpy.typing as npt
 from .fit_result import Fit
 from .layout import StackedRecords
 from .motion_parts import PARTS, motion_parts
+from .time_shift import least_squares, steps_of, way_since_reversal
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _PIECES = 20  # of all records together; every other one judges the rest, and the other way about
 _WORTH = 0.05  # share of the unexplained mean square from which on a part is told
-_SPEEDS, _PLACES, _WAYS = 8, 10, 6  # steps
-_NEAR = 0.05  # of the range of positions: ways since a reversal that count
+_NEARLY = 0.7  # of what the part that predicts most does: a simpler one is taken
+_SPEEDS, _PLACES, _WAYS = 4, 10, 6  # steps
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,7 @@ def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
     weight = 1.0 / variance
     least = 1.0 / float(weight.mean())
     weight /= weight.sum()
+    root = np.sqrt(weight)
     square = max(float(weight @ residual**2) - least, 0.0)
     groups = {n: c[spoken] for n, c in _columns(course, fit).items()}
     odd = (np.arange(len(spoken)) * _PIECES // len(spoken) % 2 == 1)[spoken]
@@ -96,11 +98,12 @@ def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
     left = residual.copy()
     while groups and square > 0:
         gained = {n: _predicted(c, left, weight, odd) for n, c in groups.items()}
-        name = max(gained, key=lambda n: gained[n])
+        most = max(gained.values())
+        name = next(n for n, g in gained.items() if g >= _NEARLY * most)  # the simplest stand first
         if gained[name] < _WORTH * square:
             break
         columns = groups.pop(name)
-        told = _least_squares(columns, left, weight)
+        told = least_squares(columns * root[:, None], left * root)
         left = left - columns @ told
         parts.append(Part(name, math.sqrt(gained[name]), _WORDS[name](told, course, fit)))
     rest = max(float(weight @ left**2) - least, 0.0)
@@ -110,22 +113,16 @@ def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
     return LeftOver(math.sqrt(square), math.sqrt(least), tuple(parts), _by_motion(course, every))
 
 
-def _least_squares(columns: Matrix, values: Vector, weight: Vector) -> Vector:
-    """Weighted least squares; a column without samples, or told by others, gets nothing."""
-    root = np.sqrt(weight)
-    size = np.maximum(np.linalg.norm(columns * root[:, None], axis=0), 1e-300)
-    found, *_ = np.linalg.lstsq(columns * root[:, None] / size, values * root, rcond=1e-6)
-    return np.asarray(found / size)
-
-
 def _predicted(
     columns: Matrix, values: Vector, weight: Vector, odd: npt.NDArray[np.bool_]
 ) -> float:
     """Weighted mean square by which columns, fitted on other pieces, make values less [N^2]."""
     gained = 0.0
+    root = np.sqrt(weight)
     for part in (odd, ~odd):
         if part.any() and not part.all():
-            told = columns[part] @ _least_squares(columns[~part], values[~part], weight[~part])
+            others = columns[~part] * root[~part, None], values[~part] * root[~part]
+            told = columns[part] @ least_squares(*others)
             gained += float(weight[part] @ (values[part] ** 2 - (values[part] - told) ** 2))
     return gained
 
@@ -135,23 +132,22 @@ def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
     n = len(course.x)
     acceleration = course.inertial / course.mass
     change = np.zeros(n)
-    way = np.zeros(n)
+    way, near = np.zeros(n), np.zeros(n, dtype=bool)
     direction = np.sign(course.v)
     for r in range(course.records):
         part = slice(course.starts[r], course.starts[r + 1])
         change[part] = -np.gradient(fit.predicted[part], course.step[r])
-        turns = np.flatnonzero(np.diff(direction[part], prepend=0.0))
-        last = turns[np.searchsorted(turns, np.arange(part.stop - part.start), "right") - 1]
-        way[part] = np.abs(course.x[part] - course.x[part][last])
+        way[part], near[part] = way_since_reversal(course.x[part], course.v[part])
     sliding = np.abs(course.v) > 0
-    near = _NEAR * float(np.ptp(course.x))
-    since = _steps(way, _WAYS, way < near) * direction[:, None]
-    places = _steps(course.x, _PLACES, sliding)
+    since = steps_of(way, _WAYS, near) * direction[:, None]
+    places = steps_of(course.x, _PLACES, sliding)
     groups = {
         "acceleration": acceleration[:, None],
         "time": change[:, None],
         "constant": np.ones((n, 1)),
-        "speed": _steps(course.v, _SPEEDS, sliding),
+        "speed": np.column_stack(
+            [steps_of(course.v, _SPEEDS, s * course.v > 0) for s in (1.0, -1.0)]
+        ),
         "reversals": since,
         "travel": np.column_stack([places, places * direction[:, None]]),
     }
@@ -160,16 +156,6 @@ def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
 
 def _fitted_already(fit: Fit) -> set[str]:
     return {n for n, yes in (("acceleration", fit.law.mass), ("constant", fit.law.offset)) if yes}
-
-
-def _steps(values: Vector, count: int, where: npt.NDArray[np.bool_]) -> Matrix:
-    """One column for each of `count` ranges with as many samples, shape (n, count)."""
-    out = np.zeros((len(values), count))
-    if where.any():
-        edges = np.quantile(values[where], np.linspace(0, 1, count + 1)[1:-1])
-        rows = np.flatnonzero(where)
-        out[rows, np.searchsorted(edges, values[where])] = 1.0
-    return out
 
 
 @dataclass(frozen=True)
@@ -224,16 +210,17 @@ def _time_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
 def _constant_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     del course, fit
     return (
-        f"constant, {told[0]:.3g} N: a load, gravity or the zero of the force sensor (fit it: "
-        "--offset)"
+        f"with a constant force of {told[0]:.3g} N: a load, gravity or the zero of the force "
+        "sensor (fit it: --offset)"
     )
 
 
 def _speed_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     del fit
     fast = float(np.quantile(np.abs(course.v), 0.95))
-    worst = int(np.argmax(np.abs(told)))
-    edges = np.quantile(course.v[np.abs(course.v) > 0], (worst + np.array([0, 1])) / _SPEEDS)
+    way, worst = divmod(int(np.argmax(np.abs(told))), _SPEEDS)
+    side = course.v[course.v < 0 if way else course.v > 0]
+    edges = np.quantile(side, (worst + np.array([0, 1])) / _SPEEDS)
     slow = float(np.abs(edges).max()) < 0.5 * fast
     return (
         f"with the speed, most from {edges[0]:.3g} to {edges[1]:.3g} m/s: "
@@ -243,11 +230,8 @@ def _speed_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
 
 
 def _reversal_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
-    del told, fit
-    return (
-        f"near reversals, within {_NEAR * float(np.ptp(course.x)):.2g} m: presliding (bristles, "
-        "other than the law's) or backlash"
-    )
+    del told, course, fit
+    return "near reversals: presliding (bristles, other than the law's) or backlash"
 
 
 def _travel_words(told: Vector, course: StackedRecords, fit: Fit) -> str:

@@ -86,21 +86,20 @@ class Problem:
         return friction + inertial
 
     def later(self, force: Vector, delays: Vector) -> Vector:
-        """The force as it arrives `delays` late: a parabola through three samples."""
+        """The force as it arrives `delays` late: a parabola through three samples.
+
+        The noise in an acceleration stays where it is: between samples it would be less, for which
+        half a sample's delay would be preferred.
+        """
+        force = force - self.course.rough
         part = delays[self.course.clock][self.owner] * self.per_sample
-        whole = np.trunc(part)
-        if np.any(whole):  # the parabola ends in the sample before: this goes on from there
-            starts = self.course.starts
-            first, last = starts[:-1][self.owner], starts[1:][self.owner] - 1
-            force = force[np.clip(np.arange(len(force)) - whole.astype(int), first, last)]
-            part = part - whole
         bend = np.zeros_like(force)
         slope = np.zeros_like(force)
         slope[1:-1] = 0.5 * (force[2:] - force[:-2])
         bend[1:-1] = 0.5 * (force[2:] - 2 * force[1:-1] + force[:-2])
         slope[self.edges] = 0.0
         bend[self.edges] = 0.0
-        return np.asarray(force - part * slope + part**2 * bend)
+        return np.asarray(force - part * slope + part**2 * bend + self.course.rough)
 
     def unseen(self, force: Vector) -> Vector:
         """Variance of a sample because of what happens between two, shape (n,) [N^2]."""

@@ -60,7 +60,7 @@ FORCE_RECORD = _Use(
     columns=("time", "x", "x_fine", VELOCITY, "force", "u", "v_ref", "force_ref"),
     needed=(("time",), ("force",), ("x", "x_fine", VELOCITY)),
     samples=20,
-    mends=False,
+    mends=True,
     believes=True,
     slowest=0.5,
     if_slow="time goes in steps of {step:.4g}; if these are milliseconds say --unit time=ms, if "
@@ -119,17 +119,27 @@ def read_force_records(
         raise BadRecord(f"the mass is {mass} kg, expected a number of at least 0")
     records = []
     for path in _expanded(paths):
-        (recorded,) = _read(path, FORCE_RECORD, mapping or {}, units or {}, lead)
-        record = described(recorded, read_about(path), mass)
-        for name, unit in ((record.position_name, "m"), ("force", "N")):
-            values = record.signals[name]
-            if np.ptp(values) == 0:
-                raise BadRecord(
-                    f"{path}: {name} is constant ({values[0]:.6g} {unit}) over all "
-                    f"{len(values)} samples; a record needs motion and force"
-                )
-        records.append(record)
+        for recorded in _read(path, FORCE_RECORD, mapping or {}, units or {}, lead):
+            record = described(recorded, read_about(path), mass)
+            for name, unit in ((record.position_name, "m"), ("force", "N")):
+                _check_changes(record, name, unit)
+            records.append(record)
     return records
+
+
+def _check_changes(record: Record, name: str, unit: str) -> None:
+    values = record.signals[name]
+    empty = np.flatnonzero(~np.isfinite(values))
+    if len(empty):
+        raise BadRecord(
+            f"{record.name}: {name} is empty or not a number in {len(empty)} of {len(values)} "
+            "samples; a column recorded at a lower rate? Bring all to one rate first"
+        )
+    if np.ptp(values) == 0:
+        raise BadRecord(
+            f"{record.name}: {name} is constant ({values[0]:.6g} {unit}) over all "
+            f"{len(values)} samples; a record needs motion and force"
+        )
 
 
 def read_drive_records(
