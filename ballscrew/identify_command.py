@@ -43,6 +43,8 @@ examples:
     --unit force=mN*m --lead 0.005 --out out/drive
   ballscrew identify run.mat --law lugre --map qm=x --map t=time --mass 95 --out out/emps
   ballscrew identify a.csv b.csv --law classical --offset --fix Vs=1e-3 --out out/loaded
+  ballscrew identify drive.csv --law classical --mass fit --offset --out out/drive
+  ballscrew identify shaken.csv --response --out out/response
 """
 
 
@@ -66,7 +68,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="DATA",
         help="rig folders, or files: text, MAT, TDMS, MDF, HDF5, Excel, Parquet, NumPy",
     )
-    add("--law", required=True, metavar="NAME", help=", ".join(LAWS))
+    add("--law", metavar="NAME", help=", ".join(LAWS))
     add("--out", required=True, type=out_folder, metavar="DIR")
     add_record_options(add)
     add(
@@ -88,13 +90,22 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         help="fit a constant force, too: a load, or the zero of the load cell; positive against "
         "motion in +x",
     )
+    add(
+        "--response",
+        action="store_true",
+        help="instead of a law, the frequency response from force (or u, i) to position, of one "
+        "record with a multisine, chirp or noise: with coherence and first resonance",
+    )
     add_params(add, "what is known; the written file keeps what these records do not tell")
     add("--json", action="store_true", help="print the result as JSON")
     parser.set_defaults(action=_identify)
 
 
 def _identify(options: argparse.Namespace) -> int:
-
+    if options.response:
+        return _response(options)
+    if options.law is None:
+        raise BadRequest("--law is missing; expected a law, or --response for a frequency response")
     check_name("--law", options.law, LAWS)
     columns = read_record_options(options)
     fit_mass = options.mass == "fit"
@@ -146,6 +157,43 @@ def _identify(options: argparse.Namespace) -> int:
         if warning.split(":")[0] not in result.parameters:
             print(f"not trusted: {warning}", file=sys.stderr)
     return TRUSTED if result.trusted else NOT_TRUSTED
+
+
+def _response(options: argparse.Namespace) -> int:
+    """The frequency response of one record; a law and what belongs to it are refused."""
+    refused = [f"--{n}" for n in ("law", "mass", "fix", "offset") if getattr(options, n)]
+    if refused or len(options.data) != 1:
+        got = ", ".join(refused) or f"{len(options.data)} files"
+        raise BadRequest(f"--response: got {got} with it; expected one record and no law")
+    columns = read_record_options(options)
+    from .identification.identification_pictures import response_figure
+    from .identification.response import frequency_response
+    from .orchestration.pictures import drawing, write_figure
+    from .records.bad_record import BadRecord
+    from .records.reading import read_response_record
+
+    lead = columns.lead_with(read_params(options))
+    try:
+        record = read_response_record(options.data[0], columns.mapping, columns.units, lead)
+        result = frequency_response(record)
+    except BadRecord as error:
+        raise BadRequest(str(error)) from error
+    prepare_folder(options.out, [*options.data, options.params])
+
+    def save(folder: Path) -> None:
+        result.save(folder)
+        with drawing():
+            write_figure(response_figure(result), folder, "response")
+
+    save_results(options.out, save)
+    if options.json:
+        print(json.dumps(result.to_dict()))
+    else:
+        print(result.said)
+        print(f"response.json, response.csv and response.png in {options.out}")
+    for note in record.notes:
+        print(f"note: {note}", file=sys.stderr)
+    return TRUSTED if result.highest > 0 else NOT_TRUSTED
 
 
 def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]:
