@@ -20,6 +20,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 PIECE = 1.0  # length of what is taken as independent [s]
+_NO_BOUND = 20.0  # reach in logarithms beyond which nothing is known
 _WALD = 0.25  # reach in logarithms beyond which the profile is followed
 # Least standard error of a logarithm: what counts and smoothing between samples leave undone is of
 # this size on records of the closed-loop rig, and more data do not make it smaller.
@@ -241,7 +242,8 @@ def intervals_of(
             error = float(np.subtract(*np.percentile(drawn[:, j], [84.13, 15.87]))) / 2 / value
             method = _FROM_PIECES + ", drawn"
         elif reach < _WALD or not follow:
-            low, high = value * math.exp(-reach), value * math.exp(reach)
+            known = reach < _NO_BOUND
+            low, high = (value * math.exp(s * reach) if known else None for s in (-1, 1))
             method = _FROM_PIECES
         else:
             low, high = profile_bounds(climb, fit, j, reach**2 / float(fit.sharpest[j]))

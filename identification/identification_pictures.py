@@ -119,10 +119,10 @@ def response_figure(result: Response) -> Any:
 
     with mpl.rc_context(STYLE):
         figure, grid = new_figure(3, 1, (8, 8))
-        phase = np.degrees(np.unwrap(np.angle(result.position)))
+        known = np.where(result.coherent, result.position, np.nan)
         rows = (
-            (np.abs(result.position), f"position per input [m/({result.unit})]"),
-            (phase, "phase [deg]"),
+            (np.abs(known), f"position per input [m/{result.unit}]"),
+            (np.degrees(np.angle(known)), "phase [deg]"),
             (result.coherence, "coherence [1]"),
         )
         for (axes,), (values, label) in zip(grid, rows, strict=True):

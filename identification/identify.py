@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 from scipy.stats import chi2
 
 from ..orchestration.parameter_file import DRIVE, ParameterFile, Value
@@ -17,7 +16,7 @@ from ..solver.nearest import nearest
 from .fit import fit_along
 from .fit_result import Fit
 from .fitted_law import LAWS, MASS, OFFSET
-from .friction_estimation import FrictionEstimate, estimate_friction
+from .friction_estimation import estimate_friction
 from .identifiability import ways, which_would_do, why_not
 from .identification import MISFIT, SIDES, Identification
 from .intervals import Interval, average
@@ -29,7 +28,6 @@ from .thesis_estimates import TOGETHER, thesis_estimates
 from .time_shift import corrected, time_shift
 
 _SMALL = 0.02  # of the friction: what is left is not worth a word
-_BETTER = 0.95  # what a correction in time must leave of the force that is not explained
 _LEAST_DIFFERENCE = 1e-3  # probability of such different directions if they were the same
 
 
@@ -133,13 +131,12 @@ def identify(
     course = lay_out(records, estimates)
     fit = fit_along(records, law, course, fixed=fixed, beside=beside)
     shift = time_shift(records, estimates)
-    moved = corrected(records, shift)
+    moved = corrected(records, shift, fit.delays)
     if moved:
-        others = [estimate_friction(r) for r in moved]
-        there = lay_out(moved, others)
-        better = fit_along(moved, law, there, fixed=fixed, beside=beside)
-        if _left(others, there, better) < _BETTER * _left(estimates, course, fit):
-            records, estimates, course, fit = moved, others, there, better
+        records = moved
+        estimates = [estimate_friction(r) for r in records]
+        course = lay_out(records, estimates)
+        fit = fit_along(records, law, course, fixed=fixed, beside=beside)
     if mass:
         found = fit.values[MASS]
         records = [replace(r, mass=found) for r in records]
@@ -151,7 +148,7 @@ def identify(
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
     unkept = OFFSET in judged and (told is None or told.kind != DRIVE)
     notes += _remarks(records, law, fit, offset, unkept)
-    if shift and shift.low is not None and shift.high is not None and records is moved:
+    if shift and shift.low is not None and shift.high is not None and moved:
         notes.append(
             f"the force comes {1e3 * shift.value:.3g} ms later than the motion "
             f"({1e3 * shift.low:.3g} .. {1e3 * shift.high:.3g} ms): the records were corrected "
@@ -219,18 +216,6 @@ def _each_way(
     apart = fit_along(records, law, course, tied=False, guess=guess, follow=False, fixed=held)
     split = {n: _judge(apart, n, course) for n in apart.names}
     return _by_direction(split, fit.law.parameters), _difference(apart, split, fixed)
-
-
-def _left(estimates: Sequence[FrictionEstimate], course: StackedRecords, fit: Fit) -> float:
-    """Root mean square of what a fit leaves below the bandwidth of the position [N].
-
-    The largest tenth is left out: around jumps of the friction a shift changes everything.
-    """
-    motion = estimates[0].motion
-    width = 1.0 / (motion.bandwidth * motion.step)
-    left = gaussian_filter1d(course.force - fit.predicted, width)
-    squares = np.sort(left[fit.spoken] ** 2)
-    return math.sqrt(float(np.mean(squares[: 9 * len(squares) // 10 + 1])))
 
 
 def _of_mass(found: Interval, told: ParameterFile | None) -> list[str]:

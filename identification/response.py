@@ -68,6 +68,11 @@ class Response:
     damping: Interval | None
 
     @property
+    def coherent(self) -> npt.NDArray[np.bool_]:
+        """Where the coherence is enough, shape (n,)."""
+        return self.coherence > _COHERENT
+
+    @property
     def said(self) -> str:
         """The resonance in a sentence."""
         f, d = self.resonance, self.damping
@@ -102,9 +107,9 @@ class Response:
         """
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "response.json", self.to_dict())
-        phase = np.degrees(np.unwrap(np.angle(self.position)))
+        phase = np.degrees(np.angle(self.position))
         table = np.column_stack([self.frequency, np.abs(self.position), phase, self.coherence])
-        names = f"frequency [Hz],magnitude [m/({self.unit})],phase [deg],coherence [1]"
+        names = f"frequency [Hz],magnitude [m/{self.unit}],phase [deg],coherence [1]"
         np.savetxt(folder / "response.csv", table, "%.9g", delimiter=",", header=names, comments="")
 
 

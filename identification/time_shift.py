@@ -148,19 +148,27 @@ def time_shift(records: Sequence[Record], estimates: Sequence[FrictionEstimate])
     return Interval(value, "s", error, value - reach, value + reach, _METHOD, True)
 
 
-def corrected(records: Sequence[Record], shift: Interval | None) -> list[Record] | None:
+def corrected(
+    records: Sequence[Record], shift: Interval | None, delays: Vector
+) -> list[Record] | None:
     """The records with their forces moved by a shift; None where it is no news.
+
+    The law must want it, too: a friction that this shift takes for a delay may be presliding.
 
     Parameters
     ----------
     records : sequence of Record
     shift : Interval or None
         Of `time_shift`.
+    delays : ndarray
+        Of the law's fit, which believes what is known beforehand [s].
     """
     if shift is None or shift.low is None or shift.high is None or shift.standard_error is None:
         return None
     known = _KNOWN * max(r.delay_std for r in records)
     if any(r.lags for r in records) or (shift.low <= known and shift.high >= -known):
+        return None
+    if float(np.max(math.copysign(1.0, shift.value) * delays)) < known:
         return None
     return [
         replace(
