@@ -202,7 +202,8 @@ def intervals_of(
 ) -> dict[str, Interval]:
     values = fit.law.values_at(fit.coordinates)
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
-    errors = np.sqrt(np.diag(fit.covariance))
+    variances = np.diag(fit.covariance)  # rounded, where something is not known at all
+    errors = np.sqrt(np.where(variances >= 0, variances, np.inf))
     drawn = draw_coordinates(fit) if fit.law.name in DRAWN else None
     blurred = blurred_elements(fit, climb.problem.course.resolution)
     intervals = {}

@@ -99,9 +99,9 @@ def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
     while groups and square > 0:
         gained = {n: _predicted(c, left, weight, odd) for n, c in groups.items()}
         most = max(gained.values())
-        name = next(n for n, g in gained.items() if g >= _NEARLY * most)  # the simplest stand first
-        if gained[name] < _WORTH * square:
+        if most < _WORTH * square:
             break
+        name = next(n for n, g in gained.items() if g >= _NEARLY * most)  # the simplest stand first
         columns = groups.pop(name)
         told = least_squares(columns * root[:, None], left * root)
         left = left - columns @ told

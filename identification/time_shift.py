@@ -33,6 +33,9 @@ _WAYS = 6  # steps
 _REST = 0.005  # of the fast speed: slower for longer than the smoothing is rest
 _NEAR = 0.05  # of the range of positions: ways since a reversal that count
 _PIECES = 10  # at least
+# Least standard error, in sampling intervals: at reversals a friction has a course of its own in
+# time, of which no curve over speed and way knows; of LuGre's it is of this size.
+_FLOOR = 0.25
 _FEWEST = 200  # samples in motion
 _METHOD = "least squares on a curve over speed and way, errors from pieces of the records"
 
@@ -58,7 +61,8 @@ def way_since_reversal(x: Vector, v: Vector) -> tuple[Vector, npt.NDArray[np.boo
 
 def least_squares(columns: Matrix, values: Vector) -> Vector:
     """A column without samples, or told by others, gets nothing; shape (columns,)."""
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    size = np.linalg.norm(columns, axis=0)
+    size[size <= 1e-12 * size.max(initial=0.0)] = np.inf
     found, *_ = np.linalg.lstsq(columns / size, values, rcond=1e-6)
     return np.asarray(found / size)
 
@@ -144,6 +148,7 @@ def time_shift(records: Sequence[Record], estimates: Sequence[FrictionEstimate])
     count = max(_PIECES, round(sum(np.count_nonzero(s.inner) * s.step for s in known)))
     pieces = np.add.reduceat(slopes, np.linspace(0, len(slopes), count + 1).astype(int)[:-1])
     error = math.sqrt(float(np.sum(pieces**2)) * count / (count - 1)) / bend
+    error = math.hypot(error, _FLOOR * step)
     reach = float(student.ppf(0.5 + CONFIDENCE / 2, count - 1)) * error
     return Interval(value, "s", error, value - reach, value + reach, _METHOD, True)
 
