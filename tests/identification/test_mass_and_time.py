@@ -6,6 +6,8 @@ The drives are simulated here by hand, with Karnopp's rule for sticking, or by S
 from __future__ import annotations
 
 import math
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,11 @@ from scipy.integrate import solve_ivp
 
 from ballscrew.identification.identify import identify
 from ballscrew.orchestration.parameter_file import ParameterFile, Value
+from ballscrew.records.reading import read_force_records
 from ballscrew.records.record import Record
+
+ROOT = Path(__file__).resolve().parents[2]
+EMPS = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
 
 TRUTH = {"m": 95.0, "Fc": 20.0, "Fs": 26.0, "Vs": 0.02, "sigma2": 200.0}
 FINE = 1e-4
@@ -140,3 +146,19 @@ def test_an_exact_record_of_lugre_is_trusted():
     for name, value in truth.items():
         interval = found.parameters[name]
         assert interval.low <= value <= interval.high, (name, interval)
+
+
+def test_the_published_mass_and_offset_of_a_real_drive_are_within_their_intervals():
+    file = EMPS / "DATA_EMPS.mat"
+    if not file.is_file():
+        pytest.skip("DATA_EMPS.mat is not here: get it from nonlinearbenchmark.org")
+    columns = {"qm": "x", "t": "time", "vir": "force"}
+    records = read_force_records([file], columns, {"force": "35.150651879*N"})
+    found = identify(records, "classical", offset=True, mass=True)
+    mass, offset = found.parameters["m"], found.parameters["offset"]
+    assert mass.low <= 95.1089 <= mass.high
+    assert mass.high - mass.low < 3.0
+    assert offset.low <= -3.1648 <= offset.high
+    # friction differs by direction and place on that drive, which its page says, too
+    assert not found.trusted
+    assert {"speed", "travel"} <= {p.name for p in found.left.parts}
