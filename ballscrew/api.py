@@ -781,6 +781,7 @@ def identify(
     fixed: Values | None = None,
     offset: bool = False,
     params: ParameterFile | None = None,
+    mass: bool = False,
 ) -> IdentifiedLaw:
     """Find the parameters of a friction law in records of force and position.
 
@@ -797,6 +798,8 @@ def identify(
         Whether a constant force is fitted, too.
     params : ParameterFile, optional
         What is known; the written file keeps what the records do not show.
+    mass : bool
+        Whether the mass is fitted, too, instead of taken from the records.
 
     Returns
     -------
@@ -824,7 +827,7 @@ def identify(
     found: list[Record] = []
     for record in _paths(records):
         found += read_force_records([record]) if isinstance(record, str | Path) else [record]
-    return IdentifiedLaw.of(identified(found, law, params, dict(fixed or {}), offset))
+    return IdentifiedLaw.of(identified(found, law, params, dict(fixed or {}), offset, mass))
 
 
 def diagnose(

@@ -45,6 +45,8 @@ examples:
   ballscrew identify run.mat --law lugre --map qm=x --map t=time --unit x=m \
     --unit time=s --mass 95 --out out/emps
   ballscrew identify a.csv b.csv --law classical --offset --fix Vs=1e-3 --out out/loaded
+  ballscrew identify drive.csv --law classical --mass fit --offset --out out/drive
+  ballscrew identify shaken.csv --response --out out/response
 """
 
 
@@ -68,13 +70,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="DATA",
         help="rig folders, or files: text, MAT, TDMS, MDF, HDF5, Excel, Parquet, NumPy",
     )
-    add("--law", required=True, metavar="NAME", help=", ".join(LAWS))
+    add("--law", metavar="NAME", help=", ".join(LAWS))
     add("--out", required=True, type=out_folder, metavar="DIR")
     add_record_options(add)
     add(
         "--mass",
         metavar="KG",
-        help="mass between load cell and block (default m of --params, the rig's, or 1)",
+        help="mass between load cell and block, or `fit` (default m of --params, the rig's, or 1)",
     )
     add(
         "--fix",
@@ -90,16 +92,26 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         help="fit a constant force, too: a load, or the zero of the load cell; positive against "
         "motion in +x",
     )
+    add(
+        "--response",
+        action="store_true",
+        help="instead of a law, the frequency response from force (or u, i) to position, of one "
+        "record with a multisine, chirp or noise: with coherence and first resonance",
+    )
     add_params(add, "what is known; the written file keeps what these records do not tell")
     add("--json", action="store_true", help="print the result as JSON")
     parser.set_defaults(action=_identify)
 
 
 def _identify(options: argparse.Namespace) -> int:
-
+    if options.response:
+        return _response(options)
+    if options.law is None:
+        raise BadRequest("--law is missing; expected a law, or --response for a frequency response")
     check_name("--law", options.law, LAWS)
     columns = read_record_options(options)
-    mass = None if options.mass is None else read_number("--mass", options.mass)
+    fit_mass = options.mass == "fit"
+    mass = None if options.mass is None or fit_mass else read_number("--mass", options.mass)
     from .diagnosis.drive import drive_of
     from .records.bad_record import BadRecord
     from .records.reading import read_force_records
@@ -108,7 +120,7 @@ def _identify(options: argparse.Namespace) -> int:
     if told is not None:
         with bad_parameters():
             model = drive_of(told)
-        if mass is None and "m" in told.plant:
+        if mass is None and not fit_mass and "m" in told.plant:
             mass = model.values["m"]
     fixed = _fixed(options.fix, told)
     from .identification.identify import CannotHold, check_held, identify
@@ -127,7 +139,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
-    result = identify(records, options.law, told, fixed, options.offset)
+    result = identify(records, options.law, told, fixed, options.offset, fit_mass)
     save_results(options.out, IdentifiedLaw.of(result).save)
     if options.json:
         print(json.dumps(result.to_dict()))
@@ -147,6 +159,43 @@ def _identify(options: argparse.Namespace) -> int:
         if warning.split(":")[0] not in result.parameters:
             print(f"not trusted: {warning}", file=sys.stderr)
     return TRUSTED if result.trusted else NOT_TRUSTED
+
+
+def _response(options: argparse.Namespace) -> int:
+    """The frequency response of one record; a law and what belongs to it are refused."""
+    refused = [f"--{n}" for n in ("law", "mass", "fix", "offset") if getattr(options, n)]
+    if refused or len(options.data) != 1:
+        got = ", ".join(refused) or f"{len(options.data)} files"
+        raise BadRequest(f"--response: got {got} with it; expected one record and no law")
+    columns = read_record_options(options)
+    from .identification.identification_pictures import response_figure
+    from .identification.response import frequency_response
+    from .orchestration.pictures import drawing, write_figure
+    from .records.bad_record import BadRecord
+    from .records.reading import read_response_record
+
+    lead = columns.lead_with(read_params(options))
+    try:
+        record = read_response_record(options.data[0], columns.mapping, columns.units, lead)
+        result = frequency_response(record)
+    except BadRecord as error:
+        raise BadRequest(str(error)) from error
+    prepare_folder(options.out, [*options.data, options.params])
+
+    def save(folder: Path) -> None:
+        result.save(folder)
+        with drawing():
+            write_figure(response_figure(result), folder, "response")
+
+    save_results(options.out, save)
+    if options.json:
+        print(json.dumps(result.to_dict()))
+    else:
+        print(result.said)
+        print(f"response.json, response.csv and response.png in {options.out}")
+    for note in record.notes:
+        print(f"note: {note}", file=sys.stderr)
+    return TRUSTED if result.highest > 0 else NOT_TRUSTED
 
 
 def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]:
@@ -174,6 +223,11 @@ def _intervals_table(result: Identification) -> str:
     for side, table in result.per_direction.items():
         values = ", ".join(f"{n} {i.value:.5g} ({_interval(i)})" for n, i in table.items())
         lines.append(f"{side}: {values}")
+    if result.time_shift:
+        shift = result.time_shift.times(1e3)
+        lines.append(
+            f"the force comes later than the motion by {shift.value:.3g} ms ({_interval(shift)})"
+        )
     lines.append(
         f"noise of the load cell {result.fit.noise:.3g} N, unexplained {result.unexplained:.3g} N"
     )

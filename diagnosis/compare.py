@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ..identification.motion_parts import PARTS, REST, motion_parts
 from ..orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
 from ..orchestration.parameter_reading import read_parameters
 from ..plant.law import claims
@@ -26,7 +27,6 @@ from .diagnosis_pictures import binned
 from .drive import Drive, compiled, drive_of
 from .held_out import ends_of_seconds
 from .modelled_record import ModelledRecord, lay_along, shaken, with_law_force
-from .motion_parts import PARTS, REST, motion_parts
 from .predicted import NotPredicted, Predictor
 from .residuals import at_samples, check_motion, floor, residual, rms
 from .weak_form import averaged

@@ -26,7 +26,7 @@ believed in what it claims of the delays, and never smaller than `FLOOR`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -40,7 +40,7 @@ from ..records.record import Record
 from ..solver.component import symbol
 from .fit_errors import intervals_of, sum_up
 from .fit_result import Fit, fitted_names, without_direction
-from .fitted_law import LAWS, OFFSET, FittedLaw, claim_of
+from .fitted_law import LAWS, MASS, OFFSET, FittedLaw, claim_of
 from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .likelihood import Problem
@@ -60,7 +60,7 @@ def fit_along(
     guess: Mapping[str, float] | None = None,
     follow: bool = True,
     fixed: Mapping[str, float] | None = None,
-    offset: bool = False,
+    beside: Collection[str] = (),
 ) -> Fit:
     """Fit the parameters of a law to the force of the records.
 
@@ -80,13 +80,16 @@ def fit_along(
     fixed : mapping of str to float, optional
         Parameters that are held at a value, by the law's names: in both directions where these
         are apart, unless the name ends in ``_pos`` or ``_neg``; and `OFFSET`.
-    offset : bool, optional
-        Whether a constant force [N] is fitted, too.
+    beside : collection of str, optional
+        What is fitted beside the law: `OFFSET`, a constant force [N]; `MASS`, one for all records,
+        which are to have the same.
     """
     fixed = fixed or {}
-    described = replace(LAWS[law], offset=offset or OFFSET in fixed)
+    mass = MASS in beside
+    described = replace(LAWS[law], offset=OFFSET in {*beside, *fixed}, mass=mass)
     tied = not described.directional if tied is None else tied
     course = lay_out(records) if course is None else course
+    course = course.with_mass(_first_mass(course)) if mass else course
     problem = Problem(course, described, tied)
     best: Climb | None = None
     lowest = math.inf
@@ -104,6 +107,7 @@ def fit_along(
             for k, name in enumerate(described.parameters):
                 side[k] = fixed.get(name + end, fixed.get(name, side[k]))
         parts = [LAWS[law].coordinates_of(side) for side in sides]
+        parts += [np.log([course.mass])] if described.mass else []
         parts += [np.array([constant])] if described.offset else []
         climb = Climb(problem, np.concatenate(parts), held, hidden)
         hidden = climb.hidden
@@ -115,8 +119,24 @@ def fit_along(
     for _ in range(3):
         best.look_back()
         cost = best.run(25)
+        if mass:  # the law's way of presliding and break-aways are told at the mass reached
+            reached = math.exp(best.point.coordinates[problem.of_law])
+            problem.course = problem.course.with_mass(reached)
     fit = sum_up(best, cost)
     return replace(fit, intervals=intervals_of(fit, best, follow, fixed))
+
+
+def _first_mass(course: StackedRecords) -> float:
+    """What goes with the acceleration beside Coulomb's and viscous friction and a load [kg]."""
+    v, a = course.v, course.inertial / course.mass
+    moving = np.abs(v) > 0.05 * float(np.quantile(np.abs(v), 0.98))
+    columns = np.column_stack([a, np.sign(v), v, np.ones(len(v))])[moving]
+    size = np.maximum(np.abs(columns).max(axis=0), 1e-30)
+    told, *_ = np.linalg.lstsq(columns / size, course.force[moving])
+    found = float(told[0] / size[0])
+    # where the motion tells nothing, one whose force is a tenth of the friction
+    usual = 0.1 * course.level / max(float(np.quantile(np.abs(a), 0.98)), 1e-12)
+    return found if found > 0.1 * usual else usual
 
 
 def _first_offset(course: StackedRecords) -> float:

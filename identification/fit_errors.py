@@ -20,6 +20,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 PIECE = 1.0  # length of what is taken as independent [s]
+_NO_BOUND = 20.0  # reach in logarithms beyond which nothing is known
 _WALD = 0.25  # reach in logarithms beyond which the profile is followed
 # Least standard error of a logarithm: what counts and smoothing between samples leave undone is of
 # this size on records of the closed-loop rig, and more data do not make it smaller.
@@ -65,7 +66,7 @@ def sum_up(climb: Climb, cost: float) -> Fit:
     scale = np.sqrt(np.maximum(np.maximum(least, whole) / np.diag(robust), 1.0))
     covariance = robust * np.outer(scale, scale)
     floor = np.full(p, FLOOR)
-    floor[problem.of_law :] *= course.level
+    floor[problem.logarithms :] *= course.level
     covariance[np.diag_indices(p)] += floor**2 + rounded + _of_sensors(climb)
     # Satterthwaite's; what is known beforehand is known for certain
     known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
@@ -90,6 +91,7 @@ def sum_up(climb: Climb, cost: float) -> Fit:
         freedom=freedom,
         predicted=np.where(problem.spoken, climb.force(point), course.force),
         spoken=problem.spoken,
+        hidden=problem.unseen(climb.force(point)) + np.mean(climb.errors**2, axis=0),
     )
 
 
@@ -200,7 +202,8 @@ def intervals_of(
 ) -> dict[str, Interval]:
     values = fit.law.values_at(fit.coordinates)
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
-    errors = np.sqrt(np.diag(fit.covariance))
+    variances = np.diag(fit.covariance)  # rounded, where something is not known at all
+    errors = np.sqrt(np.where(variances >= 0, variances, np.inf))
     drawn = draw_coordinates(fit) if fit.law.name in DRAWN else None
     blurred = blurred_elements(fit, climb.problem.course.resolution)
     intervals = {}
@@ -240,7 +243,8 @@ def intervals_of(
             error = float(np.subtract(*np.percentile(drawn[:, j], [84.13, 15.87]))) / 2 / value
             method = _FROM_PIECES + ", drawn"
         elif reach < _WALD or not follow:
-            low, high = value * math.exp(-reach), value * math.exp(reach)
+            known = reach < _NO_BOUND
+            low, high = (value * math.exp(s * reach) if known else None for s in (-1, 1))
             method = _FROM_PIECES
         else:
             low, high = profile_bounds(climb, fit, j, reach**2 / float(fit.sharpest[j]))

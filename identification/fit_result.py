@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from .fitted_law import OFFSET, FittedLaw
+from .fitted_law import MASS, FittedLaw
 from .intervals import Interval
 
 Vector = npt.NDArray[np.float64]
@@ -24,8 +24,8 @@ class Fit:
     Attributes
     ----------
     names : tuple of str
-        Parameters as fitted; ``_pos`` and ``_neg`` at their ends where directions are apart. The
-        offset, where there is one, is the last.
+        Parameters as fitted; ``_pos`` and ``_neg`` at their ends where directions are apart. Mass
+        and offset, where they are fitted, are the last.
     coordinates : ndarray, shape (p,)
     delays : ndarray, shape (clocks,)
         [s]
@@ -47,6 +47,8 @@ class Fit:
         Force along the records [N]; as measured where the law says nothing.
     spoken : ndarray of bool, shape (n,)
         Where the law says what the force is.
+    hidden : ndarray, shape (n,)
+        Variance of the force by what happens between samples and by rebuilding the motion [N^2].
     """
 
     law: FittedLaw
@@ -64,6 +66,7 @@ class Fit:
     freedom: Vector
     predicted: Vector
     spoken: npt.NDArray[np.bool_]
+    hidden: Vector
     intervals: dict[str, Interval] = field(default_factory=dict)
 
     @property
@@ -78,10 +81,10 @@ def without_direction(name: str) -> str:
 
 
 def fitted_names(law: FittedLaw, tied: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    last, unit = ((OFFSET,), ("N",)) if law.offset else ((), ())
+    units = tuple("kg" if n == MASS else "N" for n in law.beside)
     if tied:
-        return law.parameters + last, law.units + unit
-    return law.by_side + last, law.units * 2 + unit
+        return law.parameters + law.beside, law.units + units
+    return law.by_side + law.beside, law.units * 2 + units
 
 
 def draw_coordinates(fit: Fit) -> Matrix:

@@ -19,6 +19,8 @@ Vector = npt.NDArray[np.float64]
 
 OFFSET = "offset"
 """Name of the constant force [N], against motion in +x as the plants have it."""
+MASS = "m"
+"""Name of the mass [kg] between where the force is measured and the friction."""
 
 
 @dataclass(frozen=True)
@@ -29,15 +31,21 @@ class FittedLaw:
     ----------
     directional : bool
         Whether either direction has parameters of its own.
-    offset : bool
-        Whether a constant force is fitted beside it.
+    mass, offset : bool
+        Whether the mass, and a constant force, are fitted beside it.
     """
 
     name: str
     parameters: tuple[str, ...]
     units: tuple[str, ...]
     directional: bool = False
+    mass: bool = False
     offset: bool = False
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """What is fitted beside the law, in the order of the coordinates, behind the law's."""
+        return (MASS,) * self.mass + (OFFSET,) * self.offset
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -56,16 +64,19 @@ class FittedLaw:
         while their difference and f2*(1 - eta) hardly change: these two, eps_f and eta's odds are
         its coordinates. Maxwell slip's shares are one together, since a common factor is that of Fc
         and Fs: their ratios to the last are its coordinates, and the last's own coordinate does
-        nothing. A constant force beside the law is its own coordinate [N], the last.
+        nothing. The mass is a logarithm, too; a constant force is its own coordinate [N], the last.
 
         Parameters
         ----------
         coordinates : ndarray, shape (..., p) or (..., 2 p)
-            One more where the law has an offset.
+            One more for each that is `beside` the law.
         """
-        if self.offset:
-            of_law = replace(self, offset=False).values_at(coordinates[..., :-1])
-            return np.concatenate([of_law, coordinates[..., -1:]], axis=-1)
+        if self.beside:
+            split = coordinates.shape[-1] - len(self.beside)
+            of_law = replace(self, mass=False, offset=False).values_at(coordinates[..., :split])
+            rest = coordinates[..., split:].copy()
+            rest[..., : self.mass] = np.exp(rest[..., : self.mass])
+            return np.concatenate([of_law, rest], axis=-1)
         values = np.exp(coordinates)
         if self.name == "bliman_sorine":
             parts = []

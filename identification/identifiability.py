@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .fit_result import Fit, without_direction
-from .fitted_law import BRISTLES, OFFSET
+from .fitted_law import BRISTLES, MASS, OFFSET
 from .intervals import NARROW
 from .layout import StackedRecords
 from .likelihood import Problem
@@ -127,6 +127,8 @@ def which_would_do(fit: Fit, parameter: str, resolution: float) -> str:
     """The first candidate trial that would identify a parameter, or that none of them would."""
     if parameter == OFFSET:
         return "the same motion in both directions would do"
+    if parameter == MASS:
+        return "use a motion that accelerates harder, forwards and backwards"
     options = candidates(fit, parameter)
     coordinates = _plausible(fit)
     for option in options:
@@ -212,6 +214,12 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
             for a, b in zip(course.starts[:-1], course.starts[1:], strict=True)
         ]
     )
+    if name == MASS:
+        most = float(np.quantile(np.abs(course.inertial), 0.98))
+        return (
+            f"it is not told by this motion: mass times acceleration reaches {most:.2g} N beside a "
+            f"friction of {float(np.quantile(np.abs(course.force - course.inertial), 0.98)):.2g} N"
+        )
     if float(travelled.max()) < 3e-6:
         return f"nothing moves {way}"
     if fit.law.offset and len(ways(course)) == 1 and name in (OFFSET, "Fc", "Fs"):

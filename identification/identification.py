@@ -19,6 +19,7 @@ from .friction_estimation import FrictionEstimate
 from .identifiability import BACKWARDS, FORWARDS
 from .intervals import Interval
 from .layout import StackedRecords
+from .left_over import LeftOver
 from .stribeck_fit import StribeckPoints
 
 MISFIT = 2.0  # what the law leaves, in noise of the force, beyond which it is not trusted
@@ -43,8 +44,11 @@ class Identification:
     course : Course
     estimates : list of FrictionEstimate
     points : StribeckPoints
-    unexplained : float
-        Root mean square of what the law leaves of the force beyond the load cell's noise [N].
+    left : LeftOver
+        What the law leaves of the force beyond its noise, and with what that goes.
+    time_shift : Interval or None
+        How much later the force comes than the motion [s]; where it is more than was known,
+        `records` are corrected by it. None where they do not tell.
     warnings : tuple of str
         Why the result is not trusted; empty if it is.
     notes : tuple of str
@@ -63,11 +67,17 @@ class Identification:
     course: StackedRecords
     estimates: tuple[FrictionEstimate, ...]
     points: StribeckPoints
-    unexplained: float
+    left: LeftOver
+    time_shift: Interval | None
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     told: ParameterFile | None = None
     fixed: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def unexplained(self) -> float:
+        """Root mean square of what the law leaves of the force beyond its noise [N]."""
+        return self.left.force
 
     @property
     def trusted(self) -> bool:
@@ -87,6 +97,9 @@ class Identification:
             "delay_of_force_s": [float(d) for d in self.fit.delays],
             "load_cell_noise_N": self.fit.noise,
             "unexplained_force_N": self.unexplained,
+            "unexplained_force_goes_with": [asdict(p) for p in self.left.parts],
+            "force_less_fit_by_motion_N": self.left.by_motion,
+            "time_shift_s": asdict(self.time_shift) if self.time_shift else None,
             "friction_estimation": {
                 r.name: [*e.said, *r.notes]
                 for r, e in zip(self.records, self.estimates, strict=True)

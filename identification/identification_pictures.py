@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..orchestration.pictures import COLOURS, STYLE, drawing, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, DASHES, STYLE, drawing, new_figure, write_figure
+from .fitted_law import OFFSET, claim_of
+from .identifiability import FORWARDS
+from .identification import SIDES
 
 if TYPE_CHECKING:
     from .identification import Identification
+    from .response import Response
 
 _MOST_POINTS = 6000
+_CURVE = 60  # points of a curve
 
 
 @drawing()
@@ -33,13 +38,15 @@ def identification_figures(result: Identification) -> dict[str, Any]:
     word = "identified" if result.trusted else "not trusted"
     if len(open_ones) == len(result.warnings) > 0:
         word = "all but " + ", ".join(open_ones)
-    title = f"{result.law} from {len(result.records)} records: {word}"
+    count = len(result.records)
+    title = f"{result.law} from {count} record{'s' if count > 1 else ''}: {word}"
     measured = course.force - course.inertial
     friction = fit.predicted - course.inertial
     with mpl.rc_context(STYLE):
         figure, ((over_velocity, over_way),) = new_figure(1, 2, (11, 4.6))
         some = slice(None, None, max(1, len(course.x) // _MOST_POINTS))
         _scatter(over_velocity, 1e3 * course.v[some], measured[some], friction[some])
+        _draw_curves(over_velocity, result)
         still = result.points.velocity == 0
         for kind, marker, label in (
             (still, "v", "largest force held"),
@@ -88,6 +95,47 @@ def identification_figures(result: Identification) -> dict[str, Any]:
         histogram.set_ylabel("density [1/N]")
         figures["residuals"] = figure
     return figures
+
+
+def _draw_curves(axes: Any, result: Identification) -> None:
+    """Friction at constant velocity, of each direction's parameters where both are known."""
+    constant = result.fit.values.get(OFFSET, 0.0)
+    tops = (float(result.course.v.max()), float(result.course.v.min()))
+    for (side, end), top, dash in zip(SIDES.items(), tops, DASHES[:2], strict=True):
+        if (top > 0) != (side == FORWARDS):
+            continue
+        values = {n: i.value for n, i in result.per_direction.get(side, {}).items()}
+        if result.fit.law.directional:
+            values = {n + end: v for n, v in values.items()}
+        values = values or {n: i.value for n, i in result.parameters.items()}
+        speeds = top * np.linspace(0.0, 1.0, _CURVE + 1)[1:] ** 2  # most of the bend is slow
+        curve = [claim_of(result.law, "steady_state", values, s) + constant for s in speeds]
+        axes.plot(1e3 * speeds, curve, ls=dash, color=COLOURS[6], lw=1.2, label=f"law, {side}")
+
+
+def response_figure(result: Response) -> Any:
+    """Figure of a frequency response: magnitude, phase and coherence over frequency."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        figure, grid = new_figure(3, 1, (8, 8))
+        known = np.where(result.coherent, result.position, np.nan)
+        rows = (
+            (np.abs(known), f"position per input [m/{result.unit}]"),
+            (np.degrees(np.angle(known)), "phase [deg]"),
+            (result.coherence, "coherence [1]"),
+        )
+        for (axes,), (values, label) in zip(grid, rows, strict=True):
+            axes.plot(result.frequency, values, color=COLOURS[0], lw=1.0)
+            axes.set_xscale("log")
+            axes.set_ylabel(label)
+            if result.resonance:
+                axes.axvline(result.resonance.value, color=COLOURS[1], ls="--", lw=1.0)
+        grid[0][0].set_yscale("log")
+        grid[0][0].set_title(result.said, fontsize=10)
+        grid[2][0].set_ylim(0, 1.05)
+        grid[2][0].set_xlabel("frequency [Hz]")
+    return figure
 
 
 def _scatter(axes: Any, where: Any, measured: Any, friction: Any) -> None:

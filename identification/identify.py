@@ -15,16 +15,19 @@ from ..records.velocity import INTEGRATED
 from ..solver.nearest import nearest
 from .fit import fit_along
 from .fit_result import Fit
-from .fitted_law import LAWS, OFFSET
+from .fitted_law import LAWS, MASS, OFFSET
 from .friction_estimation import estimate_friction
 from .identifiability import ways, which_would_do, why_not
 from .identification import MISFIT, SIDES, Identification
 from .intervals import Interval, average
 from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
+from .left_over import gain_words, left_over
 from .stribeck_fit import stribeck_points
 from .thesis_estimates import TOGETHER, thesis_estimates
+from .time_shift import corrected, time_shift
 
+_SMALL = 0.02  # of the friction: what is left is not worth a word
 _LEAST_DIFFERENCE = 1e-3  # probability of such different directions if they were the same
 
 
@@ -88,6 +91,7 @@ def identify(
     told: ParameterFile | None = None,
     fixed: Mapping[str, float] | None = None,
     offset: bool = False,
+    mass: bool = False,
 ) -> Identification:
     """Identify a law's parameters from records.
 
@@ -104,6 +108,8 @@ def identify(
         Parameters that are held at a value, SI; `OFFSET` may be one.
     offset : bool, optional
         Whether a constant force is fitted beside the law, as a load or a load cell's zero makes it.
+    mass : bool, optional
+        Whether the mass is fitted beside the law, one for all records, instead of the records'.
 
     Raises
     ------
@@ -117,27 +123,52 @@ def identify(
         raise UnknownLaw(f"no law {law!r} to identify; there are {', '.join(LAWS)}")
     if not records:
         raise ValueError("no records to identify from")
-    if told is None and not any(r.about for r in records):
-        told = _drive_of(records[0].mass)
-    estimates = [estimate_friction(r) for r in records]
-    course = lay_out(records, estimates)
     fixed = dict(fixed or {})
     check_held(law, fixed, offset)
-    fit = fit_along(records, law, course, fixed=fixed, offset=offset)
+    records = [replace(r, mass=1.0) for r in records] if mass else list(records)
+    beside = (MASS,) * mass + (OFFSET,) * offset
+    estimates = [estimate_friction(r) for r in records]
+    course = lay_out(records, estimates)
+    fit = fit_along(records, law, course, fixed=fixed, beside=beside)
+    shift = time_shift(records, estimates)
+    moved = corrected(records, shift, fit.delays)
+    if moved:
+        records = moved
+        estimates = [estimate_friction(r) for r in records]
+        course = lay_out(records, estimates)
+        fit = fit_along(records, law, course, fixed=fixed, beside=beside)
+    if mass:
+        found = fit.values[MASS]
+        records = [replace(r, mass=found) for r in records]
+        estimates = [estimate_friction(r) for r in records]
+        course = course.with_mass(found)
+    if told is None and not any(r.about for r in records):
+        told = _drive_of(records[0].mass)
     judged = {n: _judge(fit, n, course) for n in fit.names}
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
     unkept = OFFSET in judged and (told is None or told.kind != DRIVE)
     notes += _remarks(records, law, fit, offset, unkept)
+    if shift and shift.low is not None and shift.high is not None and moved:
+        notes.append(
+            f"the force comes {1e3 * shift.value:.3g} ms later than the motion "
+            f"({1e3 * shift.low:.3g} .. {1e3 * shift.high:.3g} ms): the records were corrected "
+            "by it"
+        )
+    if mass:
+        notes += _of_mass(judged[MASS], told)
     points = stribeck_points(list(records), estimates)
     noise = float(np.median([e.force_noise for e in estimates]))
-    unexplained = _unexplained(course, fit, noise)
+    left = left_over(course, fit, noise)
     warnings = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
-    if unexplained > MISFIT * noise:
+    parts = [f"{p.force:.3g} N go {p.words}" for p in left.parts]
+    if left.force > MISFIT * left.noise:
         warnings.append(
-            f"the law leaves {unexplained:.3g} N of the force unexplained, "
-            f"{unexplained / noise:.3g} times its noise of {noise:.3g} N: this is not the friction "
-            "of these records"
+            f"the law leaves {left.force:.3g} N of the force unexplained, "
+            f"{left.force / left.noise:.3g} times what noise and sampling make of it; "
+            + "; ".join(parts)
         )
+    elif left.force > _SMALL * course.level:
+        notes.append(f"of the force that is left, {'; '.join(parts)}")
     return Identification(
         law=law,
         records=tuple(records),
@@ -148,7 +179,8 @@ def identify(
         course=course,
         estimates=tuple(estimates),
         points=points,
-        unexplained=unexplained,
+        left=left,
+        time_shift=shift,
         warnings=tuple(warnings),
         notes=tuple(notes),
         told=told,
@@ -186,11 +218,17 @@ def _each_way(
     return _by_direction(split, fit.law.parameters), _difference(apart, split, fixed)
 
 
-def _unexplained(course: StackedRecords, fit: Fit, noise: float) -> float:
-    """Root mean square of the force that neither the law nor its noise makes up for [N]."""
-    residual = (course.force - fit.predicted)[fit.spoken]
-    square = float(np.mean(residual**2)) if len(residual) else 0.0
-    return math.sqrt(max(square - noise**2, 0.0))
+def _of_mass(found: Interval, told: ParameterFile | None) -> list[str]:
+    """What a mass that is not the one given says of force, lead and units."""
+    given = told.plant.get(MASS) if told else None
+    if given is None or not found.identified or found.low is None or found.high is None:
+        return []
+    if found.low <= given.value <= found.high:
+        return []
+    return [
+        f"{MASS} of --params is {given.value:.4g} kg, these records say {found.value:.4g} kg"
+        + gain_words(found.value, given.value)
+    ]
 
 
 def _remarks(

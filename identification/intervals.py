@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,11 @@ class Interval:
     identified: bool
     because: str = ""
     would_do: str = ""
+
+    def times(self, factor: float) -> Interval:
+        """The interval in another unit: the number times a factor above 0."""
+        low, high = (None if b is None else b * factor for b in (self.low, self.high))
+        return replace(self, value=self.value * factor, low=low, high=high)
 
 
 @dataclass(frozen=True)

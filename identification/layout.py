@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
 
 from ..records.record import Record
 from .friction_estimation import FrictionEstimate, SmoothedMotion, estimate_friction
@@ -49,6 +50,10 @@ class StackedRecords:
         How far corners may be wrong in the same way everywhere [m].
     still : ndarray of bool, shape (n,)
         Where the block may as well stick.
+    rough : ndarray, shape (n,), or float
+        Of `inertial`, what changes so fast that it is noise or a corner [N].
+    mass : float
+        Of `inertial` in the first record [kg]; in all of them where the mass is fitted.
     """
 
     x: Vector
@@ -67,6 +72,8 @@ class StackedRecords:
     replays: Matrix
     backlash: Vector
     still: npt.NDArray[np.bool_]
+    rough: Vector | float = 0.0
+    mass: float = 1.0
 
     @property
     def records(self) -> int:
@@ -80,6 +87,13 @@ class StackedRecords:
     def level(self) -> float:
         """Size of the friction where it is large [N]."""
         return max(float(np.quantile(np.abs(self.force - self.inertial), 0.98)), 1e-9)
+
+    def with_mass(self, mass: float) -> StackedRecords:
+        """The same motion of another mass [kg]."""
+        replays = self.replays * np.array([1.0, 1.0, mass / self.mass])[:, None]
+        more = mass / self.mass
+        inertial, rough = self.inertial * more, self.rough * more
+        return replace(self, inertial=inertial, replays=replays, rough=rough, mass=mass)
 
     def of_record(self) -> npt.NDArray[np.int64]:
         """Number of the record of each sample, shape (n,)."""
@@ -138,7 +152,17 @@ def lay_out(
         replays=np.stack(replays),
         backlash=np.array([_BACKLASH * e.motion.noise for e in estimates]),
         still=np.concatenate([_may_stick(e.motion) for e in estimates]),
+        rough=np.concatenate(
+            [_rough(r.mass, e.motion) for r, e in zip(records, estimates, strict=True)]
+        ),
+        mass=records[0].mass,
     )
+
+
+def _rough(mass: float, motion: SmoothedMotion) -> Vector:
+    """Mass times acceleration, less what is left when it is smoothed over half a period [N]."""
+    width = 0.5 / (motion.bandwidth * motion.step)
+    return np.asarray(mass * (motion.a - gaussian_filter1d(motion.a, width)))
 
 
 def _may_stick(motion: SmoothedMotion) -> npt.NDArray[np.bool_]:

@@ -25,7 +25,8 @@ class Problem:
     def __init__(self, course: StackedRecords, law: FittedLaw, tied: bool) -> None:
         self.course, self.law, self.tied = course, law, tied
         self.of_law = len(law.parameters) * (1 if tied else 2)
-        self.size = self.of_law + law.offset
+        self.size = self.of_law + len(law.beside)
+        self.logarithms = self.of_law + law.mass
         # Stribeck's curve falls: coordinates of Fc and Fs, which is never less
         self.peaked: list[tuple[int, int]] = []
         if {"Fc", "Fs"} <= set(law.parameters):
@@ -70,6 +71,8 @@ class Problem:
         half = len(self.law.parameters)
         forwards, backwards = values[:half], values[self.of_law - half : self.of_law]
         constant = float(values[-1]) if self.law.offset else 0.0
+        if self.law.mass:
+            inertial = inertial * (values[self.of_law] / course.mass)
         law = LawValues(self.law.name, forwards, backwards)
         friction = friction_along(law, x, v, course.step, course.starts, shifts, vibration)
         friction += constant
@@ -83,7 +86,12 @@ class Problem:
         return friction + inertial
 
     def later(self, force: Vector, delays: Vector) -> Vector:
-        """The force as it arrives `delays` late: a parabola through three samples."""
+        """The force as it arrives `delays` late: a parabola through three samples.
+
+        The noise in an acceleration stays where it is: between samples it would be less, for which
+        half a sample's delay would be preferred.
+        """
+        force = force - self.course.rough
         part = delays[self.course.clock][self.owner] * self.per_sample
         bend = np.zeros_like(force)
         slope = np.zeros_like(force)
@@ -91,7 +99,7 @@ class Problem:
         bend[1:-1] = 0.5 * (force[2:] - 2 * force[1:-1] + force[:-2])
         slope[self.edges] = 0.0
         bend[self.edges] = 0.0
-        return np.asarray(force - part * slope + part**2 * bend)
+        return np.asarray(force - part * slope + part**2 * bend + self.course.rough)
 
     def unseen(self, force: Vector) -> Vector:
         """Variance of a sample because of what happens between two, shape (n,) [N^2]."""

@@ -100,7 +100,7 @@ class Climb:
         )
         self.centre = self.vector(self.point)
         wide = np.full(problem.size, _WIDE)
-        wide[problem.of_law :] = _WIDE_OFFSET * course.level
+        wide[problem.logarithms :] = _WIDE_OFFSET * course.level
         wide[list(held)] = _CERTAIN
         self.prior_std = np.concatenate(
             [
@@ -266,7 +266,7 @@ class Climb:
                 matrix[np.diag_indices_from(matrix)] *= 1 + damping
                 step = np.zeros(len(slope))
                 step[free] = np.linalg.solve(matrix, slope[free])
-                logarithms = np.append(step[: self.problem.of_law], step[-1])
+                logarithms = np.append(step[: self.problem.logarithms], step[-1])
                 far = float(np.max(np.abs(logarithms)))
                 if far > _LONGEST_MOVE:
                     step *= _LONGEST_MOVE / far

@@ -21,6 +21,8 @@ _SLID = 50.0  # and that it must have slid in all, past them
 _SPEEDS = 1.5  # least ratio of the speeds between which most of that way lies
 _FALLEN = 0.7  # share of Vs that they must reach: a third of Stribeck's fall
 _REACHED = 0.9  # share of the force of break-away that records must show
+# of the way of presliding, that a position may be off by for its bend to tell the force it goes to
+_SHARP, _REACHED_SHARPLY = 1e-3, 0.7
 
 
 def presliding_way(law: FittedLaw, values: Mapping[str, float], end: str = "") -> float:
@@ -62,7 +64,10 @@ def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
         return False
     friction = (fit.predicted - course.inertial)[fit.spoken] - fit.values.get(OFFSET, 0.0)
     pull = {"_pos": friction, "_neg": -friction}.get(end, np.abs(friction))
-    return float(np.max(pull)) < _REACHED * fit.values[static + end]
+    way = presliding_way(fit.law, fit.values, end)
+    sharp = max(float(np.max(course.backlash)) / way, float(np.max(course.gain_std))) < _SHARP
+    reached = _REACHED_SHARPLY if sharp else _REACHED
+    return float(np.max(pull)) < reached * fit.values[static + end]
 
 
 def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
@@ -115,7 +120,7 @@ def blurred_elements(fit: Fit, resolution: float) -> set[str]:
         return set()
     names = set()
     drawn = draw_coordinates(fit)
-    for first in range(0, len(fit.names) - fit.law.offset, len(fit.law.parameters)):
+    for first in range(0, len(fit.names) - len(fit.law.beside), len(fit.law.parameters)):
         own = drawn[:, first : first + len(fit.law.parameters)]
         stiffness, shares = own[:, :ELEMENTS], own[:, ELEMENTS : 2 * ELEMENTS]
         held = shares * own[:, -2:-1]

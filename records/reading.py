@@ -47,7 +47,6 @@ class _Use:
     columns: tuple[str, ...]
     needed: tuple[tuple[str, ...], ...]  # one column at least of each
     samples: int  # fewest
-    mends: bool  # holes and uneven stamps; else they are refused, in any column
     believes: bool  # any number whose unit is said
     slowest: float  # sampling interval beyond which a record is refused [s]
     if_slow: str
@@ -60,7 +59,6 @@ FORCE_RECORD = _Use(
     columns=("time", "x", "x_fine", VELOCITY, "force", "u", "v_ref", "force_ref"),
     needed=(("time",), ("force",), ("x", "x_fine", VELOCITY)),
     samples=20,
-    mends=False,
     believes=True,
     slowest=0.5,
     if_slow="time goes in steps of {step:.4g}; if these are milliseconds say --unit time=ms, if "
@@ -77,7 +75,6 @@ DRIVE_RECORD = _Use(
     columns=("time", "u", "x", VELOCITY, "i", "force", "x_ref", "temperature"),
     needed=(("time",), ("u", "i"), ("x", VELOCITY)),
     samples=200,
-    mends=True,
     believes=False,
     slowest=0.0499,  # at 20 Hz nothing of friction is seen
     if_slow="sampled every {step:.4g} s, at {rate:.3g} Hz: too slow to see friction, expected at "
@@ -92,6 +89,37 @@ DRIVE_RECORD = _Use(
     },
     lasts=1.0,
 )
+
+
+RESPONSE_RECORD = replace(
+    FORCE_RECORD,
+    columns=(*FORCE_RECORD.columns, "i"),
+    needed=(("time",), ("force", "u", "i"), ("x", VELOCITY)),
+)
+
+
+def read_response_record(
+    path: Path | str,
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    lead: float | None = None,
+) -> Record:
+    """Read a record of a drive that is shaken, by force or by command.
+
+    Parameters
+    ----------
+    path, mapping, units, lead
+        As in `read_drive_records`, of one file.
+
+    Raises
+    ------
+    BadRecord
+        If the file is no such record, or has gaps.
+    """
+    records = _read(Path(path), RESPONSE_RECORD, mapping or {}, units or {}, lead)
+    if len(records) > 1:
+        raise BadRecord(f"{path}: has gaps; a frequency response needs a record without")
+    return records[0]
 
 
 def read_force_records(
@@ -119,17 +147,27 @@ def read_force_records(
         raise BadRecord(f"the mass is {mass} kg, expected a number of at least 0")
     records = []
     for path in _expanded(paths):
-        (recorded,) = _read(path, FORCE_RECORD, mapping or {}, units or {}, lead)
-        record = described(recorded, read_about(path), mass)
-        for name, unit in ((record.position_name, "m"), ("force", "N")):
-            values = record.signals[name]
-            if np.ptp(values) == 0:
-                raise BadRecord(
-                    f"{path}: {name} is constant ({values[0]:.6g} {unit}) over all "
-                    f"{len(values)} samples; a record needs motion and force"
-                )
-        records.append(record)
+        for recorded in _read(path, FORCE_RECORD, mapping or {}, units or {}, lead):
+            record = described(recorded, read_about(path), mass)
+            for name, unit in ((record.position_name, "m"), ("force", "N")):
+                _check_changes(record, name, unit)
+            records.append(record)
     return records
+
+
+def _check_changes(record: Record, name: str, unit: str) -> None:
+    values = record.signals[name]
+    empty = np.flatnonzero(~np.isfinite(values))
+    if len(empty):
+        raise BadRecord(
+            f"{record.name}: {name} is empty or not a number in {len(empty)} of {len(values)} "
+            "samples; a column recorded at a lower rate? Bring all to one rate first"
+        )
+    if np.ptp(values) == 0:
+        raise BadRecord(
+            f"{record.name}: {name} is constant ({values[0]:.6g} {unit}) over all "
+            f"{len(values)} samples; a record needs motion and force"
+        )
 
 
 def read_drive_records(
@@ -189,7 +227,7 @@ def _read(
     said = {*units, *table.units}
     notes = [*table.notes, *notes]
     pieces, note = pieces_between_gaps(signals["time"], use.samples, use.lasts)
-    if not (use.mends and note):
+    if not note:
         record = check_record(str(path), signals, command, use, said, table.row)
         return [replace(record, notes=(*notes, *record.notes))]
     records: list[Record] = []
@@ -246,7 +284,7 @@ def check_record(
     step = float(np.median(np.diff(signals["time"])))
     if step > use.slowest and "time" not in said:
         raise BadRecord(f"{name}: {use.if_slow.format(step=step, rate=1 / step)}")
-    signals, step, mended = even_out(name, signals, lambda k: row(int(rows[k])), use.mends)
+    signals, step, mended = even_out(name, signals, lambda k: row(int(rows[k])))
     lasts = float(signals["time"][-1] - signals["time"][0])
     if lasts < use.lasts:
         raise BadRecord(f"{name}: lasts {lasts:.3g} s, expected at least {use.lasts:g} s")
@@ -265,11 +303,10 @@ def _known(
     first = [next(n for n in names if n in signals) for names in use.needed]
     samples = len(signals["time"])
     known = np.ones(samples, dtype=bool)
-    most = HOLES * samples if use.mends else 0
-    for column in first if use.mends else signals:
+    for column in first:
         bad = np.flatnonzero(~np.isfinite(signals[column]))
         known[bad] = False
-        if len(bad) <= most:
+        if len(bad) <= HOLES * samples:
             continue
         period = int(np.diff(bad).max()) if len(bad) > 1 else 0
         hint = (

@@ -21,7 +21,7 @@ HOLES = 0.1  # share of the samples that may be missing, or have the stamp of an
 
 
 def even_out(
-    name: str, signals: Mapping[str, Vector], row: Callable[[int], int], mends: bool
+    name: str, signals: Mapping[str, Vector], row: Callable[[int], int]
 ) -> tuple[dict[str, Vector], float, str]:
     """Signals at even instants, their interval [s], and what was done to them; empty for nothing.
 
@@ -34,8 +34,6 @@ def even_out(
         ``time`` and others; SI.
     row : function of int
         What the user calls a sample; see `Table.row`.
-    mends : bool
-        Whether to do so; else what is not even is refused.
 
     Raises
     ------
@@ -44,12 +42,12 @@ def even_out(
     """
     time = signals["time"]
     steps = np.diff(time)
-    back = np.flatnonzero(steps < 0 if mends else steps <= 0)
+    back = np.flatnonzero(steps < 0)
     if len(back):
         k = int(back[0])
-        what = "stands still" if steps[k] == 0 else "goes backwards"
         raise BadRecord(
-            f"{name}: time {what} in row {row(k + 1)}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
+            f"{name}: time goes backwards in row {row(k + 1)}: {time[k + 1]:.6g} s after "
+            f"{time[k]:.6g} s"
         )
     repeated = np.flatnonzero(steps == 0)
     if len(repeated) > HOLES * len(time):
@@ -73,15 +71,14 @@ def even_out(
         instants = np.round((time - start) / step).astype(int)
     missing = np.maximum(np.diff(instants) - 1, 0)
     k = int(np.argmax(missing))
-    longest = _LONGEST_GAP if mends else 0
-    if missing[k] > longest:
+    if missing[k] > _LONGEST_GAP:
         raise BadRecord(
             f"{name}: a gap of {steps[k]:.4g} s after {time[k]:.6g} s, where the sampling interval "
-            f"is {step:.4g} s ({np.sum(missing > longest)} such); cut the record into pieces "
+            f"is {step:.4g} s ({np.sum(missing > _LONGEST_GAP)} such); cut the record into pieces "
             "without gaps"
         )
     holes = int(missing.sum())
-    if not mends or holes > HOLES * len(time):
+    if holes > HOLES * len(time):
         k = int(uneven[0])
         raise BadRecord(
             f"{name}: uneven sampling: {steps[k]:.4g} s after {time[k]:.6g} s, elsewhere "

@@ -61,7 +61,7 @@ def test_the_interval_of_the_offset_holds_the_truth_as_often_as_it_says():
     held = 0
     for seed in range(12):
         load = (-1.5, 0.0, 0.6)[seed % 3]
-        fit = fit_along(mostly_forwards(seed, load=load), "dahl", offset=True)
+        fit = fit_along(mostly_forwards(seed, load=load), "dahl", beside=("offset",))
         offset = fit.intervals["offset"]
         held += offset.low <= load <= offset.high
         assert offset.identified
@@ -73,7 +73,7 @@ def test_an_offset_beside_sliding_friction_is_found():
     speeds = (5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
     trials = [constant_velocity(s * v) for v in speeds for s in (1, -1)]
     records = [loaded(record_of(t, "lugre", LUGRE, random)) for t in trials]
-    fit = fit_along(records, "classical", offset=True)
+    fit = fit_along(records, "classical", beside=("offset",))
     for name, truth in (("offset", LOAD), ("Fc", 1.284), ("sigma2", 173.0)):
         interval = fit.intervals[name]
         assert interval.low <= truth <= interval.high, (name, interval)

@@ -302,11 +302,7 @@ def test_a_mapped_column_that_is_not_there_is_named(tmp_path):
         ("short", "too short: 5 samples"),
         ("constant position", "x is constant"),
         ("constant force", "force is constant"),
-        ("gap", "a gap of 0.05 s after 0.25 s"),
         ("backwards", "time goes backwards in row 52"),
-        ("standing", "time stands still in row 52"),
-        ("uneven", "uneven sampling"),
-        ("nan", "force is empty or not a number in 1 of 100 samples, the first in row 42"),
         ("slow column", "lower rate"),
         ("text", "'abc' is no number"),
         ("twice", "is there twice"),
@@ -321,17 +317,8 @@ def test_each_fault_of_a_file_is_said_in_one_line(tmp_path, fault, words):
         table = columns(5)
     elif fault.startswith("constant"):
         table["x" if "position" in fault else "force"][:] = 0.089
-    elif fault == "gap":
-        keep = np.r_[0:51, 60:100]
-        table = {n: v[keep] for n, v in table.items()}
     elif fault == "backwards":
         table["time"][50] = 0.1
-    elif fault == "standing":
-        table["time"][50] = table["time"][49]
-    elif fault == "uneven":
-        table["time"][50] -= 0.002
-    elif fault == "nan":
-        table["force"][40] = math.nan
     elif fault == "slow column":
         table["force"][1::2] = math.nan
     write(path, table)
@@ -381,3 +368,19 @@ def test_what_is_no_file_and_what_is_no_table_is_said_whatever_it_is_called(tmp_
     for read_all in (read_force_records, read_drive_records):
         with pytest.raises(BadRecord, match=r"no record\.csv"):
             read_all([tmp_path])
+
+
+def test_a_record_of_force_with_a_gap_is_two_and_one_with_jitter_is_made_even(tmp_path):
+    table = columns()
+    kept = {n: np.delete(v, np.arange(51, 60)) for n, v in table.items()}
+    first, second = read_force_records([write(tmp_path / "gap.csv", kept)])
+    np.testing.assert_allclose(first.force, table["force"][:51])
+    np.testing.assert_allclose(second.force, table["force"][60:])
+    assert first.notes[1].startswith("1 gaps, the first of 0.05 s after 0.25 s")
+    jitter = 0.002 * np.random.default_rng(1).uniform(-1, 1, 100)
+    uneven = {n: np.interp(table["time"] + jitter, table["time"], v) for n, v in table.items()}
+    (even,) = read_force_records([write(tmp_path / "jitter.csv", uneven)])
+    assert any("resampled every" in note for note in even.notes)
+    np.testing.assert_allclose(np.diff(even.time), even.step, rtol=1e-9)
+    truth = 1.5 + 0.2 * np.sin(3 * even.time)
+    assert np.abs(even.force - truth).max() < 1e-4

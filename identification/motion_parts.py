@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 import numpy.typing as npt
-
-from .modelled_record import ModelledRecord
 
 Mask = npt.NDArray[np.bool_]
 Vector = npt.NDArray[np.float64]
@@ -29,12 +29,25 @@ _AT_REVERSALS, _SLOW = 0.2, 0.5  # of the fast speed
 _DIRECTED = 0.01  # of the fast speed: slower has the direction of before
 
 
-def motion_parts(course: ModelledRecord) -> dict[str, Mask]:
+class Motion(Protocol):
+    """Sampling interval [s]; velocity [m/s], acceleration [m/s^2] and rest, shape (n,)."""
+
+    @property
+    def step(self) -> float: ...
+    @property
+    def v(self) -> Vector: ...
+    @property
+    def mean_a(self) -> Vector: ...
+    @property
+    def rests(self) -> Mask: ...
+
+
+def motion_parts(course: Motion) -> dict[str, Mask]:
     """Which samples belong to each part; where the drive rests, to no other.
 
     Parameters
     ----------
-    course : ModelledRecord
+    course : Motion
         Of n samples.
 
     Returns

@@ -5,7 +5,7 @@ import pytest
 from diagnosed import nominal
 
 from ballscrew.diagnosis.modelled_record import lay_along
-from ballscrew.diagnosis.motion_parts import PARTS, motion_parts
+from ballscrew.identification.motion_parts import PARTS, motion_parts
 from ballscrew.records.reading import check_record
 
 STEP = 1e-3

@@ -1,0 +1,254 @@
+"""Where the force that a law leaves unexplained is: which part of the motion it goes with.
+
+Each part is a set of columns: the acceleration, the change of the force, a constant, steps over
+speed, over the way since a reversal, over the position. The part that predicts most of what is left
+is taken first, then the next of the rest. What a part predicts is judged on pieces of the records
+that its columns were not fitted on, so that chance explains nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .fit_result import Fit
+from .layout import StackedRecords
+from .motion_parts import PARTS, motion_parts
+from .time_shift import least_squares, steps_of, way_since_reversal
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+_PIECES = 20  # of all records together; every other one judges the rest, and the other way about
+_WORTH = 0.05  # share of the unexplained mean square from which on a part is told
+_NEARLY = 0.7  # of what the part that predicts most does: a simpler one is taken
+_SPEEDS, _PLACES, _WAYS = 4, 10, 6  # steps
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the unexplained force.
+
+    Attributes
+    ----------
+    name : str
+        "acceleration", "time", "constant", "speed", "reversals", "travel" or "rest".
+    force : float
+        Root mean square [N]; squares of the parts and of the noise sum up to the whole's.
+    words : str
+        What it goes with, and what that points to.
+    """
+
+    name: str
+    force: float
+    words: str
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """What a law leaves of the force.
+
+    Attributes
+    ----------
+    force, noise : float
+        Unexplained, and what noise, sampling and rebuilding of the motion make, where these make
+        least [N].
+    parts : tuple of Part
+        The largest first, then the rest.
+    by_motion : dict of str to float
+        Root mean square of force less fit in the parts of the motion, see `PARTS` [N].
+    """
+
+    force: float
+    noise: float
+    parts: tuple[Part, ...]
+    by_motion: dict[str, float]
+
+
+def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
+    """What a law leaves of the force of the records, by parts of the motion.
+
+    A sample counts by how well it is known: its variance is that of the noise, of what may happen
+    between samples, and of how well the motion is rebuilt.
+
+    Parameters
+    ----------
+    course : StackedRecords
+    fit : Fit
+    noise : float
+        Fast noise of the force [N].
+    """
+    spoken = fit.spoken
+    residual = (course.force - fit.predicted)[spoken]
+    variance = (max(noise, 1e-12) ** 2 + fit.hidden)[spoken]
+    if not len(residual):
+        return LeftOver(0.0, noise, (), {})
+    weight = 1.0 / variance
+    least = 1.0 / float(weight.mean())
+    weight /= weight.sum()
+    root = np.sqrt(weight)
+    square = max(float(weight @ residual**2) - least, 0.0)
+    groups = {n: c[spoken] for n, c in _columns(course, fit).items()}
+    odd = (np.arange(len(spoken)) * _PIECES // len(spoken) % 2 == 1)[spoken]
+    parts = []
+    left = residual.copy()
+    while groups and square > 0:
+        gained = {n: _predicted(c, left, weight, odd) for n, c in groups.items()}
+        most = max(gained.values())
+        if most < _WORTH * square:
+            break
+        name = next(n for n, g in gained.items() if g >= _NEARLY * most)  # the simplest stand first
+        columns = groups.pop(name)
+        told = least_squares(columns * root[:, None], left * root)
+        left = left - columns @ told
+        parts.append(Part(name, math.sqrt(gained[name]), _WORDS[name](told, course, fit)))
+    rest = max(float(weight @ left**2) - least, 0.0)
+    if rest > _WORTH * square:
+        parts.append(Part("rest", math.sqrt(rest), "with none of these"))
+    every = np.where(spoken, course.force - fit.predicted, 0.0)
+    return LeftOver(math.sqrt(square), math.sqrt(least), tuple(parts), _by_motion(course, every))
+
+
+def _predicted(
+    columns: Matrix, values: Vector, weight: Vector, odd: npt.NDArray[np.bool_]
+) -> float:
+    """Weighted mean square by which columns, fitted on other pieces, make values less [N^2]."""
+    gained = 0.0
+    root = np.sqrt(weight)
+    for part in (odd, ~odd):
+        if part.any() and not part.all():
+            others = columns[~part] * root[~part, None], values[~part] * root[~part]
+            told = columns[part] @ least_squares(*others)
+            gained += float(weight[part] @ (values[part] ** 2 - (values[part] - told) ** 2))
+    return gained
+
+
+def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
+    """Columns of each part, shape (n, columns)."""
+    n = len(course.x)
+    acceleration = course.inertial / course.mass
+    change = np.zeros(n)
+    way, near = np.zeros(n), np.zeros(n, dtype=bool)
+    direction = np.sign(course.v)
+    for r in range(course.records):
+        part = slice(course.starts[r], course.starts[r + 1])
+        change[part] = -np.gradient(fit.predicted[part], course.step[r])
+        way[part], near[part] = way_since_reversal(course.x[part], course.v[part])
+    sliding = np.abs(course.v) > 0
+    since = steps_of(way, _WAYS, near) * direction[:, None]
+    places = steps_of(course.x, _PLACES, sliding)
+    groups = {
+        "acceleration": acceleration[:, None],
+        "time": change[:, None],
+        "constant": np.ones((n, 1)),
+        "speed": np.column_stack(
+            [steps_of(course.v, _SPEEDS, s * course.v > 0) for s in (1.0, -1.0)]
+        ),
+        "reversals": since,
+        "travel": np.column_stack([places, places * direction[:, None]]),
+    }
+    return {k: c for k, c in groups.items() if k not in _fitted_already(fit)}
+
+
+def _fitted_already(fit: Fit) -> set[str]:
+    return {n for n, yes in (("acceleration", fit.law.mass), ("constant", fit.law.offset)) if yes}
+
+
+@dataclass(frozen=True)
+class _Moved:
+    """One record's motion, as `motion_parts` takes it."""
+
+    step: float
+    v: Vector
+    mean_a: Vector
+    rests: npt.NDArray[np.bool_]
+
+
+def _by_motion(course: StackedRecords, residual: Vector) -> dict[str, float]:
+    squares, counts = dict.fromkeys(PARTS, 0.0), dict.fromkeys(PARTS, 0)
+    for r in range(course.records):
+        part = slice(course.starts[r], course.starts[r + 1])
+        bent = course.inertial[part] / course.mass
+        masks = motion_parts(
+            _Moved(float(course.step[r]), course.v[part], bent, course.still[part])
+        )
+        for name, mask in masks.items():
+            squares[name] += float(np.sum(residual[part][mask] ** 2))
+            counts[name] += int(mask.sum())
+    return {n: math.sqrt(squares[n] / counts[n]) for n in PARTS if counts[n]}
+
+
+def _mass_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
+    del fit
+    right = course.mass + float(told[0])
+    return (
+        f"with the acceleration: a mass of {right:.4g} kg instead of {course.mass:.4g} kg would "
+        "explain it (fit it: --mass fit), or a delay of the force" + gain_words(right, course.mass)
+    )
+
+
+def gain_words(right: float, given: float) -> str:
+    """What is wrong if a mass that is not what the records say is sure; empty if it cannot be."""
+    if right <= 0 or given <= 0:
+        return ""
+    ratio = right / given
+    return (
+        f"; if {given:.4g} kg is sure, the force is {ratio:.4g} times too large, or the lead or "
+        f"the unit of the position is wrong by a factor of {math.sqrt(ratio):.4g}"
+    )
+
+
+def _time_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
+    del course, fit
+    return f"with the change of the force: it comes {1e3 * told[0]:.3g} ms later than the motion"
+
+
+def _constant_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
+    del course, fit
+    return (
+        f"with a constant force of {told[0]:.3g} N: a load, gravity or the zero of the force "
+        "sensor (fit it: --offset)"
+    )
+
+
+def _speed_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
+    del fit
+    fast = float(np.quantile(np.abs(course.v), 0.95))
+    way, worst = divmod(int(np.argmax(np.abs(told))), _SPEEDS)
+    side = course.v[course.v < 0 if way else course.v > 0]
+    edges = np.quantile(side, (worst + np.array([0, 1])) / _SPEEDS)
+    slow = float(np.abs(edges).max()) < 0.5 * fast
+    return (
+        f"with the speed, most from {edges[0]:.3g} to {edges[1]:.3g} m/s: "
+        + ("the Stribeck curve" if slow else "the viscous friction")
+        + " is of another shape than the law's, or each direction has a friction of its own"
+    )
+
+
+def _reversal_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
+    del told, course, fit
+    return "near reversals: presliding (bristles, other than the law's) or backlash"
+
+
+def _travel_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
+    del fit
+    even, odd = told[:_PLACES], told[_PLACES:]
+    what = "friction" if np.ptp(odd) > np.ptp(even) else "a force that is the same both ways"
+    return (
+        f"with the position: {what} changes by {max(np.ptp(odd), np.ptp(even)):.3g} N over the "
+        f"travel of {float(np.ptp(course.x)):.3g} m"
+    )
+
+
+_WORDS: dict[str, Callable[[Vector, StackedRecords, Fit], str]] = {
+    "acceleration": _mass_words,
+    "time": _time_words,
+    "constant": _constant_words,
+    "speed": _speed_words,
+    "reversals": _reversal_words,
+    "travel": _travel_words,
+}
