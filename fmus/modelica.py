@@ -41,7 +41,7 @@ _RESERVED = frozenset(
 )
 
 
-class _Printer(StrPrinter):
+class _Printer(StrPrinter):  # type: ignore[misc]
     """Expressions in Modelica's words."""
 
     def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:
@@ -142,18 +142,21 @@ def modelica(part: Component, starts: Mapping[str, float] | None = None) -> str:
     ContractError
         If something of it happens at instants, or a name is a word of Modelica.
     """
-    for what, there in (("modes", part.modes), ("samples", part.discrete), ("delays", part.delays)):
+    instants = {"modes": part.modes, "samples": part.discrete, "delays": part.delays}
+    for what, there in instants.items():
         if there:
             raise ContractError(
                 f"{part.name} has {what}, of which no Modelica is written; export it as an FMU"
             )
-    names = [p.name for p in (*part.all_parameters, *part.inputs, *part.all_states)]
-    for name in (part.name, *names, *(o.name for o in part.all_outputs)):
+    names = [p.name for p in part.all_parameters]
+    names += [i.name for i in part.inputs] + [s.name for s in part.all_states]
+    outputs = [o.name for o in part.all_outputs]
+    for name in (part.name, *names, *outputs):
         if name in {"pi", *_RESERVED}:
             raise ContractError(f"{part.name}: {name} is a word of Modelica; give it another name")
     states = {s.name: s for s in part.all_states}
     taken = {"pi", *_RESERVED, *names, *(s + START for s in states)}
-    taken |= {o.name for o in part.all_outputs}
+    taken |= {*outputs}
     own = {o.name for o in part.all_outputs if o.name in states and o.value == symbol(o.name)}
     starts = starts or {}
     lines = [f"model {part.name} {_said(part.description)}"]

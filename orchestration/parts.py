@@ -85,6 +85,11 @@ class Part:
         """Its compiled equations, with the ports of the feedback law."""
         return catalogue.fmu_kernel(self.name)
 
+    @property
+    def command_unit(self) -> str:
+        """Of the input `u` of a plant with equations; empty without one."""
+        return next((i.unit for i in self.kernel.inputs if i.name == "u"), "")
+
     @cached_property
     def description(self) -> Description:
         """What a file says of itself.

@@ -370,10 +370,7 @@ class _Work:
 
     @property
     def command_unit(self) -> str:
-        """A drive whose command is the force has a gain of one."""
-        gain = self.machine.plant.parameters.get("gain")
-        force = gain is not None and self.machine.values.get("gain", gain.default) == 1.0
-        return "N" if force else "V"
+        return self.machine.plant.command_unit
 
     def values(self, gains: Mapping[str, float]) -> dict[str, float]:
         """All values of the controller with these gains."""

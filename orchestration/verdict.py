@@ -221,7 +221,7 @@ def _worst(error: Vector, run: Vector) -> Vector:
     however small that is, and what follows from it is seen in the other outputs.
     """
     flags = np.isin(run, (0.0, 1.0)).all(axis=0) & (run.min(axis=0) < run.max(axis=0))
-    return np.where(flags, np.minimum(error, 1.0).mean(axis=0), error.max(axis=0))
+    return np.asarray(np.where(flags, np.minimum(error, 1.0).mean(axis=0), error.max(axis=0)))
 
 
 def scales(run: Vector) -> Vector:

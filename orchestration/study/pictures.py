@@ -50,7 +50,7 @@ def effort_figure(study: StudyResult) -> Any:
                 label=entrant.name,
             )
         panel.set_title(duty, fontsize=10)
-        panel.set_xlabel("total variation of the command [V]")
+        panel.set_xlabel(f"total variation of the command [{study.command_unit}]")
         panel.set_ylabel("rms error [$\\mu$m]")
         panel.grid(True, which="major", alpha=0.3)
         for axis in (panel.xaxis, panel.yaxis):

@@ -147,7 +147,9 @@ def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
     errors = f"set-point less position [{unit}]"
     return [
         figure("course", "Error over time", errors, lambda c: [factor * e for e in c.error]),
-        figure("command", "Command over time", "command [V]", lambda c: c.command),
+        figure(
+            "command", "Command over time", f"command [{study.command_unit}]", lambda c: c.command
+        ),
     ]
 
 
@@ -166,7 +168,7 @@ def _error_against_effort(study: StudyResult, duty: str) -> dict[str, Any]:
         )
         for k, e in enumerate(study.plan.entrants)
     ]
-    x = {"type": "log", "title": {"text": "total variation of the command [V]"}}
+    x = {"type": "log", "title": {"text": f"total variation of the command [{study.command_unit}]"}}
     y = {"type": "log", "title": {"text": "rms error [um]"}}
     return {
         "name": f"effort{[d.name for d in study.plan.judged_duties].index(duty)}",

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..parts import Part
 from .comparison import Difference, Mean, compare, mean_over_plants
 from .figures import NAMES, SIZES, hunting_verdict
 from .over_fmus import TRUSTED, FmuCheck
@@ -108,6 +109,11 @@ class StudyResult:
     checks: dict[Run, FmuCheck]
     sobol: dict[str, dict[str, dict[str, SobolIndex]]] = field(default_factory=dict)
     courses: dict[str, dict[str, Shown]] = field(default_factory=dict, repr=False)
+
+    @property
+    def command_unit(self) -> str:
+        """Of the plant's command, such as ``V``."""
+        return Part(self.plan.plant).command_unit
 
     @property
     def disagreed(self) -> int:

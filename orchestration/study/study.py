@@ -278,7 +278,7 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
     ------
     UnknownComponent, BadComponentFile, ContractError
     """
-    from ...fmus.catalogue import component
+    from ...fmus.catalogue import component, in_units_of
     from ...instruments import INSTRUMENTS
     from ...instruments.measured_through import measured_through
     from ...instruments.sample_and_hold import PERIOD, sampled
@@ -286,7 +286,7 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
     def in_time(part: Component) -> Component:
         return replace(part, sample_time=period) if part.sample_time else part
 
-    controller = component(entrant.component)
+    controller = component(in_units_of(entrant.component, plan.plant))
     if not plan.period:
         return controller
     period = replace(PERIOD, default=plan.period, source="the study")
@@ -299,7 +299,8 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
         raise BadPlan(f"no instrument {unknown[0]!r}; there are {', '.join(INSTRUMENTS)}")
     if not plan.instruments:
         return controller
-    return measured_through(controller, [in_time(component(n)) for n in plan.instruments])
+    instruments = [component(in_units_of(n, plan.plant)) for n in plan.instruments]
+    return measured_through(controller, [in_time(i) for i in instruments])
 
 
 def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:

@@ -23,7 +23,7 @@ LIMIT = 500.0
 
 
 def heavy(controller, **values):
-    return Loop(controller, "drive_lugre", plant_values=HEAVY, controller_values=values)
+    return Loop(controller, "drive_lugre+force", plant_values=HEAVY, controller_values=values)
 
 
 @pytest.fixture(scope="module", params=["pid", "p_pi"])

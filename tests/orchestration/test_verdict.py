@@ -117,4 +117,4 @@ def test_a_flag_is_judged_by_the_share_of_time_that_it_is_wrong(late, trusted):
     first = Verdict(True, "", "", {"x": 0.0, "stuck": 0.0})
     found = second_verdict(first, run, half, quarter, None, np.zeros(2))
     assert found.trusted is trusted
-    assert found.error_estimate["stuck"] == pytest.approx(2e-3 * late, rel=1e-2)
+    assert found.error_estimate["stuck"] == pytest.approx(1e-3 * late, rel=1e-2)
