@@ -17,7 +17,7 @@ import numpy as np
 
 from ..controllers import tunable
 from ..fmus.units import base_exponents
-from ..instruments import bare
+from ..instruments import bare, without_units
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
 from ..plant.ball_screw import PARAMETERS as MOTOR
 from ..solver.kernel import Model
@@ -203,7 +203,8 @@ def gain_ranges(
     BadParameter
         If the controller states no gains.
     """
-    nominal, known = nominal_machine(), controller.parameters
+    # in the units that the ranges are stated in
+    nominal, known = nominal_machine(), Part(without_units(controller.name)[0]).parameters
     ranges, start = {}, {}
     for name, (low, high) in tunable(bare(controller.name)).items():
         powers = base_exponents(known[name].unit)
@@ -253,6 +254,9 @@ def model_values(controller: Part, machine: Machine) -> dict[str, float]:
     found |= {n: of_plant[n[:-4]] for n in known if n.endswith("_hat") and n[:-4] in own}
     damping, inertia = machine.command_per_speed, machine.command_per_acceleration
     found |= {"Fv": damping, "Fa": inertia, "b": 1 / damping, "lag": inertia / damping}
+    if "Kfff" in known:
+        dry = machine.sliding(machine.speed)["u"] - damping * machine.speed
+        found |= {"Kvff": damping, "Kaff": inertia, "Kfff": max(dry, 0.0)}
     if "force_per_volt" in known:
         from ..controllers.rigid_axis import rigid_axis
 
