@@ -225,7 +225,7 @@ def told(result: Identification) -> dict[str, Any]:
             for side, table in said["per_direction"].items()
         },
         "unexplained_N": result.unexplained,
-        "prior": result.prior,
+        "trusted": result.trusted,
         "warnings": said["warnings"],
     }
 

@@ -11,6 +11,7 @@ import sympy as sp
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
+from ...records.resolution import resolution_of
 from ...solver.component import Parameter, symbol
 from ..drive import Drive
 from ..modelled_record import ModelledRecord
@@ -24,6 +25,8 @@ _CELLS = 4096  # of the travel: 16 in the shortest period
 _PEAKS = 6  # of most power over what lies around them
 _STRONGEST = 3  # of most power: what is swift may hide between its own multiples
 _AROUND = 75  # fifths of a period of the travel
+_CONSTANT = 0.05  # of a speed, by which the longest part of a record differs
+_HARMONICS, _BESIDE = 4, 3.0  # of rounding, and how far around each
 
 
 def viscous_share(name: str) -> Parameter:
@@ -89,18 +92,66 @@ def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int])
     middle, half = middle_and_half(courses)
     low, way = middle - half, 2 * half
     turns = model.values.get("p")
-    found = [k * turns for k in harmonics if k * turns * way > _FEWEST_PERIODS] if turns else []
+    apart = 1.0 / (_FINER * way)  # closer ones are the same
+    rounding = [beats for c in courses if (beats := _Beats.of(c)) is not None]
+
+    def known(swing: float) -> bool:
+        return not any(b.have(n * swing, _BESIDE * apart) for b in rounding for n in (1, 2))
+
+    turning = [k * turns for k in harmonics if k * turns * way > _FEWEST_PERIODS] if turns else []
+    found = list(filter(known, turning))
     tried = np.arange(_FEWEST_PERIODS * _FINER, _MOST_PERIODS * _FINER)
     swings = tried / (_FINER * way)
-    apart = 1.0 / (_FINER * way)  # closer ones are the same
+    of_force = np.array([f < 1.0 / _SHORTEST_PERIOD and known(f) for f in swings])
     for flips in (True, False):
         power = np.zeros(len(swings))
         for c in courses:
             power += _power((c.x - low) / way, _along_way(c, flips))[tried]
-        for k in _strongest(power, swings < 1.0 / _SHORTEST_PERIOD):
+        for k in _strongest(power, of_force):
             if all(abs(swings[k] - f) > apart for f in found):
-                found.append(_peak(courses, float(swings[k]), apart, flips))
+                peak = _peak(courses, float(swings[k]), apart, flips)
+                found += [peak] * known(peak)
     return [{name: f} for f in found]
+
+
+class _Beats(NamedTuple):
+    """What rounding to counts makes at a constant speed: it beats with the samples.
+
+    A sample is so many counts and a fraction after the one before; what is rounded away comes again
+    after one over the fraction, its harmonics after that of their multiples. A force that is told
+    once in a window is seen alike at all frequencies that differ by whole windows.
+
+    Attributes
+    ----------
+    way : float
+        Of a window [m].
+    shares : list of float
+        Of a window's frequency, 0 to 1/2.
+    """
+
+    way: float
+    shares: list[float]
+
+    @classmethod
+    def of(cls, course: ModelledRecord) -> _Beats | None:
+        """Those of a course, whose speed is the same for more than half of it; None for others."""
+        usual = float(np.median(course.v))
+        odd = np.flatnonzero(np.abs(course.v - usual) > _CONSTANT * abs(usual))
+        ends = np.concatenate([[-1], odd, [len(course.v)]])
+        longest = int(np.argmax(np.diff(ends)))
+        steady = slice(ends[longest] + 1, ends[longest + 1])
+        count = resolution_of(course.record.x)
+        if not (count and usual) or 2 * len(course.v[steady]) < len(course.v):
+            return None
+        speed = abs(float(np.polyfit(course.time[steady], course.x[steady], 1)[0]))
+        counts = speed * course.step / count
+        of_window = [course.width * k * counts for k in range(1, _HARMONICS + 1)]
+        return cls(speed * course.step * course.width, [abs(s - round(s)) for s in of_window])
+
+    def have(self, swing: float, around: float) -> bool:
+        """Whether a number of swings per metre is seen as one of them, or as close to it."""
+        share = abs(swing * self.way - round(swing * self.way))
+        return any(abs(share - own) < around * self.way for own in self.shares)
 
 
 def _strongest(power: Vector, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
