@@ -74,10 +74,13 @@ def params_values(
 
     if told is None:
         return plant or "plant", {}, {name: {} for name in controllers}
+    from .fmus.catalogue import in_units_of
+
     with bad_parameters():
         plant = plant or told.plant_name
         values = guard(lambda: _plant_values(told, plant))
-        values_of = {n: guard(lambda n=n: _controller_values(told, n)) for n in controllers}
+        own = {n: in_units_of(n, plant) for n in controllers}
+        values_of = {n: guard(lambda n=n: _controller_values(told, own[n])) for n in controllers}
     _note_other_fmus(told, controllers)
     return plant, values, values_of
 

@@ -162,6 +162,16 @@ def test_fmus_of_a_machine_have_the_unit_of_its_command(tmp_path, command, unit)
     assert units["pid", "Kp"] == f"{unit}/m"
 
 
+def test_gains_with_the_unit_of_a_machine_are_read_again(machine, tmp_path):
+    machine.write_text('command = "force"' + MACHINE, encoding="utf-8")
+    loop = ("--controller", "pid", "--stop", "0.01")
+    assert run("run", *loop, "--params", machine, "--out", tmp_path / "a")[0] == 0
+    written = tmp_path / "a" / "parameters.toml"
+    assert read_parameters(written).controllers["pid"]["Kp"].unit == "N/m"
+    assert run("run", *loop, "--params", written, "--out", tmp_path / "b")[0] == 0
+    assert run("export", "--only", "pid", "--params", written, "--out", tmp_path / "c")[0] == 0
+
+
 def test_a_controller_behind_instruments_has_the_units_of_a_drive_that_turns():
     part = component("pid+sampled+position_encoder+rotary+torque")
     units = {p.name: p.unit for p in (*part.inputs, *part.all_outputs)}
