@@ -39,7 +39,8 @@ class Duty:
     tune : bool
         Whether controllers are tuned on it; they are judged on the others.
     plant : dict of str to float
-        Parameters of the plant that are not default at this duty, such as those of a load.
+        Parameters of the plant that are not default at this duty: those of the study's parameter
+        file, and over them its own, such as those of a load.
     """
 
     name: str
@@ -225,12 +226,29 @@ def read_plan(path: Path | str) -> Plan:
     except tomllib.TOMLDecodeError as error:
         raise BadPlan(f"{path}: is no TOML: {error}") from error
     try:
-        return _plan(table)
+        machine = _machine(table, Path(path).parent)
+        return _plan(table, machine)
     except BadPlan as error:
         raise BadPlan(f"{path}: {error}") from None
 
 
-def _plan(table: dict[str, Any]) -> Plan:
+def _machine(table: dict[str, Any], folder: Path) -> dict[str, float]:
+    """Values of the plant in the parameter file that a study names; its plant goes into `table`."""
+    if "params" not in table:
+        return {}
+    from ..parameter_file import BadParameters
+    from ..parameter_reading import read_parameters
+    from ..parts import Part
+
+    try:
+        told = read_parameters(folder / str(table.pop("params")))
+        plant = str(table.setdefault("plant", told.plant_name))
+        return told.plant_values(Part(plant).parameters)[0]
+    except BadParameters as error:
+        raise BadPlan(f"params: {error}") from error
+
+
+def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
     version = table.pop("version", None)
     if version != VERSION:
         raise BadPlan(f"version is {version!r}, expected {VERSION}")
@@ -252,7 +270,7 @@ def _plan(table: dict[str, Any]) -> Plan:
     plan = Plan(
         plant=str(table.pop("plant", "plant")),
         entrants=tuple(_entrant(name, given) for name, given in controllers.items()),
-        duties=tuple(_duty(k, given) for k, given in enumerate(duties)),
+        duties=tuple(_duty(k, given, machine) for k, given in enumerate(duties)),
         variations=tuple(read_variation(given) for given in variations),
         tuning=_tuning(tuning, limits),
         instruments=tuple(map(str, as_list("instruments", table.pop("instruments", [])))),
@@ -282,7 +300,7 @@ def _entrant(name: str, given: Any) -> Entrant:
     return Entrant(name, component, values, {n: as_range(where, n, r) for n, r in ranges.items()})
 
 
-def _duty(k: int, given: Any) -> Duty:
+def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
     given = as_table(f"duty {k + 1}", given)
     check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune", "plant"))
     for name in ("name", "reference", "stop"):
@@ -294,7 +312,8 @@ def _duty(k: int, given: Any) -> Duty:
     where = f"duty {given['name']}: plant"
     plant = as_numbers(where, as_table(where, given.get("plant", {})), {})
     tune = bool(given.get("tune", False))
-    duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, plant)
+    values = {**machine, **plant}
+    duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, values)
     try:
         duty.signal()
     except BadReference as error:

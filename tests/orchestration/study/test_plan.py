@@ -145,3 +145,19 @@ def test_what_is_given_a_value_is_not_tuned_unless_the_plan_says_so(tmp_path):
     assert set(plan_of(tmp_path, given).entrants[0].tune) == {"Kp", "Ki", "Kd", "Kvff", "Kaff"}
     said = given.replace(forward, f"{forward}\ntune = {{Kfff = [0.0, 1.0]}}")
     assert plan_of(tmp_path, said).entrants[0].tune == {"Kfff": (0.0, 1.0)}
+
+
+def test_a_study_of_a_machine_has_the_plant_and_the_values_of_its_file(tmp_path):
+    """A duty's own value wins; the file is looked for beside the study."""
+    (tmp_path / "machine.toml").write_text(
+        'kind = "drive"\ncommand = "force"\nlaw = "lugre"\n[plant]\nm = 40.0\nFc = 80.0\n'
+    )
+    text = 'params = "machine.toml"\n' + GOOD.replace(
+        "stop = 1.0\n", "stop = 1.0\nplant = {m = 50}\n"
+    )
+    plan = plan_of(tmp_path, text)
+    assert plan.plant == "drive_lugre+force"
+    assert [d.plant["m"] for d in plan.duties] == [40.0, 50.0]
+    assert all(d.plant["Fs"] == 80.0 for d in plan.duties)  # as the file has no break-away force
+    with pytest.raises(BadPlan, match=r"study.toml: params: .*none.toml"):
+        plan_of(tmp_path, 'params = "none.toml"\n' + GOOD)
