@@ -824,10 +824,13 @@ def identify(
 
     check_name("law", law, LAWS)
     check_held(law, dict(fixed or {}), offset)
+    told = params.with_lead(None) if params else None
+    lead = told.lead if told else None
     found: list[Record] = []
     for record in _paths(records):
-        found += read_force_records([record]) if isinstance(record, str | Path) else [record]
-    return IdentifiedLaw.of(identified(found, law, params, dict(fixed or {}), offset, mass))
+        by_file = isinstance(record, str | Path)
+        found += read_force_records([record], lead=lead) if by_file else [record]
+    return IdentifiedLaw.of(identified(found, law, told, dict(fixed or {}), offset, mass))
 
 
 def diagnose(

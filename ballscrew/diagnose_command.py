@@ -222,6 +222,7 @@ def _save_diagnosis(
 ) -> None:
     from .diagnosis.diagnosis_pictures import save_pictures
     from .diagnosis.diagnosis_report import save_report
+    from .diagnosis.with_causes import as_it_moves
     from .fmus.export import export
     from .solver.tables import write_table
 
@@ -229,7 +230,7 @@ def _save_diagnosis(
     save_pictures(result, folder)
     save_report(result, section, folder)
     if extension.plant is not None:
-        export(extension.plant, folder / _FMU)
+        export(as_it_moves(extension.plant, result.corrected), folder / _FMU)
     values.save(folder)
     result.save(folder)
 

@@ -10,7 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..identification.motion_parts import PARTS, REST, motion_parts
-from ..orchestration.parameter_file import BadParameters, Diagnosed, ParameterFile, Value
+from ..orchestration.parameter_file import (
+    TURNS,
+    BadParameters,
+    Diagnosed,
+    ParameterFile,
+    Value,
+)
 from ..orchestration.parameter_reading import read_parameters
 from ..plant.law import claims
 from ..records.bad_record import BadRecord
@@ -78,7 +84,7 @@ def compare_records(
         models = _models(file, told)
         known = [_commanded(r, told) for r in records]
         records, _, notes = commanded(known, models[PRIOR])
-    notes += check_identifiable(records)
+    notes += [TURNS] * file.turns + check_identifiable(records)
     first = next(iter(models.values()))
     shift = told.command_shift if told else 0.0
     courses = [_laid(r, first, shift) for r in records]

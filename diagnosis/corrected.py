@@ -69,4 +69,4 @@ def corrected(
             adjusted=result.adjusted.values,
             causes=found,
         ),
-    )
+    ).turning()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.parameter_file import ParameterFile
+from ..orchestration.parameter_file import TURNS, ParameterFile
 from ..orchestration.parameter_reading import read_parameters
 from ..records.identifiable import check_identifiable
 from ..records.reading import read_drive_records
@@ -97,7 +97,7 @@ def diagnose_records(
     """As `diagnose`, of records in memory; `prior` of the result takes the command they have."""
     began = time.perf_counter()
     records, prior_model, notes = commanded(records, prior_model)
-    notes += check_identifiable(records)
+    notes += [TURNS] * prior_model.turns + check_identifiable(records)
     progress("fitting values")
     study = study_of(records, prior_model)
     progress("looking for causes")

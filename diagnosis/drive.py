@@ -73,6 +73,8 @@ class Drive:
         Relative tolerance of each value that may be adjusted: its uniform spread, plus or minus.
     command : {"", "voltage", "current", "force"}
         What `u` is; empty: what it is in the records.
+    turns : bool
+        Whether it is a body that turns, in numbers of one that slides.
     """
 
     kind: str
@@ -80,6 +82,7 @@ class Drive:
     values: Mapping[str, float]
     tolerance: Mapping[str, float] = field(default_factory=dict)
     command: str = ""
+    turns: bool = False
 
     @property
     def plant(self) -> Component:
@@ -243,7 +246,7 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
         n: file.tolerance[n] if n in file.tolerance else _tolerance_of(file.plant.get(n))
         for n in adjusted[-1]
     }
-    return Drive(file.kind, laws[-1], values, tolerance, file.command)
+    return Drive(file.kind, laws[-1], values, tolerance, file.command, file.turns)
 
 
 def _tolerance_of(value: Value | None) -> float:

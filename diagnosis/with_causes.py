@@ -11,6 +11,7 @@ import sympy as sp
 from ..instruments.amplifier import with_amplifier
 from ..plant.classical import with_sticking
 from ..plant.direct_drive import with_command_limit
+from ..plant.rotary_drive import turned
 from ..solver.component import Component, symbol
 from .causes import CAUSES
 from .causes.presliding_hysteresis import NAME as BRISTLES
@@ -79,6 +80,11 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
     for name in (n for n in _BEFORE_THE_FORCE if n in own):
         plant = CAUSES[name].extend(plant, curve, own[name])
     return plant.with_defaults(values, FOUND)
+
+
+def as_it_moves(plant: Component, drive: Drive) -> Component:
+    """The plant of a drive; of a body that turns in rad and N*m, which it is not computed in."""
+    return turned(plant) if drive.turns else plant
 
 
 def with_law_of(drive: Drive, found: Mapping[str, Mapping[str, float]]) -> Drive:

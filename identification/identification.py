@@ -135,7 +135,7 @@ class Identification:
             found={},
             not_identified=reasons,
             diagnosis=None,
-        )
+        ).turning()
 
     def save(self, folder: Path | str) -> None:
         """Write ``identified.json``, and ``parameters.toml`` into `folder`.

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from ..orchestration.parameter_file import DRIVE, ParameterFile, Value
+from ..orchestration.parameter_file import DRIVE, TURNS, ParameterFile, Value
 from ..records.record import FORCE, Record
 from ..records.velocity import INTEGRATED
 from ..solver.nearest import nearest
@@ -147,6 +147,7 @@ def identify(
     judged = {n: _judge(fit, n, course) for n in fit.names}
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
     unkept = OFFSET in judged and (told is None or told.kind != DRIVE)
+    notes += [TURNS] * (told is not None and told.turns)
     notes += _remarks(records, law, fit, offset, unkept)
     if shift and shift.low is not None and shift.high is not None and moved:
         notes.append(

@@ -29,6 +29,8 @@ KINDS = (BALL_SCREW, DRIVE, ROTARY, FMU)
 COMMANDS = ("voltage", "current", "force")
 COMMANDS_OF = {DRIVE: COMMANDS, ROTARY: ("voltage", "current", "torque")}
 """What the command of a drive may be, by its kind; of others it is theirs."""
+TURNS = "the body turns: N stands for N*m here, m for rad, and kg for kg*m^2"
+"""What to say where `ParameterFile.sliding` was taken."""
 
 
 class BadParameters(ValueError):
@@ -117,6 +119,8 @@ class ParameterFile:
         Parameters that records do not tell, and why.
     diagnosis : Diagnosed or None
         In what `diagnose` wrote: where the values come from.
+    turns : bool
+        Whether a body that turns is described as one that slides, see `sliding`.
     """
 
     path: Path | None = None
@@ -130,6 +134,7 @@ class ParameterFile:
     not_identified: Mapping[str, str] = field(default_factory=dict)
     diagnosis: Diagnosed | None = None
     command: str = ""
+    turns: bool = False
 
     @property
     def plant_name(self) -> str:
@@ -149,17 +154,28 @@ class ParameterFile:
 
     @property
     def lead(self) -> float | None:
-        """Way of the screw per turn as `p` of the plant says it [m]."""
+        """Way of the screw per turn as `p` of the plant says it [m]; 2 pi, where rad is for m."""
+        if self.turns:
+            return 2 * math.pi
         return 1 / self.plant["p"].value if "p" in self.plant else None
 
     def with_lead(self, lead: float | None) -> ParameterFile:
         """The file with the way of the screw per turn [m], where its plant has a screw.
 
+        A body that turns has none, and is described as one that slides, see `sliding`.
+
         Raises
         ------
         BadParameters
-            If the file says the lead, too.
+            If the file says the lead, too, or the body turns.
         """
+        if self.kind == ROTARY:
+            if lead is not None:
+                raise BadParameters(
+                    f"--lead is of a screw, and {self.path} describes a body that turns without "
+                    "one; leave it out"
+                )
+            return self.sliding()
         if lead is None:
             return self
         if "p" in self.plant:
@@ -170,6 +186,38 @@ class ParameterFile:
         if self.kind != BALL_SCREW:
             return self
         return replace(self, plant={**self.plant, "p": Value(1 / lead, "1/m", None, "--lead")})
+
+    def sliding(self) -> ParameterFile:
+        """A body that turns as one that slides: rad for m, N*m for N, `m` for `J`.
+
+        That is what records with a lead of 2 pi are of; `turning` is the way back. Raises
+        `BadParameters` for values that are none of its plant's.
+        """
+        from .parts import Part
+
+        self.plant_values(Part(self.plant_name).parameters)
+        plant = {"m" if n == "J" else n: replace(v, unit="") for n, v in self.plant.items()}
+        tolerance = {"m" if n == "J" else n: share for n, share in self.tolerance.items()}
+        command = COMMANDS[-1] if self.command == COMMANDS_OF[ROTARY][-1] else self.command
+        told = replace(self, kind=DRIVE, plant=plant, tolerance=tolerance, command=command)
+        return replace(told, turns=True)
+
+    def turning(self) -> ParameterFile:
+        """The body that turns, if `sliding` made this of one; else the same."""
+        if not self.turns:
+            return self
+        from ..plant.law import TURNING
+        from ..solver.component import unit_in
+
+        def turned(values: Values) -> dict[str, Value]:
+            return {
+                "J" if n == "m" else n: replace(v, unit=unit_in(v.unit, TURNING))
+                for n, v in values.items()
+            }
+
+        command = COMMANDS_OF[ROTARY][-1] if self.command == COMMANDS[-1] else self.command
+        told = replace(self, kind=ROTARY, turns=False, command=command)
+        return replace(told, plant=turned(self.plant), found=turned(self.found))
 
     def plant_values(
         self, known: Known, others: Collection[str] = ()

@@ -15,7 +15,11 @@ def rotary_drive(friction: Law = modified_lugre, name: str = "rotary_drive") -> 
 
     The numbers of the friction law are in N*m for N, and in rad for m.
     """
-    slides = drive(friction, name)
+    return turned(drive(friction, name))
+
+
+def turned(slides: Component) -> Component:
+    """A direct drive as a body that turns: the same numbers, in rad for m and N*m for N."""
     turns = slides.in_units(TURNING)
     parameters = tuple(
         replace(p, name="J", meaning="inertia of all that turns") if p.name == "m" else p

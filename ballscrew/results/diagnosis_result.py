@@ -67,9 +67,9 @@ class DiagnosisResult(Result, Diagnosis):
         ValueError
             If no plant can hold these causes; the message says why.
         """
-        from ..diagnosis.with_causes import with_causes
+        from ..diagnosis.with_causes import as_it_moves, with_causes
 
-        return with_causes(self.corrected, self.found())
+        return as_it_moves(with_causes(self.corrected, self.found()), self.corrected)
 
     def to_pandas(self) -> Any:
         """A row for each parameter of what is built in: value, interval, unit, gain held out.

@@ -322,3 +322,86 @@ def test_a_drive_that_comes_to_rest_by_classical_friction_is_trusted_and_is_righ
     found = np.interp(1e-3 * np.arange(801), result.run.time, result.run.outputs["x"])
     assert found == pytest.approx(karnopp(0.8), abs=5e-6)
     assert result.run.outputs["stuck"].max() == 1.0
+
+
+JOINT = """
+kind = "rotary_drive"
+command = "torque"
+law = "classical"
+
+[plant]
+J = 0.5
+gain = 1.0
+Fc = 2.0
+Fs = 2.0
+sigma2 = 1.5
+Vs = 0.01
+"""
+
+
+def write_joint(path, inertia=0.5, swing=0.0):
+    """Eight seconds of a joint, typed by hand: degrees and N*m."""
+    time = np.arange(0.0, 8.0, 1e-3)
+    angle = 1.2 * np.sin(2.0 * time) + 0.1 * np.sin(9.0 * time)
+    v = 2.4 * np.cos(2.0 * time) + 0.9 * np.cos(9.0 * time)
+    a = -4.8 * np.sin(2.0 * time) - 8.1 * np.sin(9.0 * time)
+    torque = inertia * a + 2.0 * np.sign(v) + 1.5 * v + swing
+    torque += 0.02 * np.random.default_rng(4).standard_normal(len(time))
+    table = np.column_stack([time, np.degrees(angle), torque])
+    head = "time [s],angle [deg],torque [N*m]"
+    np.savetxt(path, table, delimiter=",", header=head, comments="")
+    return path
+
+
+def test_inertia_and_friction_of_a_body_that_turns_come_from_its_record(tmp_path):
+    """Written as such a body again, which runs."""
+    start = tmp_path / "joint.toml"
+    start.write_text('kind = "rotary_drive"\ncommand = "torque"\n[plant]\ngain = 1.0\n')
+    record, out = write_joint(tmp_path / "record.csv"), tmp_path / "out"
+    columns = ("--map", "angle=x", "--map", "torque=force", "--params", start)
+    fit = ("--law", "classical", "--mass", "fit", "--fix", "Vs=0.01", "--out", out)
+    code, _, said = run("identify", record, *columns, *fit)
+    assert code in (0, 1)
+    assert "N stands for N*m here" in said
+    file = read_parameters(out / "parameters.toml")
+    assert (file.kind, file.command) == ("rotary_drive", "torque")
+    assert file.plant["J"].value == pytest.approx(0.5, rel=0.01)
+    assert file.plant["J"].unit == "kg*m^2"
+    assert file.plant["Fc"].value == pytest.approx(2.0, rel=0.02)
+    assert file.plant["sigma2"].unit == "N*m*s/rad"
+    gains = ("--set", "controller.Kp=50", "--set", "controller.Ki=0", "--set", "controller.Kd=5")
+    loop = ("--controller", "pid", *gains, "--setpoint", "1", "--stop", "0.5")
+    made = ("--params", out / "parameters.toml", "--out", tmp_path / "run")
+    assert run("run", *loop, *made)[0] == 0
+
+
+def test_a_body_that_turns_is_compared_and_diagnosed(tmp_path):
+    """A torque of gravity is found, and is in the FMU in N*m."""
+    (tmp_path / "joint.toml").write_text(JOINT)
+    given = ("--map", "angle=x", "--map", "torque=u", "--params", tmp_path / "joint.toml")
+    healthy, loaded = (
+        write_joint(tmp_path / f"{name}.csv", swing=size)
+        for name, size in (("healthy", 0.0), ("loaded", 0.6))
+    )
+    code, printed, said = run("compare", healthy, *given, "--json")
+    assert code == 0
+    assert "N stands for N*m here" in said
+    code, printed, _ = run("diagnose", healthy, *given, "--json", "--out", tmp_path / "a")
+    assert json.loads(printed)["verdict"] == "none"
+    code, printed, _ = run("diagnose", loaded, *given, "--json", "--out", tmp_path / "b")
+    (cause,) = json.loads(printed)["causes"]
+    assert cause["name"] in ("load_bias", "direction_asymmetry")
+    file = read_parameters(tmp_path / "b" / "parameters.toml")
+    assert (file.kind, file.plant["J"].unit) == ("rotary_drive", "kg*m^2")
+    description = fmpy.read_model_description(str(tmp_path / "b" / "extended_plant.fmu"))
+    units = {v.name: v.unit for v in description.modelVariables}
+    assert (units["u"], units["x"], units["J"]) == ("N*m", "rad", "kg*m^2")
+
+
+def test_a_body_that_turns_has_no_lead(tmp_path):
+    (tmp_path / "joint.toml").write_text(JOINT)
+    record = write_joint(tmp_path / "record.csv")
+    given = ("--map", "angle=x", "--map", "torque=u", "--params", tmp_path / "joint.toml")
+    code, _, said = run("diagnose", record, *given, "--lead", "0.005", "--out", tmp_path / "a")
+    assert code == 2
+    assert "describes a body that turns without one; leave it out" in said
