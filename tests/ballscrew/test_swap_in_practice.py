@@ -144,7 +144,7 @@ def test_values_of_the_bare_controller_are_taken_and_those_that_were_used_come_b
         (["mine.py:blind", "--noise"], "blind measures nothing, and instruments give x_measured"),
         (["pidd", "--noise"], "did you mean pid"),
         (["pid_sampled+sampled"], "pid_sampled has discrete states; only a continuous law"),
-        (["pid+position_encoder+sampled"], "'sampled' comes right behind 'pid', once"),
+        (["pid+position_encoder+sampled"], "'sampled' comes once, behind 'pid'"),
         (["pid", "--plant", "plant_loaded+sampled"], "plant_loaded cannot be sampled"),
     ],
 )

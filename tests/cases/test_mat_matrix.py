@@ -9,6 +9,7 @@ from cases import case
 from ballscrew import read_drive_records
 from ballscrew.records.bad_record import BadRecord
 
+UNITS = {"time": "s", "x": "m", "u": "V"}
 THEIRS = {
     "tofile": {"ans.1": "time", "ans.2": "x", "ans.3": "u"},
     "scope": {"pos": "x", "volt": "u"},
@@ -18,7 +19,10 @@ THEIRS = {
 
 def test_each_gives_the_same_record(tmp_path):
     folder = case("mat_matrix", tmp_path)
-    read = [read_drive_records([folder / f"{n}.mat"], m)[0] for n, m in THEIRS.items()]
+    read = [
+        read_drive_records([folder / f"{n}.mat"], mapping, UNITS)[0]
+        for n, mapping in THEIRS.items()
+    ]
     for record in read:
         assert len(record.time) == 2000
         np.testing.assert_array_equal(record.x, read[0].x)

@@ -43,7 +43,7 @@ def test_half_the_coulomb_friction_of_a_real_machine_is_not_nothing():
         pytest.skip("DATA_EMPS.mat is not here: get it from nonlinearbenchmark.org")
     model = read_drive(ROOT / "docs" / "emps.toml")
     model = model.changed({"Fc": 0.5 * model.values["Fc"]})
-    (record,) = read_drive_records([file], COLUMNS)
+    (record,) = read_drive_records([file], COLUMNS, UNITS)
     every_eighth = {n: s[::8] for n, s in record.signals.items()}  # 125 Hz are enough for it
     found = diagnose_records([check_record("emps", every_eighth)], model)
     assert found.verdict != "none"

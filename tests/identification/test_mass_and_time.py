@@ -153,7 +153,9 @@ def test_the_published_mass_and_offset_of_a_real_drive_are_within_their_interval
     if not file.is_file():
         pytest.skip("DATA_EMPS.mat is not here: get it from nonlinearbenchmark.org")
     columns = {"qm": "x", "t": "time", "vir": "force"}
-    records = read_force_records([file], columns, {"force": "35.150651879*N"})
+    records = read_force_records(
+        [file], columns, {"force": "35.150651879*N", "x": "m", "time": "s"}
+    )
     found = identify(records, "classical", offset=True, mass=True)
     mass, offset = found.parameters["m"], found.parameters["offset"]
     assert mass.low <= 95.1089 <= mass.high

@@ -148,6 +148,7 @@ BREAK_AWAY = 2.35  # N
 COMPONENTS = {
     "plant_classical": Subject(lambda: component("plant_classical"), 0.214),
     "drive_classical": Subject(lambda: direct_drive(classical, "drive_classical"), BREAK_AWAY),
+    "rotary_drive_classical": Subject(lambda: component("rotary_drive_classical"), BREAK_AWAY),
 }
 
 
