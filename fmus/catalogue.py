@@ -24,6 +24,7 @@ from ..instruments import (
     without_sampling,
     without_units,
 )
+from ..instruments.supply import UNLIMITED
 from ..plant import NOMINAL, PLANTS
 from ..solver import kernel_cache
 from ..solver.component_file import load_component, names_file
@@ -44,6 +45,7 @@ _MEASURED = "ballscrew.instruments.measured_through"
 _SAMPLED = "ballscrew.instruments.sample_and_hold"
 _INSTRUMENTS = "ballscrew.instruments"
 _OF_MOTOR = {"A", "ohm", "H"}
+OWN_LIMIT = "u_max"  # of a controller's command: the nominal amplifier's, in volts
 _FORWARD = "ballscrew.controllers.feed_forward"
 
 
@@ -121,7 +123,10 @@ def _in_units(part: Component, units: str) -> Component:
             f"{part.name} is made for a motor's voltage, as its {of_motor[0]} says, and the "
             f"drive's command is a {units.split('+')[-1]}; expected a part without such values"
         )
-    return part.in_units(words)
+    told = part.in_units(words)
+    if "V" in words and any(p.name == OWN_LIMIT for p in told.all_parameters):
+        told = told.with_defaults({OWN_LIMIT: UNLIMITED}, "none: that of the machine is not known")
+    return told
 
 
 def put_into_practice(

@@ -53,8 +53,9 @@ _SHOWN = {
     ("i", "A"): ("current $i$", 1e3, "mA"),
     ("friction", "N"): ("friction", 1.0, "N"),
     ("u", "V"): ("motor voltage $u$", 1.0, "V"),
+    **{("u", unit): ("command $u$", 1.0, unit) for unit in ("A", "N", "N*m")},
 }
-_USUAL = dict(_SHOWN.keys())  # units where an FMU says none
+_USUAL = dict(reversed(_SHOWN.keys()))  # units where an FMU says none: the first of each
 
 
 def _axis(name: str, unit: str = "") -> tuple[str, float, str]:
@@ -176,7 +177,8 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
             _draw_course(axes, run, "u", 1, "voltage")
             peak = int(np.argmax(np.abs(run.commands["u"])))
             axes.annotate(
-                f"{run.commands['u'][peak]:.1f} V at {run.time[peak]:.3f} s",
+                f"{run.commands['u'][peak]:.1f} {_axis('u', run.units.get('u', ''))[2]} at "
+                f"{run.time[peak]:.3f} s",
                 (run.time[peak], run.commands["u"][peak]),
                 xytext=(25, -6),
                 textcoords="offset points",
@@ -283,6 +285,10 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
     with mpl.rc_context(STYLE):
         figure, grid = new_figure(3, 1, (9, 9))
         position, fine, voltage = (row[0] for row in grid)
+        units = results[0].run.units
+        of_x, of_u = units.get("x", ""), units.get("u", "")
+        _, factor, _ = _axis("x", of_x)
+        finer, least = (1e6, "[µm], 1 nm at least") if of_x in ("m", "") else (1.0, f"[{of_x}]")
         ends = []
         for k, result in enumerate(results):
             run = result.run
@@ -290,9 +296,9 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
             if not result.trusted:
                 label += " (not converged)"
             style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}
-            distance = np.maximum(np.abs(run.outputs["x"] - run.reference) * 1e6, 1e-3)
+            distance = finer * np.maximum(np.abs(run.outputs["x"] - run.reference), 1e-9)
             for axes, values in (
-                (position, run.outputs["x"] * 1e2),
+                (position, run.outputs["x"] * factor),
                 (fine, distance),
                 (voltage, run.commands["u"]),
             ):
@@ -305,17 +311,18 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
                 run.commands["u"][peak],
                 "o",
                 color=style["color"],
-                label=f"{run.commands['u'][peak]:.1f} V at {run.time[peak]:.3g} s",
+                label=f"{run.commands['u'][peak]:.1f} {_axis('u', of_u)[2]} at "
+                f"{run.time[peak]:.3g} s",
             )
             settled = result.figures().get("settling_time_2pct")
             ends.append(1.6 * settled if settled else run.time[-1])
         run = results[0].run
         _draw_set_point(position, run)
-        position.set_ylabel(_label("x"))
-        position.set_title("Controllers on the same axis")
+        position.set_ylabel(_label("x", of_x))
+        position.set_title("Controllers on the same plant")
         fine.set_yscale("log")
-        fine.set_ylabel("distance to the set-point\n[µm], 1 nm at least")
-        voltage.set_ylabel(_label("u"))
+        fine.set_ylabel(f"distance to the set-point\n{least}")
+        voltage.set_ylabel(_label("u", of_u))
         voltage.set_xlabel("time [s]")
         end = min(max(ends), run.time[-1])
         for axes in (position, fine, voltage):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from ...fmus.catalogue import OWN_LIMIT
 from ...instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
 from ...solver.kernel import CONTROLLER, PLANT, Kernel
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
 
 LIMIT = "voltage_limit"  # the plant's parameter, whatever the unit of its command
-OWN_LIMIT = "u_max"  # a controller's
 AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
 SEED = "_seed"  # how the name of a noise's seed ends
 BETWEEN_SOURCES = 1_000_000  # by which the seeds of a second noise are larger than of the first

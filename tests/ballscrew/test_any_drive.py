@@ -178,6 +178,13 @@ def test_a_controller_behind_instruments_has_the_units_of_a_drive_that_turns():
     assert (units["x"], units["x_d"], units["u"]) == ("rad", "rad", "N*m")
 
 
+def test_no_controller_keeps_the_volts_of_the_nominal_amplifier_where_the_command_is_a_force():
+    limits = {}
+    for name in ("p_pi", "p_pi+force"):
+        limits[name] = {p.name: p.default for p in component(name).all_parameters}["u_max"]
+    assert limits == {"p_pi": 36.0, "p_pi+force": 1e6}
+
+
 def test_a_controller_with_values_of_a_motor_is_refused_where_the_command_is_a_force(
     machine, tmp_path
 ):
