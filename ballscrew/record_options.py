@@ -60,7 +60,7 @@ def add_record_options(add: Any) -> None:
         default=[],
         metavar="OURS=UNIT",
         help="a column's unit, or its size: time=ms, x=mm, x=rad, x=2.5e-6*m, u=N*m "
-        "(default what the file says, else SI)",
+        "(default what the file says; SI where it calls the column by our name)",
     )
     add(
         "--lead",

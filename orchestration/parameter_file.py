@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.interface import START, TOLERANCE
 from ..fmus.units import base_exponents
-from ..plant import DEFAULT_LAW, NOMINAL, plant_of
+from ..plant import DEFAULT_LAW, NOMINAL, TURNING, plant_of
 from ..solver.files import write_atomically
 from ..solver.nearest import did_you_mean
 
@@ -206,7 +206,6 @@ class ParameterFile:
         """The body that turns, if `sliding` made this of one; else the same."""
         if not self.turns:
             return self
-        from ..plant.law import TURNING
         from ..solver.component import unit_in
 
         def turned(values: Values) -> dict[str, Value]:

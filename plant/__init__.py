@@ -3,6 +3,8 @@
 Adding a law is a file and a line in `LAWS`: the plant with it, the rig and the estimator follow.
 """
 
+from ..instruments import UNITS
+
 LAWS = {
     "classical": "ballscrew.plant.classical:classical",
     "lugre": "ballscrew.plant.lugre:lugre",
@@ -12,6 +14,9 @@ LAWS = {
     "bliman_sorine": "ballscrew.plant.bliman_sorine:bliman_sorine",
     "maxwell_slip": "ballscrew.plant.maxwell_slip:maxwell_slip",
 }
+
+TURNING = UNITS["rotary"]
+"""Units of a body that turns, by those of one that slides."""
 
 DEFAULT_LAW = "modified_lugre"
 """The law of the nominal plant."""

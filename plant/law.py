@@ -12,18 +12,16 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, cast
+from typing import cast
 
 import sympy as sp
 
-from ..solver.component import Component, ForceTerm, unit_in
-from . import LAWS
+from ..solver.component import Component, ForceTerm, in_units
+from . import LAWS, TURNING
 
 Law = Callable[[sp.Expr], ForceTerm]
-TURNING = {"m": "rad", "N": "N*m", "kg": "kg*m^2"}
-"""Units of a body that turns, by those of one that slides."""
 
 
 @dataclass(frozen=True)
@@ -79,16 +77,7 @@ def law(name: str) -> Law:
 
 def turning(term: ForceTerm) -> ForceTerm:
     """The term of a body that turns: the same numbers in N*m for N and in rad for m."""
-
-    def turned(parts: tuple[Any, ...]) -> tuple[Any, ...]:
-        return tuple(replace(p, unit=unit_in(p.unit, TURNING)) for p in parts)
-
-    return replace(
-        term,
-        parameters=turned(term.parameters),
-        states=turned(term.states),
-        outputs=turned(term.outputs),
-    )
+    return cast("ForceTerm", in_units(term, TURNING))
 
 
 def with_each_law(

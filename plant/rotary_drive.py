@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..solver.component import Component, symbol
+from . import TURNING
 from .direct_drive import drive
-from .law import TURNING, Law, with_each_law
+from .law import Law, with_each_law
 from .modified_lugre import modified_lugre
 
 

@@ -254,6 +254,18 @@ class Delay:
         return f"{self.name}_rate_"
 
 
+def in_units(thing: Any, words: Mapping[str, str]) -> Any:
+    """A part of the contract, or several, with other words in all units, see `unit_in`."""
+    if isinstance(thing, tuple):
+        return tuple(in_units(part, words) for part in thing)
+    if not is_dataclass(thing) or isinstance(thing, type):
+        return thing
+    parts = {f.name: in_units(getattr(thing, f.name), words) for f in fields(thing)}
+    if "unit" in parts:
+        parts["unit"] = unit_in(parts["unit"], words)
+    return replace(thing, **parts)
+
+
 def _spelled(thing: object) -> str:
     """Every letter of a part of the contract, numbers in expressions to their last digit."""
     if is_dataclass(thing):
@@ -408,18 +420,8 @@ class Component:
 
     def in_units(self, words: Mapping[str, str]) -> Component:
         """A copy whose units have other words: the same numbers are then of other quantities."""
-
-        def told(thing: Any) -> Any:
-            if isinstance(thing, tuple):
-                return tuple(map(told, thing))
-            if not is_dataclass(thing) or isinstance(thing, type):
-                return thing
-            parts = {f.name: told(getattr(thing, f.name)) for f in fields(thing)}
-            if "unit" in parts:
-                parts["unit"] = unit_in(parts["unit"], words)
-            return replace(thing, **parts)
-
-        return replace(self, **{f.name: told(getattr(self, f.name)) for f in fields(self)})
+        told: Component = in_units(self, words)
+        return told
 
     def prefixed(self, prefix: str) -> Component:
         """A copy whose parameters, states and discrete states are named ``prefix + name``.

@@ -89,27 +89,7 @@ def test_the_file_that_a_run_writes_is_the_machine_again(machine, tmp_path):
     assert values.items() >= {n: v.value for n, v in before.plant.items()}.items()
 
 
-TURNS = """
-kind = "rotary_drive"
-command = "torque"
-law = "lugre"
-
-[plant]
-J = 40.0
-gain = 100.0
-offset = 15.0
-sigma0 = 1e7
-sigma1 = 2e4
-sigma2 = 200.0
-Fc = 80.0
-Fs = 110.0
-Vs = 0.01
-
-[controller.pid]
-Kp = 400.0
-Ki = 300.0
-Kd = 60.0
-"""
+TURNS = 'command = "torque"' + MACHINE.replace('"drive"', '"rotary_drive"').replace("m = ", "J = ")
 
 
 def loop_of(file, stop=STOP):
