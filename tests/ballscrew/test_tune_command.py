@@ -5,6 +5,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from heavy_drive import HEAVY
 
 import ballscrew
 from ballscrew.cli import main
@@ -136,15 +137,7 @@ def test_python_gives_the_same_as_the_command(here):
     loop = ballscrew.Loop(
         "p_pi",
         "drive_lugre",
-        plant_values={
-            "m": 40.0,
-            "sigma2": 200.0,
-            "Fc": 80.0,
-            "Fs": 80.0,
-            "Vs": 0.01,
-            "sigma0": 1e7,
-            "sigma1": 2e4,
-        },
+        plant_values=HEAVY,
     )
     result = ballscrew.tune(loop, limit=500.0, budget=12)
     assert result.values == {g["name"]: g["value"] for g in told(here)["gains"]}

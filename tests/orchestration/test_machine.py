@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from heavy_drive import HEAVY
 
 from ballscrew.controllers.p_pi import cascade
 from ballscrew.controllers.pid import TUNABLE
@@ -12,16 +13,6 @@ from ballscrew.orchestration.machine import Machine, gain_ranges, limit_of, mode
 from ballscrew.orchestration.parts import Part
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.plant import LAWS, plant_of
-
-HEAVY = {
-    "m": 40.0,
-    "sigma2": 200.0,
-    "Fc": 80.0,
-    "Fs": 80.0,
-    "Vs": 0.01,
-    "sigma0": 1e7,
-    "sigma1": 2e4,
-}
 
 
 def heavy(**other):

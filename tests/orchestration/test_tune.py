@@ -4,21 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from heavy_drive import HEAVY
 
 from ballscrew.controllers.pid import pid
 from ballscrew.orchestration.limits import BadParameter
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.tune import tune_loop
 
-HEAVY = {
-    "m": 40.0,
-    "sigma2": 200.0,
-    "Fc": 80.0,
-    "Fs": 80.0,
-    "Vs": 0.01,
-    "sigma0": 1e7,
-    "sigma1": 2e4,
-}
 LIMIT = 500.0
 
 
