@@ -21,12 +21,12 @@ PERIOD = Parameter("sample_time", 1e-3, "s", "sampling period", "a common servo 
 
 
 def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -> Component:
-    """The controller between samplers of its measurements and holds of its commands.
+    """The controller between samplers of what it reads and holds of its commands.
 
-    At a sample instant the measurements are read, and the commands that follow from them, and from
-    the controller's own states then, are held until the next; with a `delay` they are put out that
-    many samples later, and nothing before. The states are not discretized by a rule: between
-    samples they follow their own equations with the measurements that were read, to the solver's
+    At a sample instant measurements and set-points are read, and the commands that follow from
+    them, and from the controller's own states then, are held until the next; with a `delay` they
+    are put out that many samples later, and nothing before. The states are not discretized by a
+    rule: between samples they follow their own equations with what was read, to the solver's
     tolerance.
 
     Modes that change outputs alone, as of a relay, are looked at the same instants: one event may
@@ -61,7 +61,7 @@ def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -
         raise ContractError(f"a delay of {delay} samples, expected 0, 1, 2, ...")
     values, looked_at = _by_mode(controller)
     used = controller.used_symbols()
-    read = [i for i in controller.inputs if i.role == "measurement" and symbol(i.name) in used]
+    read = [i for i in controller.inputs if symbol(i.name) in used]
     held = {symbol(i.name): symbol(f"{i.name}_read") for i in read}
     fields = controller.equations_with(held)
     return replace(

@@ -97,7 +97,7 @@ def test_with_other_values_it_runs_as_in_scipy():
 
 
 def test_sampled_it_runs_as_in_scipy():
-    """The command is computed at the instants, of the set-point's derivatives there, and held."""
+    """The command is computed at the instants, of the set-point and its derivatives there."""
     law = sampled(with_feed_forward(component("pid")))
     period, stop = 1e-3, 0.3
     times = np.arange(round(stop / period) + 1) * period
@@ -105,10 +105,10 @@ def test_sampled_it_runs_as_in_scipy():
     run = run_monolithic(loop, period)
     y, positions = np.zeros(3), [0.0]
     for t in times[:-1]:
-        u, read = own_command(t, *y, WRONG), y[0]
+        u, error = own_command(t, *y, WRONG), wanted(t)[0] - y[0]
 
-        def rates(s, y, u=u, read=read):
-            return [y[1], own_rate(y[1], u), wanted(s)[0] - read]
+        def rates(s, y, u=u, error=error):
+            return [y[1], own_rate(y[1], u), error]
 
         y = solve_ivp(rates, (t, t + period), y, "LSODA", rtol=1e-11, atol=1e-13).y[:, -1]
         positions.append(y[0])

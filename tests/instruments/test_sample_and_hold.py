@@ -37,6 +37,25 @@ def test_a_held_command_is_the_continuous_law_at_the_last_sample() -> None:
     assert held.outputs(0.0, held.x)["u"] == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("name", ["pid", "iol_observed", "nctf", "p_pi", "pid+feed_forward"])
+def test_what_a_set_point_does_between_two_samples_changes_nothing(name: str) -> None:
+    def course(between: float) -> list[float]:
+        model = Model(generate(sampled(component(name))))
+        given = {i.name: 1e-4 for i in model.kernel.inputs if i.name in ("x_d", "v_d", "a_d")}
+        commands = []
+        for k in range(40):
+            for signal, value in given.items():
+                model.set_input(signal, value * (k + 1))
+            model.sample(k * 1e-3)
+            commands.append(model.outputs(k * 1e-3, model.x)["u"])
+            for signal, value in given.items():
+                model.set_input(signal, value * (k + 1) * between)
+            model.advance(k * 1e-3, (k + 1) * 1e-3)
+        return commands
+
+    assert course(1.3) == course(1.0)
+
+
 def test_the_sampled_loop_goes_to_the_continuous_one_in_the_first_order() -> None:
     def end(controller: Component) -> float:
         model = Model(loop_kernel("plant_classical", controller))
