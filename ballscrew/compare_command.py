@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from .console import Stages
 from .options import TRUSTED, BadRequest, out_folder
 from .params_option import bad_parameters
-from .record_options import add_record_options, read_record_options
+from .record_options import add_record_options, print_notes, read_record_options
 from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
@@ -82,11 +81,13 @@ def _compare(options: argparse.Namespace) -> int:
         progress.finish()
     if options.out is not None:
         save_results(options.out, result.save)
-    print(json.dumps(finite_or_null(result.to_dict())) if options.json else table(result))
+    if options.json:
+        print(json.dumps(finite_or_null(result.to_dict())))
+    else:
+        print(result.say(table(result)))
     if options.out is not None and not options.json:
         print(f"compare.json and compare.png in {options.out}")
-    for note in result.notes:
-        print(f"note: {note}", file=sys.stderr)
+    print_notes(result.notes, options.json)
     return TRUSTED
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from .console import Stages
 from .options import NOT_TRUSTED, TRUSTED, BadRequest, check_name, out_folder
 from .params_option import add_params, bad_parameters, read_params
-from .record_options import add_record_options, read_record_options
+from .record_options import add_record_options, print_notes, read_record_options
 from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
@@ -136,12 +135,13 @@ def _diagnose(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(result.to_dict()))
     else:
-        print(_diagnosis_table(result, extension, section, options.out))
+        from .records.turning_words import words_for
+
+        print(words_for(result.notes)(_diagnosis_table(result, extension, section, options.out)))
     notes = [*result.notes, *([extension.because] if extension.because else [])]
     if does_not_hold(result):
         notes.append(DOES_NOT_HOLD)
-    for note in notes:
-        print(f"note: {note}", file=sys.stderr)
+    print_notes(notes, options.json)
     return TRUSTED if result.verdict in (EXPLAINED, NONE) else NOT_TRUSTED
 
 

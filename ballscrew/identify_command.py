@@ -20,7 +20,7 @@ from .options import (
 )
 from .params_option import add_params, bad_parameters, read_params
 from .plant import LAWS
-from .record_options import add_record_options, read_record_options
+from .record_options import add_record_options, print_notes, read_record_options
 from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
@@ -135,29 +135,32 @@ def _identify(options: argparse.Namespace) -> int:
         )
     except BadRecord as error:
         raise BadRequest(str(error)) from error
+    from .records.turning_words import words_for
     from .results.identified_law import IdentifiedLaw
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
     result = identify(records, options.law, told, fixed, options.offset, fit_mass)
     save_results(options.out, IdentifiedLaw.of(result).save)
+    words = words_for(result.notes)
     if options.json:
         print(json.dumps(result.to_dict()))
     else:
-        print(_intervals_table(result))
+        print(words(_intervals_table(result)))
         print(f"identified.json, parameters.toml, friction_map and residuals in {options.out}")
-    for note in result.notes:
-        print(f"note: {note}", file=sys.stderr)
+    print_notes(result.notes, options.json)
     for name, interval in result.parameters.items():
         if not interval.identified:
             print(
-                f"{name} cannot be identified from these trials, because {interval.because}; "
-                f"{interval.would_do}",
+                words(
+                    f"{name} cannot be identified from these trials, because {interval.because}; "
+                    f"{interval.would_do}"
+                ),
                 file=sys.stderr,
             )
     for warning in result.warnings:
         if warning.split(":")[0] not in result.parameters:
-            print(f"not trusted: {warning}", file=sys.stderr)
+            print(words(f"not trusted: {warning}"), file=sys.stderr)
     return TRUSTED if result.trusted else NOT_TRUSTED
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -83,3 +84,16 @@ def read_record_options(options: argparse.Namespace) -> RecordOptions:
     if lead is not None and not 0 < lead < math.inf:
         raise BadRequest(f"--lead is {options.lead}, expected a number of metres above 0")
     return RecordOptions(mapping, units, lead)
+
+
+def print_notes(notes: Sequence[str], as_json: bool) -> None:
+    """Notes for the user; what stands for what in a body that turns is for readers of JSON."""
+    from .orchestration.parameter_file import TURNS
+    from .records.turning_words import words_for
+
+    words = words_for(notes)
+    for note in notes:
+        if note != TURNS:
+            print(f"note: {words(note)}", file=sys.stderr)
+        elif as_json:
+            print(f"note: {note}", file=sys.stderr)

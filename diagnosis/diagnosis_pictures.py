@@ -6,13 +6,16 @@ what zooming changes; lines keep their width, and the ticks are drawn anew.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.pictures import COLOURS, STYLE, drawing, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, STYLE, drawing, in_words, new_figure, write_figure
+from ..records.turning_words import words_for
 from .closed_loop_effect import SETPOINT, ClosedLoopEffect
 from .diagnosis import Curves, Diagnosis
 from .page_pictures import Line, Picture, level, thinned
@@ -68,6 +71,20 @@ def end_to_end(curves: Curves) -> Vector:
         time[k:] += time[k - 1] + (time[k - 1] - time[k - 2]) - time[k]
     time[ends - 1] = np.nan
     return time
+
+
+def said(pictures: Iterable[Picture], words: Callable[[str], str]) -> list[Picture]:
+    """The pictures with all their texts as `words` puts them."""
+    return [
+        replace(
+            p,
+            title=words(p.title),
+            says=words(p.says),
+            x_label=words(p.x_label),
+            y_label=words(p.y_label),
+        )
+        for p in pictures
+    ]
 
 
 def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
@@ -234,7 +251,8 @@ def save_pictures(diagnosis: Diagnosis, folder: Path) -> None:
     OSError
         If they cannot be written.
     """
-    write_figure(diagnosis_figure(diagnosis), folder, "diagnosis")
+    words = words_for(diagnosis.notes)
+    write_figure(in_words(diagnosis_figure(diagnosis), words), folder, "diagnosis")
 
 
 def diagnosis_figure(diagnosis: Diagnosis) -> Any:

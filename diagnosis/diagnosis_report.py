@@ -9,12 +9,13 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from ..records.turning_words import page_in_turning_units, words_for
 from ..solver.files import write_atomically
 from . import report_words as words
 from .causes import CAUSES
 from .closed_loop_effect import CONTROLLER, SETPOINT, STOP, ClosedLoopEffect
 from .diagnosis import Diagnosis, names_of
-from .diagnosis_pictures import pictures_of, pictures_of_loop
+from .diagnosis_pictures import pictures_of, pictures_of_loop, said
 from .experiment_motions import COMMAND_FILE
 from .page_pictures import plotly_figure
 
@@ -52,8 +53,11 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
     from plotly.offline import get_plotlyjs
 
     effect, kind = closed_loop.effect, diagnosis.prior.kind
-    pictures, loop_pictures = pictures_of(diagnosis), pictures_of_loop(effect) if effect else []
-    return (
+    turns = diagnosis.prior.turns
+    words_of_it = words_for(diagnosis.notes)
+    pictures = said(pictures_of(diagnosis), words_of_it)
+    loop_pictures = said(pictures_of_loop(effect) if effect else [], words_of_it)
+    page = (
         _environment(diagnosis.prior.units)
         .get_template(_TEMPLATE)
         .render(
@@ -82,7 +86,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             ],
             plotly=get_plotlyjs(),
             noise=_NOISE,
-            kind=_KINDS.get(kind, kind),
+            kind="body that turns, by a torque" if turns else _KINDS.get(kind, kind),
             controller=CONTROLLER,
             setpoint=SETPOINT,
             stop=STOP,
@@ -90,6 +94,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             version=version("ballscrew"),
         )
     )
+    return page_in_turning_units(page) if turns else page
 
 
 def _environment(units: Mapping[str, str]) -> Environment:

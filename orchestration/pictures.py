@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -96,6 +96,15 @@ def write_figure(figure: Any, folder: Path, stem: str) -> None:
         with mpl.rc_context(STYLE):
             figure.savefig(stream, format=kind, metadata={"Date": None} if kind == "svg" else {})
         write_atomically(folder / f"{stem}.{kind}", stream.getvalue())
+
+
+def in_words(figure: Any, words: Callable[[str], str]) -> Any:
+    """The figure with all its text as `words` puts it."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_text(words(text.get_text()))
+    return figure
 
 
 @cache

@@ -8,7 +8,8 @@ from html import escape
 from pathlib import Path
 from typing import Any, Self
 
-from ..orchestration.pictures import drawing, write_figure
+from ..orchestration.pictures import drawing, in_words, write_figure
+from ..records.turning_words import words_for
 
 
 class Result:
@@ -52,21 +53,25 @@ class Result:
         if pictures:
             with drawing():
                 for stem, figure in self.pictures().items():
-                    write_figure(figure, folder, stem)
+                    write_figure(in_words(figure, self.say), folder, stem)
 
     def plot(self) -> Any:
         """The figure that tells most, a `matplotlib.figure.Figure`."""
-        return next(iter(self.pictures().values()))
+        return in_words(next(iter(self.pictures().values())), self.say)
+
+    def say(self, text: str) -> str:
+        """A text for a reader, in N*m and rad if this is of a body that turns."""
+        return words_for(getattr(self, "notes", ()))(text)
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.headline()}>"
+        return f"<{type(self).__name__}: {self.say(self.headline())}>"
 
     def _repr_html_(self) -> str:
         rows = "".join(
-            f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>"
+            f"<tr><td>{escape(name)}</td><td>{escape(self.say(value))}</td></tr>"
             for name, value in self.facts()
         )
-        return f"<p><b>{escape(self.headline())}</b></p><table>{rows}</table>"
+        return f"<p><b>{escape(self.say(self.headline()))}</b></p><table>{rows}</table>"
 
 
 def table_of(data: Any, index: str | None = None) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import fmpy
 import numpy as np
@@ -347,9 +348,11 @@ def test_inertia_and_friction_of_a_body_that_turns_come_from_its_record(tmp_path
     record, out = write_joint(tmp_path / "record.csv"), tmp_path / "out"
     columns = ("--map", "angle=x", "--map", "torque=force", "--params", start)
     fit = ("--law", "classical", "--mass", "fit", "--fix", "Vs=0.01", "--out", out)
-    code, _, said = run("identify", record, *columns, *fit)
+    code, printed, said = run("identify", record, *columns, *fit)
     assert code in (0, 1)
-    assert "N stands for N*m here" in said
+    assert "N stands for N*m here" not in said
+    assert re.search(r"^J .* kg\*m\^2$", printed, re.MULTILINE)
+    assert " N*m, unexplained" in printed
     file = read_parameters(out / "parameters.toml")
     assert (file.kind, file.command) == ("rotary_drive", "torque")
     assert file.plant["J"].value == pytest.approx(0.5, rel=0.01)
@@ -373,11 +376,19 @@ def test_a_body_that_turns_is_compared_and_diagnosed(tmp_path):
     code, printed, said = run("compare", healthy, *given, "--json")
     assert code == 0
     assert "N stands for N*m here" in said
+    _, printed, said = run("compare", healthy, *given)
+    assert "force [N*m], rms" in printed
+    assert "position within 1 s [mrad], rms" in printed
+    assert "N stands for" not in said
     code, printed, _ = run("diagnose", healthy, *given, "--json", "--out", tmp_path / "a")
     assert json.loads(printed)["verdict"] == "none"
     code, printed, _ = run("diagnose", loaded, *given, "--json", "--out", tmp_path / "b")
     (cause,) = json.loads(printed)["causes"]
     assert cause["name"] in ("load_bias", "direction_asymmetry")
+    page = (tmp_path / "b" / "report.html").read_text()
+    shown = re.sub(r"<(script|style).*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
+    assert re.findall(r"\d N\*m rms", shown)
+    assert not re.findall(r"\d (?:N|mm|m/s|kg)\b(?!\*)", shown)
     file = read_parameters(tmp_path / "b" / "parameters.toml")
     assert (file.kind, file.plant["J"].unit) == ("rotary_drive", "kg*m^2")
     description = fmpy.read_model_description(str(tmp_path / "b" / "extended_plant.fmu"))
