@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from html import escape
 from pathlib import Path
@@ -53,15 +53,19 @@ class Result:
         if pictures:
             with drawing():
                 for stem, figure in self.pictures().items():
-                    write_figure(in_words(figure, self.say), folder, stem)
+                    write_figure(in_words(figure, self._words), folder, stem)
 
     def plot(self) -> Any:
         """The figure that tells most, a `matplotlib.figure.Figure`."""
-        return in_words(next(iter(self.pictures().values())), self.say)
+        return in_words(next(iter(self.pictures().values())), self._words)
 
     def say(self, text: str) -> str:
         """A text for a reader, in N*m and rad if this is of a body that turns."""
-        return words_for(getattr(self, "notes", ()))(text)
+        return self._words(text)
+
+    @property
+    def _words(self) -> Callable[[str], str]:
+        return words_for(getattr(self, "notes", ()))
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.say(self.headline())}>"
