@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from .sobol import sobol_shares
 from .variation import Variation, read_variation
 
 VERSION = 1
+Own = Callable[[str], tuple[dict[str, float], dict[str, tuple[float, float]]]]
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Entrant:
     component : str
         A name of the catalogue, or ``file.py:function``; either with ``+feed_forward``.
     values : dict of str to float
-        Parameters that are not default and stay.
+        Parameters that are not default and stay, and what those that are tuned begin with.
     tune : dict of str to (float, float)
         Parameters that are tuned, and their ranges; where a plan does not say which, those of
         `tunable` that `values` leaves.
@@ -267,9 +268,10 @@ def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
             "motor's amplifier, N where the command is a force; rename it"
         )
     check_names("the study", table, known)
+    own = cache(partial(_own, dict(table), machine)) if machine else None
     plan = Plan(
         plant=str(table.pop("plant", "plant")),
-        entrants=tuple(_entrant(name, given) for name, given in controllers.items()),
+        entrants=tuple(_entrant(n, given, own) for n, given in controllers.items()),
         duties=tuple(_duty(k, given, machine) for k, given in enumerate(duties)),
         variations=tuple(read_variation(given) for given in variations),
         tuning=_tuning(tuning, limits),
@@ -289,14 +291,39 @@ def _part(table: dict[str, Any], name: str, kind: type) -> Any:
     return found
 
 
-def _entrant(name: str, given: Any) -> Entrant:
+def _own(
+    table: Mapping[str, Any], values: Mapping[str, float], component: str
+) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """What a controller knows of a machine and begins with, and the ranges of its gains there."""
+    from ...fmus.catalogue import in_units_of
+    from ..limits import BadParameter
+    from ..machine import Machine, gain_ranges, limit_of, model_values
+    from ..parts import Part
+
+    if not tunable(component):  # of a file of the user's, which says it all itself
+        return {}, {}
+    try:
+        plant = Part(table["plant"])
+        limit = limit_of(plant, values, table.get("command_limit"))
+        machine = Machine(plant, values, limit)
+        controller = Part(in_units_of(component, plant.name))
+        ranges, start = gain_ranges(controller, machine)
+        return {**model_values(controller, machine), **start}, ranges
+    except BadParameter as error:
+        raise BadPlan(str(error).replace("--limit", "command_limit")) from error
+
+
+def _entrant(name: str, given: Any, machine: Own | None = None) -> Entrant:
+    """A controller as the plan has it; of a `machine`, with what is known of that."""
     where = f"controllers.{name}"
     given = as_table(where, given)
     check_names(where, given, ("component", "values", "tune"))
     component = str(given.get("component", name))
     values = as_numbers(f"{where}.values", as_table(f"{where}.values", given.get("values", {})), {})
-    own = {n: r for n, r in tunable(component).items() if n not in values}
+    known, own = machine(component) if machine else ({}, tunable(component))
+    own = {n: r for n, r in own.items() if n not in values}
     ranges = as_table(f"{where}.tune", given.get("tune", own))
+    values = {**known, **values}
     return Entrant(name, component, values, {n: as_range(where, n, r) for n, r in ranges.items()})
 
 

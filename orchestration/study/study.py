@@ -345,7 +345,7 @@ def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str
         return total / (len(plan.tuning_duties) * len(draws))
 
     defaults = {p.name: p.default for p in loop.kernel.parameters}
-    published = {n: defaults[CONTROLLER + n] for n in entrant.tune}
+    published = {n: entrant.values.get(n, defaults[CONTROLLER + n]) for n in entrant.tune}
     number = [e.name for e in plan.entrants].index(entrant.name)
     random = [plan.seed, number, seed]
     return asdict(tune(cost, published, entrant.tune, plan.tuning.budget, random))

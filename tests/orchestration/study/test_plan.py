@@ -139,6 +139,9 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
         read_plan(tmp_path / "none.toml")
 
 
+FORWARD = '[controllers.pid]\ncomponent = "pid+feed_forward"'
+
+
 def test_what_is_given_a_value_is_not_tuned_unless_the_plan_says_so(tmp_path):
     forward = '[controllers.pid]\ncomponent = "pid+feed_forward"\nvalues = {Kfff = 0.0}'
     given = GOOD.replace("[controllers.pid]\ntune = {Kp = [10.0, 3000.0]}", forward)
@@ -152,7 +155,7 @@ def test_a_study_of_a_machine_has_the_plant_and_the_values_of_its_file(tmp_path)
     (tmp_path / "machine.toml").write_text(
         'kind = "drive"\ncommand = "force"\nlaw = "lugre"\n[plant]\nm = 40.0\nFc = 80.0\n'
     )
-    text = 'params = "machine.toml"\n' + GOOD.replace(
+    text = 'params = "machine.toml"\ncommand_limit = 500.0\n' + GOOD.replace(
         "stop = 1.0\n", "stop = 1.0\nplant = {m = 50}\n"
     )
     plan = plan_of(tmp_path, text)
@@ -161,3 +164,28 @@ def test_a_study_of_a_machine_has_the_plant_and_the_values_of_its_file(tmp_path)
     assert all(d.plant["Fs"] == 80.0 for d in plan.duties)  # as the file has no break-away force
     with pytest.raises(BadPlan, match=r"study.toml: params: .*none.toml"):
         plan_of(tmp_path, 'params = "none.toml"\n' + GOOD)
+
+
+def test_controllers_of_a_machine_begin_with_what_it_is_and_are_tuned_where_it_needs(tmp_path):
+    """The gains are in N for each metre, 4 times as large for 4 times the mass and friction."""
+
+    def entrant(factor):
+        (tmp_path / "machine.toml").write_text(
+            'kind = "drive"\ncommand = "force"\nlaw = "lugre"\n[plant]\n'
+            f"m = {10 * factor}\nFc = {20 * factor}\nsigma2 = {100 * factor}\n"
+        )
+        text = GOOD.replace("[controllers.pid]\ntune = {Kp = [10.0, 3000.0]}", FORWARD)
+        head = f'params = "machine.toml"\ncommand_limit = {100.0 * factor}\n'
+        return plan_of(tmp_path, head + text).entrants[0]
+
+    one, four = entrant(1.0), entrant(4.0)
+    assert one.values["Kaff"] == pytest.approx(10.0, rel=0.05)
+    assert one.values["Kvff"] == pytest.approx(100.0, rel=0.05)
+    for name in ("Kvff", "Kaff", "Kfff", "Kp"):
+        assert four.values[name] == pytest.approx(4 * one.values[name], rel=0.02)
+    low, high = one.tune["Kp"]
+    assert four.tune["Kp"] == pytest.approx((4 * low, 4 * high), rel=0.02)
+    assert low < one.values["Kp"] < high
+    without = 'params = "machine.toml"\n' + GOOD.replace("tune = {Kp = [10.0, 3000.0]}", "")
+    with pytest.raises(BadPlan, match="has no limit of its command; give command_limit"):
+        plan_of(tmp_path, without)
