@@ -36,9 +36,9 @@ from worlds import HELD_BACK, WORLDS, Unusable  # noqa: E402
 from worlds_trials import VISIBLE, Trial, drawn, plan_trials, right_names, share  # noqa: E402
 
 from ballscrew.diagnosis import bands, modelled_record, scores, study  # noqa: E402
-from ballscrew.orchestration.workers import Processes  # noqa: E402
 from ballscrew.records.bad_record import BadRecord  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
+from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count  # noqa: E402
 
 
 def _in_sample(fit: Callable[..., study.Fit]) -> Callable[..., study.Fit]:
@@ -149,14 +149,15 @@ def main() -> int:
     parser.add_argument("--effects", type=int, default=24, help="records of every world")
     parser.add_argument("--first-seed", type=int, default=976000)
     parser.add_argument("--records", type=int, default=90, help="of all of these")
-    parser.add_argument("--workers", type=int, default=2)
+    add_worker_options(parser)
     options = parser.parse_args()
     worlds = tuple(w for w in WORLDS if w not in HELD_BACK)
     plan = plan_trials(0, options.first_seed, worlds, (options.faultless, options.effects))
     trials = random.Random(0).sample(plan, options.records)
     jobs = iter([(t.key, (t,)) for t in trials])
+    workers = open_workers(options, read_worker_count(options))
     rows = []
-    for done, (_, row) in enumerate(Processes(options.workers).map(answers_of, jobs), 1):
+    for done, (_, row) in enumerate(workers.map(answers_of, jobs), 1):
         if row is not None:
             rows.append(row)
         print(f"\r{done} of {len(trials)}", end="", file=sys.stderr)

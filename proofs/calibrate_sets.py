@@ -48,9 +48,9 @@ from worlds_trials import (  # noqa: E402
 from ballscrew.diagnosis.scores import OUTSIDE, Catalogue, scored  # noqa: E402
 from ballscrew.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
 from ballscrew.diagnosis.study import study_of  # noqa: E402
-from ballscrew.orchestration.workers import Processes  # noqa: E402
 from ballscrew.records.bad_record import BadRecord  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
+from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count  # noqa: E402
 
 COVERAGE = 0.95
 OF_FAULTLESS = 0.03
@@ -355,7 +355,7 @@ def main() -> int:
     parser.add_argument("--faultless", type=int, default=60, help="records of every world")
     parser.add_argument("--effects", type=int, default=120, help="records of every world")
     parser.add_argument("--first-seed", type=int, default=940000)
-    parser.add_argument("--workers", type=int, default=2)
+    add_worker_options(parser)
     parser.add_argument(
         "--rows", type=Path, default=ROWS, help="kept rows; those there are not drawn again"
     )
@@ -381,8 +381,9 @@ def main() -> int:
         trials = [t for t in plan if (t.world, t.effect, t.seed) not in have]
         options.rows.parent.mkdir(parents=True, exist_ok=True)
         jobs = iter([(t.key, (t,)) for t in trials])
+        workers = open_workers(options, read_worker_count(options))
         with options.rows.open("a", encoding="utf-8") as kept:
-            for done, (_, row) in enumerate(Processes(options.workers).map(row_of, jobs), 1):
+            for done, (_, row) in enumerate(workers.map(row_of, jobs), 1):
                 rows.append(row)
                 kept.write(json.dumps(asdict(row)) + "\n")
                 kept.flush()

@@ -33,9 +33,9 @@ from worlds_trials import VISIBLE, Trial, plan_trials, right_names, share
 from ballscrew.diagnosis.diagnose import diagnose
 from ballscrew.diagnosis.diagnosis import Diagnosis
 from ballscrew.orchestration.parameter_file import BadParameters
-from ballscrew.orchestration.workers import Processes
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.solver.files import write_json
+from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "diagnosis_loop.json"
@@ -194,7 +194,7 @@ def main() -> int:
     parser.add_argument("--effects", type=int, default=120, help="records of every world")
     parser.add_argument("--first-seed", type=int, default=960000)
     parser.add_argument("--held-back", action="store_true", help="the worlds never calibrated with")
-    parser.add_argument("--workers", type=int, default=2)
+    add_worker_options(parser)
     parser.add_argument("--rows", type=Path, default=ROWS, help="kept rows, not drawn again")
     parser.add_argument("--out", type=Path, default=TARGET)
     options = parser.parse_args()
@@ -208,7 +208,8 @@ def main() -> int:
     options.rows.parent.mkdir(parents=True, exist_ok=True)
     with options.rows.open("a", encoding="utf-8") as kept:
         jobs = iter([(t.key, (t,)) for t in trials])
-        for done, (_, row) in enumerate(Processes(options.workers).map(row_of, jobs), 1):
+        workers = open_workers(options, read_worker_count(options))
+        for done, (_, row) in enumerate(workers.map(row_of, jobs), 1):
             rows.append(row)
             kept.write(json.dumps(asdict(row)) + "\n")
             kept.flush()

@@ -14,11 +14,8 @@ to four samples late or early: all that `identify` says of law, mass and time is
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 from pathlib import Path
 
 from provenance import provenance
@@ -32,6 +29,7 @@ from synthetic.rigs import (
 
 from ballscrew.identification.fitted_law import LAWS
 from ballscrew.solver.files import write_json
+from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "identification.json"
@@ -121,35 +119,35 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--laws", nargs="+", default=list(LAWS), choices=list(LAWS))
     parser.add_argument("--groups", nargs="+", default=list(GROUPS), choices=list(GROUPS))
-    parser.add_argument("--processes", type=int, default=min(2, os.cpu_count() or 1))
+    add_worker_options(parser)
     parser.add_argument("--out", type=Path, default=TARGET)
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.rigs)
     report: dict[str, object] = {**provenance("identification"), "stated": STATED}
     held = True
-    with ProcessPoolExecutor(max_workers=options.processes) as pool:
-        for group in options.groups:
-            laws: dict[str, object] = {}
-            report[group] = laws
-            for law in options.laws:
-                if group != "closed_loop" and law not in PRESCRIBED:
-                    continue
-                outcomes: list[Outcome] = []
-                results = pool.map(partial(GROUPS[group], law), seeds, chunksize=1)
-                for done, result in enumerate(results, start=1):
-                    outcomes += result
-                    if done % OFTEN == 0 or done == options.rigs:
-                        print(f"{group}, {law}: {done} of {options.rigs}", file=sys.stderr)
-                        laws[law] = report_of(outcomes)
-                        write_json(options.out, report)
-                print(f"{group}, {law}")
-                for name, row in by_parameter(outcomes).items():
-                    print(
-                        f"{name:<12}{row['covered']:>4} of {row['rigs']}, "
-                        f"identified {row['identified']:>4}, "
-                        f"half width {row['median_half_width'] or 0:.3g}"
-                    )
-                    held &= bool(row["holds_stated_rate"])
+    workers = open_workers(options, read_worker_count(options))
+    for group in options.groups:
+        laws: dict[str, object] = {}
+        report[group] = laws
+        for law in options.laws:
+            if group != "closed_loop" and law not in PRESCRIBED:
+                continue
+            outcomes: list[Outcome] = []
+            jobs = iter([(str(seed), (law, seed)) for seed in seeds])
+            for done, (_, result) in enumerate(workers.map(GROUPS[group], jobs), start=1):
+                outcomes += result
+                if done % OFTEN == 0 or done == options.rigs:
+                    print(f"{group}, {law}: {done} of {options.rigs}", file=sys.stderr)
+                    laws[law] = report_of(sorted(outcomes, key=lambda o: o.seed))
+                    write_json(options.out, report)
+            print(f"{group}, {law}")
+            for name, row in by_parameter(outcomes).items():
+                print(
+                    f"{name:<12}{row['covered']:>4} of {row['rigs']}, "
+                    f"identified {row['identified']:>4}, "
+                    f"half width {row['median_half_width'] or 0:.3g}"
+                )
+                held &= bool(row["holds_stated_rate"])
     return 0 if held else 1
 
 

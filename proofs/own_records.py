@@ -19,7 +19,6 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -30,6 +29,7 @@ from ballscrew.cli import main as ballscrew
 from ballscrew.diagnosis.diagnose import diagnose
 from ballscrew.rig.rig_trials import trials_named
 from ballscrew.solver.files import write_atomically
+from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "own_records.json"
@@ -124,18 +124,20 @@ def trial(task: tuple[str, int]) -> list[Row]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    add_worker_options(parser)
     parser.add_argument("--every", type=int, default=1, help="of so many commands one only")
     parser.add_argument("--out", type=Path, default=TARGET)
     options = parser.parse_args()
     tasks = [("run", k) for k in range(RUNS)] + [("swap", 100 + k) for k in range(SWAPS)]
     tasks += [("rig", k) for k in range(TRIALS)]
     rows: list[Row] = []
-    with ProcessPoolExecutor(options.workers) as pool:
-        for some in pool.map(trial, tasks[:: options.every]):
-            rows += some
-            for row in some:
-                print(f"{row.record}: {row.verdict} {row.named} {row.message}", file=sys.stderr)
+    jobs = iter([(f"{kind} {k}", ((kind, k),)) for kind, k in tasks[:: options.every]])
+    workers = open_workers(options, read_worker_count(options))
+    for _, some in workers.map(trial, jobs):
+        rows += some
+        for row in some:
+            print(f"{row.record}: {row.verdict} {row.named} {row.message}", file=sys.stderr)
+    rows.sort(key=lambda row: row.record)  # they come as they are finished
     named = [r for r in rows if r.named]
     report = {
         **provenance("own_records"),
