@@ -96,6 +96,7 @@ def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
     told = read_params(options)
     law = options.law or (told and told.law) or DEFAULT_LAW
     from .rig.machine import machine_of
+    from .rig.setup import set_up
 
     with _bad_rig():
         machine = machine_of(law, values, told)
@@ -104,6 +105,9 @@ def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
     trials = _trials(options.trials, machine)
     if options.export and len(trials) > 1:
         raise BadRequest(f"--export takes one TRIAL, as in 2.4/7; these are {len(trials)}")
+    with _bad_rig():  # before the first of many is run
+        for trial in trials:
+            set_up(trial, machine, values, told=told)
     prepare_folder(options.out, [options.params])
     from .results.rig_record import RigRecord
     from .rig.bench import run_trial

@@ -152,11 +152,12 @@ class Machine:
     def trials(self) -> dict[str, Trial]:
         """All trials by name, in its size."""
         own = self.sizes
-        loading = (
-            None if self.is_axis else partial(_load, self.values["gain"], self.values["offset"])
-        )
         shares = own["speed"] / FASTEST, own["force"] / BREAK_AWAY
-        return trials_of(Sizes(*shares, own["travel"], self.words, self.is_axis, loading))
+        sizes = Sizes(*shares, own["travel"], self.words, self.is_axis)
+        if not self.is_axis:
+            load = partial(_load, self.values["gain"], self.values["offset"])
+            sizes = replace(sizes, loading=load)
+        return trials_of(sizes)
 
     @property
     def noise(self) -> Noise:
