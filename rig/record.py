@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,7 +85,8 @@ class TrialRecord:
             "note": self.trial.note,
             "kind": self.machine.kind,
             "law": self.law,
-            "parameters": self.parameters,
+            # without sizes that nobody said: a travel without end, a velocity of no trial
+            "parameters": {n: v for n, v in self.parameters.items() if math.isfinite(v)},
             **self.settings,
             "not_trusted": self.notes,
         }

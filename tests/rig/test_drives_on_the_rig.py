@@ -5,7 +5,9 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from diagnosed import run
@@ -224,6 +226,9 @@ def test_the_parameters_written_give_the_same_record_again(files, tmp_path):
     again = ballscrew.run_trial("2.6/6", params=tmp_path / "parameters.toml", seed=1)
     for name, values in first.record.items():
         np.testing.assert_array_equal(again.record[name], values)
+    about = json.loads((tmp_path / "trial.json").read_text())
+    schema = Path(__file__).parents[2] / "docs" / "reference" / "schemas" / "trial.json"
+    jsonschema.validate(about, json.loads(schema.read_text()))
     text = (tmp_path / "record.csv").read_text().splitlines()[0]
     assert text.startswith("time [s],x [rad],force [N*m],u [N*m],v_ref [rad/s]")
     written = ballscrew.read_parameters(tmp_path / "parameters.toml")
