@@ -56,13 +56,14 @@ Fs = 2.5
 sigma2 = 1.5
 Vs = 0.05
 """
+AMPS = JOINT.replace("torque", "current").replace("gain = 1.0", "gain = -2.0")
 STEP = 0.005  # s, of the rig's program
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("machines")
-    for name, text in (("linear", LINEAR), ("joint", JOINT)):
+    for name, text in (("linear", LINEAR), ("joint", JOINT), ("amps", AMPS)):
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
     return folder
 
@@ -288,7 +289,7 @@ def test_what_was_put_in_is_identified(files, tmp_path, name, law, truth, not_to
     )
 
 
-@pytest.mark.parametrize("name", ["linear", "joint"])
+@pytest.mark.parametrize("name", ["linear", "joint", "amps"])
 def test_by_the_true_file_nothing_is_wrong(files, tmp_path, name):
     given = ("--params", files / f"{name}.toml")
     assert run("rig", "2.6/6", *given, "--out", tmp_path / "rig")[0] == 0
