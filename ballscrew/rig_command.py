@@ -181,7 +181,8 @@ def _list(machine: Machine, values: dict[str, float], told: ParameterFile | None
 
     for trial in machine.trials.values():
         try:
-            set_up(trial, machine, values, told=told)
+            if not machine.is_axis:  # for that all of them are made
+                set_up(trial, machine, values, told=told)
             print(trial.line())
         except BadRig as error:
             print(f"{trial.name:<16}refused: {error}")
