@@ -650,20 +650,27 @@ def tune(  # noqa: PLR0913
 
 
 def run_trial(
-    trial: str, law: str = "modified_lugre", seed: int = 0, values: Values | None = None
+    trial: str,
+    law: str | None = None,
+    seed: int = 0,
+    values: Values | None = None,
+    params: Path | str | None = None,
 ) -> RigRecord:
-    """Run a trial of the thesis on the virtual test rig, and record it with its instruments.
+    """Run a trial on the virtual test rig, and record it with its instruments.
 
     Parameters
     ----------
     trial : str
         A trial's name, such as ``2.4/7``: Table 2.4, number 7.
     law : str
-        Friction law between block and table.
+        Friction law between block and table; default that of `params`, or ``modified_lugre``.
     seed : int
         Decides all noise.
     values : mapping of str to float, optional
-        Parameters that are not nominal, as ``plant.sigma0`` or ``encoder.counts``.
+        Parameters that are not nominal, as ``plant.sigma0``, ``encoder.counts`` or ``trial.speed``.
+    params : path-like, optional
+        Parameter file of the machine, which has the trials in its own size. Without it, the
+        thesis' axis.
 
     Returns
     -------
@@ -673,7 +680,7 @@ def run_trial(
     Raises
     ------
     ValueError
-        If there is no such trial, law or parameter.
+        If there is no such trial, law or parameter, or the trial means nothing for the machine.
 
     Examples
     --------
@@ -682,10 +689,13 @@ def run_trial(
     >>> sorted(record.record)[:3]
     ['force', 'force_filtered', 'force_ref']
     """
+    from .plant import DEFAULT_LAW
     from .results.rig_record import RigRecord
     from .rig.bench import run_trial as recorded
 
-    return RigRecord.of(recorded(trial, law, values, seed))
+    told = None if params is None else read_parameters(params)
+    law = law or (told and told.law) or DEFAULT_LAW
+    return RigRecord.of(recorded(trial, law, values, seed, told=told))
 
 
 def read_force_records(

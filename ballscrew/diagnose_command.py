@@ -280,7 +280,7 @@ def _diagnosis_table(
     if result.next_experiment is not None:
         lines.append(f"next experiment: {result.next_experiment.says}")
         lines.append(f"  {result.next_experiment.motion.says}: {_NEXT}")
-        lines.append(f"  {rig_command(result.next_experiment.trial)}")
+        lines.append(f"  {rig_command(result.next_experiment.trial, folder / _PARAMETERS)}")
     plant = f", {_FMU}" if extension.plant is not None else ""
     curves = table_path(folder, _CURVES).name
     lines.append(

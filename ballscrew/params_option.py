@@ -48,7 +48,8 @@ def read_params(options: argparse.Namespace) -> ParameterFile | None:
     from .orchestration.parameter_file import FILE_NAME
     from .orchestration.parameter_reading import read_parameters
 
-    if os.path.realpath(options.out / FILE_NAME) == os.path.realpath(options.params):
+    written = options.out and os.path.realpath(options.out / FILE_NAME)
+    if written == os.path.realpath(options.params):
         raise BadRequest(f"{options.params} would be overwritten by a result; choose another --out")
     with bad_parameters():
         return read_parameters(options.params)

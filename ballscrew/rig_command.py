@@ -1,10 +1,11 @@
-"""``ballscrew rig``: run trials of the thesis on the virtual test rig."""
+"""``ballscrew rig``: run trials of the thesis, or in a machine's size, on the virtual test rig."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +16,20 @@ from .plant import DEFAULT_LAW
 from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
+    from .orchestration.parameter_file import ParameterFile
+    from .rig.machine import Machine
     from .rig.rig_trials import Trial
 
 _EXAMPLES = """TRIAL is a table (2.2, 2.4, 2.6, 2.8, 2.10, 2.11), the constant velocities (2.3.1), a
-series (viscous, loading-rate, presliding), or one of its trials, as in 2.4/7.
+series (viscous, loading-rate, presliding), or one of its trials, as in 2.4/7. A machine of one's
+own, kind = "drive" or "rotary_drive" in FILE.toml, has the same trials in its own size. That is
+trial.speed, trial.force and trial.travel, which follow from its friction and from the limit of its
+command where nobody gives them.
 
 examples:
   ballscrew rig --list
+  ballscrew rig --list --params machine.toml
+  ballscrew rig viscous 2.4/7 --params machine.toml --set trial.travel=0.3 --out out/machine
   ballscrew rig 2.4/7 --law modified_lugre --out out/trial
   ballscrew rig 2.8 presliding --law lugre --set plant.sigma0=6e4 --seed 3 --out out/trials
   ballscrew rig 2.4/7 --params out/identified/parameters.toml --out out/again
@@ -35,27 +43,27 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     del parser_class
     parser = commands.add_parser(
         "rig",
-        help="run trials of the thesis on the virtual test rig",
+        help="run trials on the virtual test rig, with the thesis' axis or a drive of your own",
         description="Write what the rig's instruments would have recorded, and the truth beside "
-        "it. Exit code 1: recorded, but an instrument or the screw was past its range.",
+        "it. Exit code 1: recorded, but an instrument or the travel was past its range.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("trials", nargs="*", metavar="TRIAL", help="names of trials or tables")
-    add("--list", action="store_true", help="print all trials, one line each")
+    add("--list", action="store_true", help="print all trials of the machine, one line each")
     add(
         "--law",
         metavar="NAME",
         help=f"friction law between block and table (default that of --params, or {DEFAULT_LAW})",
     )
-    add_params(add, "values of the rig's plant and parts; --set wins over them")
+    add_params(add, "the machine, and values of the rig's parts; --set wins over them")
     add(
         "--set",
         action="append",
         default=[],
         metavar="PART.NAME=VALUE",
-        help="a parameter, such as plant.sigma0=6e4 or encoder.counts=2048",
+        help="a parameter, such as plant.sigma0=6e4, encoder.counts=2048 or trial.speed=0.1",
     )
     add("--seed", metavar="N", help="decides all noise (default 0)")
     add(
@@ -76,34 +84,35 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
 
     if options.list:
-        for name in ("trials", "law", "set", "seed", "params", "export", "out"):
+        for name in ("trials", "seed", "export", "out"):
             if getattr(options, name):
                 given = "a TRIAL" if name == "trials" else f"--{name}"
                 raise BadRequest(f"--list and {given}: expected one of them")
-        from .rig.rig_trials import TRIALS
-
-        for trial in TRIALS.values():
-            print(trial.line())
-        return TRUSTED
-    if not options.trials or options.out is None:
+    elif not options.trials or options.out is None:
         missing = "a TRIAL" if not options.trials else "--out DIR"
         raise BadRequest(f"{missing} is missing; ballscrew rig --list prints all trials")
-    trials = _trials(options.trials)
     seed = _seed(options.seed or "0")
     values = _values(options.set)
     told = read_params(options)
     law = options.law or (told and told.law) or DEFAULT_LAW
+    from .rig.machine import machine_of
+    from .rig.setup import set_up
+
+    with _bad_rig():
+        machine = machine_of(law, values, told)
+    if options.list:
+        return _list(machine, values, told)
+    trials = _trials(options.trials, machine)
     if options.export and len(trials) > 1:
         raise BadRequest(f"--export takes one TRIAL, as in 2.4/7; these are {len(trials)}")
+    with _bad_rig():  # before the first of many is run
+        for trial in trials:
+            set_up(trial, machine, values, told=told)
     prepare_folder(options.out, [options.params])
-    from .orchestration.parameter_file import BadParameters
-    from .plant.law import UnknownLaw
     from .results.rig_record import RigRecord
     from .rig.bench import run_trial
     from .rig.fmu_bench import export_trial
-    from .rig.setup import BadRig
     from .solver.kernel import IntegrationError
-    from .solver.tape import UnsupportedComponent
 
     if options.export:
         names: list[Path] = []
@@ -112,10 +121,8 @@ def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
             paths = export_trial(folder, trials[0], law, values, seed, told=told)
             names.extend(path.relative_to(folder) for path in paths)
 
-        try:
+        with _bad_rig():
             save_results(options.out, export)
-        except (BadRig, BadParameters, UnknownLaw, UnsupportedComponent) as error:
-            raise BadRequest(str(error)) from error
         print(*(options.out / name for name in names), sep="\n")
         return TRUSTED
     progress = Progress(sum(t.duration for t in trials))
@@ -141,9 +148,8 @@ def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
         progress.finish()
 
     try:
-        save_results(options.out, record)
-    except (BadRig, BadParameters, UnknownLaw, UnsupportedComponent) as error:
-        raise BadRequest(str(error)) from error
+        with _bad_rig():
+            save_results(options.out, record)
     except IntegrationError as error:
         raise BadRequest(f"{error}; a parameter makes no sense") from error
     for trial in trials:
@@ -154,11 +160,40 @@ def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
     return NOT_TRUSTED if any(notes.values()) else TRUSTED
 
 
-def _trials(names: list[str]) -> list[Trial]:
+@contextlib.contextmanager
+def _bad_rig() -> Iterator[None]:
+    """Turn a rig that makes no sense into one line for the user."""
+    from .orchestration.parameter_file import BadParameters
+    from .plant.law import UnknownLaw
+    from .rig.parameters import BadRig
+    from .solver.tape import UnsupportedComponent
+
+    try:
+        yield
+    except (BadRig, BadParameters, UnknownLaw, UnsupportedComponent) as error:
+        raise BadRequest(str(error)) from error
+
+
+def _list(machine: Machine, values: dict[str, float], told: ParameterFile | None) -> int:
+    """Print the machine's trials; of those that mean nothing for it, why."""
+    from .rig.parameters import BadRig
+    from .rig.setup import set_up
+
+    for trial in machine.trials.values():
+        try:
+            if not machine.is_axis:  # for that all of them are made
+                set_up(trial, machine, values, told=told)
+            print(trial.line())
+        except BadRig as error:
+            print(f"{trial.name:<16}refused: {error}")
+    return TRUSTED
+
+
+def _trials(names: list[str], machine: Machine) -> list[Trial]:
     from .rig.rig_trials import UnknownTrial, trials_named
 
     try:
-        found = [trial for name in names for trial in trials_named(name)]
+        found = [trial for name in names for trial in trials_named(name, machine.trials)]
     except UnknownTrial as error:
         raise BadRequest(str(error)) from error
     return list({trial.name: trial for trial in found}.values())

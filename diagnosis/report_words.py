@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 from .diagnosis import (
     EXPLAINED,
@@ -139,9 +140,9 @@ def does_not_hold(diagnosis: Diagnosis) -> bool:
     return found and not holds(diagnosis.gain_interval, *levels)
 
 
-def rig_command(trial: str) -> str:
-    """The command that makes a trial on the virtual rig."""
-    return f"ballscrew rig {trial} --out out/next"
+def rig_command(trial: str, params: Path | str = "parameters.toml") -> str:
+    """The command that makes a trial on the virtual rig, in the size of the corrected machine."""
+    return f"ballscrew rig {trial} --params {params} --out out/next"
 
 
 def length(metres: float) -> str:

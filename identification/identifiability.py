@@ -7,8 +7,9 @@ enough is named.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,15 +22,17 @@ from .layout import StackedRecords
 from .likelihood import Problem
 from .lugre_dynamics import assumed_damping
 from .optimizer import Climb
-from .unseen_parameters import hardly_slides, peak_unseen
+from .unseen_parameters import BROKEN_AWAY, hardly_slides, peak_unseen, presliding_way
 
 Vector = npt.NDArray[np.float64]
 
 FORWARDS, BACKWARDS = "forwards", "backwards"
 
-_COUNT = 1e-3 / 512  # of the encoder, Section 2.2.1 and Table 2.1 [m]
-_FINE = 5e-8  # noise of a capacitance sensor [m]
-_FAST = 5e-4  # sampling interval of an acquisition ten times as fast [s]
+_FINE = 1 / 160  # noise of a fine position, as a share of the amplitude that it sees
+_FAST = 5e-4  # sampling interval of a fast acquisition [s]
+_SHAKEN = 10.0  # Hz
+_LONGEST = 20.0  # s, of one record
+_SLIDES = 100.0  # ways of presliding, over which a motion slides
 
 
 def ways(course: StackedRecords) -> list[str]:
@@ -61,8 +64,8 @@ class CandidateTrial:
     what: str
     motions: tuple[Callable[[Vector], Vector], ...]
     duration: float
-    step: float = 0.005
-    blur: float = _COUNT / math.sqrt(12)
+    step: float
+    blur: float
 
 
 def _constant(speed: float) -> Callable[[Vector], Vector]:
@@ -78,43 +81,79 @@ def _both_ways(speeds: list[float]) -> tuple[Callable[[Vector], Vector], ...]:
     return tuple(_constant(s * v) for v in speeds for s in (1.0, -1.0))
 
 
-def candidates(fit: Fit, parameter: str) -> list[CandidateTrial]:
-    """Trials worth asking about for a parameter, simplest first."""
+def _size(fit: Fit, course: StackedRecords) -> tuple[float, float]:
+    """Speed and travel that the machine is known to do [m/s, m]: those of its records.
+
+    Where they are but presliding, a travel that slides, gone over in a second.
+    """
+    ends = ("",) if fit.tied else ("_pos", "_neg")
+    way = max(presliding_way(fit.law, fit.values, end) for end in ends)
+    pairs = itertools.pairwise(course.starts)
+    travel = max(float(np.ptp(course.x[first:end])) for first, end in pairs)
+    if travel < BROKEN_AWAY * way:
+        return _SLIDES * way, _SLIDES * way
+    return float(np.quantile(np.abs(course.v), 0.99)), travel
+
+
+def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[CandidateTrial]:
+    """Trials worth asking about for a parameter, simplest first, in the size of the machine.
+
+    Parameters
+    ----------
+    fit : Fit
+    parameter : str
+    course : StackedRecords
+        The records, which say what the machine can do and how it is measured.
+    """
     name = without_direction(parameter)
+    speed, travel = _size(fit, course)
+    measured = float(course.step.min()), float(np.median(course.blur))
+    gentle = speed / 4
+    rate = max(2 * gentle / travel, math.pi / _LONGEST)
     slow = CandidateTrial(
-        "velocity 0.001*sin(t/6) m/s for 19 s from rest in either direction (Table 2.4)",
-        (_sine(1e-3, 1 / 6), _sine(-1e-3, 1 / 6)),
-        19.0,
+        f"velocity {gentle:.2g}*sin({rate:.3g} t) m/s for {math.pi / rate:.3g} s from rest in "
+        "either direction",
+        (_sine(gentle, rate), _sine(-gentle, rate)),
+        math.pi / rate,
+        *measured,
     )
+    speeds, lasts = [speed * share for share in (1 / 12, 1 / 6, 1 / 3, 2 / 3, 1)], travel / speed
     fast = CandidateTrial(
-        "constant velocities of 0.5, 1, 2, 4 and 6 mm/s in either direction, 5 s each",
-        _both_ways([0.5e-3, 1e-3, 2e-3, 4e-3, 6e-3]),
-        5.0,
+        f"constant velocities of {_listed(speeds)} m/s in either direction, "
+        f"{min(lasts, 5.0):.2g} s each",
+        _both_ways(speeds),
+        min(lasts, 5.0),
+        *measured,
     )
+    rate = max(2 * speed / travel, 2 / 3)
     cycles = CandidateTrial(
-        "velocity 0.005*sin(2t/3) m/s for two cycles (Table 2.6, trial 6)",
-        (_sine(5e-3, 2 / 3),),
-        18.85,
-    )
-    shaken = CandidateTrial(
-        "velocity 0.0005*sin(20 pi t) m/s, 16 um to and fro in presliding, for 5 s, force and fine "
-        "displacement sampled together at 2 kHz (their delay must be known to 0.15 ms)",
-        (_sine(5e-4, 20 * math.pi),),
-        5.0,
-        _FAST,
-        _FINE,
+        f"velocity {speed:.2g}*sin({rate:.3g} t) m/s for two cycles",
+        (_sine(speed, rate),),
+        4 * math.pi / rate,
+        *measured,
     )
     if name == "Vs":
-        speed = fit.values[parameter]
-        steps = [round(speed * share, 6) for share in (0.3, 0.6, 1.0, 1.5)]
-        told = ", ".join(f"{1e3 * s:.2g}" for s in steps)
+        steps = [fit.values[parameter] * share for share in (0.3, 0.6, 1.0, 1.5)]
+        lasts = min(_LONGEST, travel / steps[-1])
         crawl = CandidateTrial(
-            f"constant velocities of {told} mm/s in either direction, 20 s each",
+            f"constant velocities of {_listed(steps)} m/s in either direction, {lasts:.2g} s each",
             _both_ways(steps),
-            20.0,
+            lasts,
+            *measured,
         )
         return [slow, crawl]
     if name == "sigma1":
+        way = presliding_way(fit.law, fit.values, parameter[len(name) :]) / 4
+        rate = 2 * math.pi * _SHAKEN
+        shaken = CandidateTrial(
+            f"velocity {way * rate:.2g}*sin({rate:.3g} t) m/s, {2 * way:.2g} m to and fro in "
+            f"presliding, for 5 s, force and displacement (to {way * _FINE:.1g} m) sampled "
+            "together at 2 kHz (their delay must be known to 0.15 ms)",
+            (_sine(way * rate, rate),),
+            5.0,
+            _FAST,
+            way * _FINE,
+        )
         return [shaken]
     if name == "sigma2":
         return [fast, slow]
@@ -123,13 +162,18 @@ def candidates(fit: Fit, parameter: str) -> list[CandidateTrial]:
     return [slow, fast, cycles]
 
 
-def which_would_do(fit: Fit, parameter: str, resolution: float) -> str:
+def _listed(speeds: Sequence[float]) -> str:
+    *others, last = (f"{v:.2g}" for v in speeds)
+    return f"{', '.join(others)} and {last}"
+
+
+def which_would_do(fit: Fit, parameter: str, course: StackedRecords) -> str:
     """The first candidate trial that would identify a parameter, or that none of them would."""
     if parameter == OFFSET:
         return "the same motion in both directions would do"
     if parameter == MASS:
         return "use a motion that accelerates harder, forwards and backwards"
-    options = candidates(fit, parameter)
+    options, resolution = candidates(fit, parameter, course), course.resolution
     coordinates = _plausible(fit)
     for option in options:
         expected = _expected_error(fit, coordinates, option, parameter, resolution)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from ..orchestration.parameter_file import DRIVE, TURNS, ParameterFile, Value
+from ..orchestration.parameter_file import BALL_SCREW, DRIVE, TURNS, ParameterFile, Value
 from ..records.record import FORCE, Record
 from ..records.velocity import INTEGRATED
 from ..solver.nearest import nearest
@@ -142,7 +142,8 @@ def identify(
         records = [replace(r, mass=found) for r in records]
         estimates = [estimate_friction(r) for r in records]
         course = course.with_mass(found)
-    if told is None and not any(r.about for r in records):
+    of_axis = [r for r in records if r.about and r.about.get("kind", BALL_SCREW) == BALL_SCREW]
+    if told is None and not of_axis:
         told = _drive_of(records[0].mass)
     judged = {n: _judge(fit, n, course) for n in fit.names}
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
@@ -282,7 +283,7 @@ def _judge(fit: Fit, name: str, course: StackedRecords) -> Interval:
     return replace(
         interval,
         because=why_not(fit, name, course),
-        would_do=which_would_do(fit, name, course.resolution),
+        would_do=which_would_do(fit, name, course),
     )
 
 

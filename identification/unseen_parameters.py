@@ -16,7 +16,7 @@ from .layout import StackedRecords
 from .optimizer import UNDER
 
 _RIGID_YIELDING = 2e-5  # way on which a law without a stiffness is taken to break away [m]
-_BROKEN_AWAY = 5.0  # ways of Fs/sigma0 until a block slides
+BROKEN_AWAY = 5.0  # ways of Fs/sigma0 until a block slides
 _SLID = 50.0  # and that it must have slid in all, past them
 _SPEEDS = 1.5  # least ratio of the speeds between which most of that way lies
 _FALLEN = 0.7  # share of Vs that they must reach: a third of Stribeck's fall
@@ -88,7 +88,7 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     end = parameter[len(name) :]
     yielding = presliding_way(fit.law, fit.values, end)
     dragged = with_backlash(
-        course.x, course.starts, np.full(course.records, _BROKEN_AWAY * yielding)
+        course.x, course.starts, np.full(course.records, BROKEN_AWAY * yielding)
     )
     moves = np.diff(dragged, prepend=dragged[0])
     moves[course.starts[:-1]] = 0.0

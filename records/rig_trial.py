@@ -120,8 +120,9 @@ def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]
 
 def _rig_mass(about: Mapping[str, Any]) -> float:
     parameters = about.get("parameters")
-    if isinstance(parameters, Mapping) and isinstance(parameters.get("plant.m"), int | float):
-        mass = parameters["plant.m"]
+    own = parameters if isinstance(parameters, Mapping) else {}
+    mass = own.get("plant.m", own.get("plant.J"))
+    if isinstance(mass, int | float):
         if not 0 < mass <= sys.float_info.max:
             raise BadRecord("trial.json: expected `plant.m` to be a finite mass above 0 kg")
         return float(mass)

@@ -16,11 +16,13 @@ from ..solver.core import DONE, NOT_FINITE, at
 from ..solver.kernel import MAX_STEPS, IntegrationError, Model, describe_failure
 from .calibration import POINTS
 from .compiled_rig import plant_kernel, program_kernel
+from .machine import Machine, machine_of
 from .noise import Noise
+from .parameters import TRIAL, BadRig
 from .record import TrialRecord
 from .rig_trials import VELOCITY, Trial, trials_named
-from .rig_wiring import COMMAND, PLANT, REFERENCE, WIRINGS
-from .setup import BadRig, Setup, set_up
+from .rig_wiring import COMMAND, PLANT, REFERENCE
+from .setup import Setup, set_up
 
 if TYPE_CHECKING:
     from ..orchestration.parameter_file import ParameterFile
@@ -29,10 +31,6 @@ if TYPE_CHECKING:
 Vector = npt.NDArray[np.float64]
 TOLERANCE = 1e-6
 """Relative tolerance of the solver; what it leaves is far below the instruments' steps."""
-
-
-STROKE = 0.131
-"""Half the screw's thread, from the middle where trials begin [m]: Table 2.1."""
 
 
 def run_trial(
@@ -64,7 +62,7 @@ def run_trial(
     progress : function of time [s], optional
         Called now and then.
     told : ParameterFile, optional
-        Values, over which `parameters` win.
+        The machine and its values, over which `parameters` win. Without one, the thesis' axis.
 
     Returns
     -------
@@ -77,13 +75,13 @@ def run_trial(
     IntegrationError
         If the motion cannot be computed.
     """
-    trial = one_trial(trial)
-    setup = set_up(trial, law, parameters, seed, noise or Noise(), told)
+    machine = machine_of(law, parameters, told)
+    setup = set_up(one_trial(trial, machine), machine, parameters, seed, noise, told)
     return _finish(setup, *_run(setup, tolerance, progress), tolerance)
 
 
-def one_trial(trial: Trial | str) -> Trial:
-    """The trial of this name, which must be one and no table.
+def one_trial(trial: Trial | str, machine: Machine) -> Trial:
+    """The machine's trial of this name, which must be one and no table.
 
     Raises
     ------
@@ -91,7 +89,7 @@ def one_trial(trial: Trial | str) -> Trial:
     """
     if isinstance(trial, Trial):
         return trial
-    found = trials_named(trial)
+    found = trials_named(trial, machine.trials)
     if len(found) > 1:
         raise BadRig(f"{trial!r} is a table of {len(found)} trials; run them one by one")
     return found[0]
@@ -104,15 +102,14 @@ def _run(
     setup: Setup, tolerance: float, progress: Callable[[float], None] | None
 ) -> tuple[dict[str, Vector], dict[str, Vector]]:
     """Columns of the record and of the truth."""
-    trial = setup.trial
-    wiring = WIRINGS[trial.control]
-    plant = Model(plant_kernel(setup.law), setup.values_of(PLANT), tolerance)
+    trial, machine = setup.trial, setup.machine
+    plant = Model(plant_kernel(machine.law, machine.kind), setup.values_of(PLANT), tolerance)
     values = {
         f"{part.name}_{name}": value
-        for part in wiring.parts
+        for part in setup.wiring.parts
         for name, value in setup.values_of(part.name).items()
     }
-    program = Model(program_kernel(trial.control), values)
+    program = Model(program_kernel(trial.control, machine.is_axis), values)
     given = [i.name for i in program.kernel.inputs]
     outputs = [o.name for o in plant.kernel.outputs]
     measured = [k for k, name in enumerate(given) if name.startswith(f"{PLANT}_")]
@@ -175,7 +172,7 @@ def _finish(
     if name != "u_ref":
         columns[name] = setup.external[name]
     columns |= {name: taps[name] for name in ("x_filtered", "force_filtered")}
-    first = ["x", "v", "friction", "force", "i"]
+    first = [n for n in ("x", "v", "friction", "force", "i") if n in truth]
     rest = [n for n in truth if n not in (*first, "voltage")]
     real = {"time": time} | {n: truth[n] for n in first}
     real |= {"u": truth["voltage"]} | {n: truth[n] for n in rest}
@@ -189,7 +186,7 @@ def _finish(
     notes = _notes(setup, columns, real)
     return TrialRecord(
         trial,
-        setup.law,
+        setup.machine,
         columns,
         real,
         setup.parameters,
@@ -224,6 +221,7 @@ def lags(setup: Setup) -> dict[str, float]:
 
 def _notes(setup: Setup, record: dict[str, Vector], truth: dict[str, Vector]) -> list[str]:
     values, time, notes = setup.parameters, setup.trial.time, []
+    unit = setup.machine.unit
 
     def since(late: npt.NDArray[np.bool_]) -> str:
         return f"from t = {time[int(np.argmax(late))]:.3f} s"
@@ -231,14 +229,16 @@ def _notes(setup: Setup, record: dict[str, Vector], truth: dict[str, Vector]) ->
     clipped = np.abs(record["force"]) >= values["load_cell.capacity"]
     if clipped.any():
         capacity = values["load_cell.capacity"]
-        notes.append(f"the load cell is at the end of its range, {capacity:g} N, {since(clipped)}")
+        end = f"{capacity:.4g} {unit('N')}"
+        notes.append(f"the load cell is at the end of its range, {end}, {since(clipped)}")
     limited = np.abs(record["u"]) >= values[f"{PLANT}.voltage_limit"]
     if limited.any():
         limit = values[f"{PLANT}.voltage_limit"]
-        notes.append(f"the amplifier is at its limit, {limit:g} V, {since(limited)}")
-    beyond = np.abs(truth["x"]) > STROKE
+        notes.append(f"the amplifier is at its limit, {limit:g} {unit('V')}, {since(limited)}")
+    travel = values[f"{TRIAL}.travel"]
+    beyond = np.abs(truth["x"]) > travel
     if beyond.any():
-        notes.append(f"the block runs off the screw's thread, {STROKE:g} m, {since(beyond)}")
+        notes.append(f"the block runs off its travel, {travel:g} {unit('m')}, {since(beyond)}")
     if "x_fine" in record:
         out = (truth["x"] < -POINTS[1] / 2) | (truth["x"] > POINTS[-1])
         if out.any():

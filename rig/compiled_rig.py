@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 from ..plant import LAWS
 from ..solver.kernel import Kernel
 from ..solver.stored import stored_kernel
-from .rig_wiring import WIRINGS, program
+from .rig_wiring import program, wirings
 
 if TYPE_CHECKING:
     from ..solver.component import Component
 
 
 @cache
-def plant_kernel(law: str) -> Kernel:
-    """The compiled moving part with a friction law.
+def plant_kernel(law: str, kind: str = "ball_screw") -> Kernel:
+    """The compiled moving part of this kind with a friction law; the units of `u` are volts.
 
     Raises
     ------
@@ -27,21 +27,23 @@ def plant_kernel(law: str) -> Kernel:
     if law not in LAWS:
         raise laws.UnknownLaw(f"no friction law {law!r}; there are {', '.join(LAWS)}")
 
+    name = f"rig_plant_{law}" if kind == "ball_screw" else f"rig_{kind}_{law}"
+
     def make() -> Component:
         from .plant import rig_plant
 
-        return rig_plant(laws.law(law), f"rig_plant_{law}")
+        return rig_plant(laws.law(law), name, kind)
 
-    return stored_kernel(
-        f"rig_plant_{law}", make, "ballscrew.rig.plant", LAWS[law].partition(":")[0]
-    )
+    return stored_kernel(name, make, "ballscrew.rig.plant", LAWS[law].partition(":")[0])
 
 
 @cache
-def program_kernel(control: str) -> Kernel:
+def program_kernel(control: str, plates: bool = True) -> Kernel:
     """The compiled instruments and controller for one kind of trial."""
+    wiring, plain = wirings(plates)[control], wirings()[control]
+    name = f"rig_{control}_program" if wiring is plain else f"rig_{control}_program_no_plates"
 
     def make() -> Component:
-        return program(WIRINGS[control], f"rig_{control}_program")
+        return program(wiring, name)
 
-    return stored_kernel(f"rig_{control}_program", make, "ballscrew.rig.rig_wiring")
+    return stored_kernel(name, make, "ballscrew.rig.rig_wiring")

@@ -15,22 +15,22 @@ from ..orchestration.parameter_file import ParameterFile
 from ..plant import law as laws
 from ..solver.files import write_atomically, write_json
 from .bench import TOLERANCE, one_trial
+from .machine import Machine, machine_of
 from .noise import Noise
 from .plant import rig_plant
 from .rig_trials import Trial
-from .rig_wiring import COMMAND, PLANT, WIRINGS
+from .rig_wiring import COMMAND, PLANT, wirings
 from .setup import Setup, set_up
 
 
-def export_rig(folder: Path | str, law: str = "modified_lugre") -> dict[str, Path]:
+def export_rig(folder: Path | str, machine: Machine) -> dict[str, Path]:
     """Write every part of the rig as an FMU, and ``wiring.json``, which says what goes where.
 
     Parameters
     ----------
     folder : path-like
         Made if it is not there.
-    law : str
-        Friction law of the moving part, one of `plant.LAWS`.
+    machine : Machine
 
     Returns
     -------
@@ -39,18 +39,17 @@ def export_rig(folder: Path | str, law: str = "modified_lugre") -> dict[str, Pat
 
     Raises
     ------
-    UnknownLaw
     OSError
         If a file cannot be written.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    moving = rig_plant(laws.law(law), f"rig_plant_{law}")
-    paths = {PLANT: export(moving, folder / f"{PLANT}.fmu")}
-    for wiring in WIRINGS.values():
-        for part in wiring.parts:
-            if part.name not in paths:
-                paths[part.name] = export(part.make(), folder / f"{part.name}.fmu")
+    moving = rig_plant(laws.law(machine.law), f"rig_plant_{machine.law}", machine.kind)
+    own = {PLANT: moving.in_units(machine.command_words)}
+    trials = wirings(machine.is_axis)
+    for wiring in trials.values():
+        own |= {p.name: p.make().in_units(machine.words) for p in wiring.parts if p.name not in own}
+    paths = {name: export(part, folder / f"{name}.fmu") for name, part in own.items()}
     table = {
         control: {
             "order": [*(part.name for part in wiring.parts), PLANT],
@@ -61,7 +60,7 @@ def export_rig(folder: Path | str, law: str = "modified_lugre") -> dict[str, Pat
             }
             | {f"{PLANT}.{COMMAND}": wiring.command},
         }
-        for control, wiring in WIRINGS.items()
+        for control, wiring in trials.items()
     }
     write_json(folder / "wiring.json", {"step": SAMPLE_TIME, "trials": table})
     return paths
@@ -95,11 +94,11 @@ def export_trial(
     OSError
         If a file cannot be written.
     """
-    trial = one_trial(trial)
-    setup = set_up(trial, law, parameters, seed, noise or Noise(), told)
-    folder = Path(folder)
-    fmus = export_rig(folder, law)
-    names = [*(part.name for part in WIRINGS[trial.control].parts), PLANT]
+    machine = machine_of(law, parameters, told)
+    setup = set_up(one_trial(trial, machine), machine, parameters, seed, noise, told)
+    trial, folder = setup.trial, Path(folder)
+    fmus = export_rig(folder, machine)
+    names = [*(part.name for part in setup.wiring.parts), PLANT]
     about = {
         "trial": trial.name,
         "control": trial.control,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 from ..orchestration.parameter_file import (
-    BALL_SCREW,
     BadParameters,
     ParameterFile,
     Value,
@@ -14,33 +15,52 @@ from ..orchestration.parameter_file import (
 )
 from ..orchestration.parts import Part
 from ..solver.kernel import ParameterInfo
+from ..solver.nearest import did_you_mean
 from .rig_wiring import PLANT, WIRINGS
+
+TRIAL = "trial"
+"""Before the names of sizes of trials, where those of parts have the part's name."""
 
 DRAWN = ("encoder.phase", "capacitance_sensor.separation")  # each trial draws them by its seed
 
 
-def values_for(
-    told: ParameterFile, law: str, control: str, known: Mapping[str, ParameterInfo]
+class BadRig(ValueError):
+    """A parameter that the rig does not have, or a value out of its range; the message says so."""
+
+
+def given_values(
+    known: Mapping[str, ParameterInfo],
+    law: str,
+    parameters: Mapping[str, float] | None,
+    told: ParameterFile | None,
 ) -> dict[str, float]:
-    """A file's values for one trial, as ``part.name``.
+    """What a file, and over it a user, give the rig, as ``part.name``.
 
     Parameters
     ----------
-    told : ParameterFile
+    known : mapping of str to ParameterInfo
+        Parameters as ``part.name``; of the file only these are taken.
     law : str
         Friction law of the rig, which may be another than the file's.
-    control : str
-        Kind of the trial; only its parts get values.
-    known : mapping of str to ParameterInfo
-        Parameters of the trial, as ``part.name``.
+    parameters : mapping of str to float, optional
+        The user's; a name without its part is the plant's.
+    told : ParameterFile, optional
 
     Raises
     ------
     BadParameters
     """
-    if told.kind != BALL_SCREW:
-        raise BadParameters(f"{told.path}: kind is {told.kind!r}, expected {BALL_SCREW!r}: the rig")
-    parts = {part.name for wiring in WIRINGS.values() for part in wiring.parts}
+    given = _values_for(told, law, known) if told else {}
+    return given | {
+        name if "." in name else f"{PLANT}.{name}": float(value)
+        for name, value in (parameters or {}).items()
+    }
+
+
+def _values_for(
+    told: ParameterFile, law: str, known: Mapping[str, ParameterInfo]
+) -> dict[str, float]:
+    parts = {TRIAL, *(part.name for wiring in WIRINGS.values() for part in wiring.parts)}
     head = f"{PLANT}."
     plant = {n.removeprefix(head): p for n, p in known.items() if n.startswith(head)}
     others = Part(told.plant_name).parameters
@@ -54,9 +74,9 @@ def values_for(
                 f"{told.path}: [rig.{name}]: the rig has no such part; it has "
                 f"{', '.join(sorted(parts))}"
             )
-        if any(part.name == name for part in WIRINGS[control].parts):
-            head = f"{name}."
-            theirs = {n.removeprefix(head): p for n, p in known.items() if n.startswith(head)}
+        head = f"{name}."
+        theirs = {n.removeprefix(head): p for n, p in known.items() if n.startswith(head)}
+        if theirs:
             numbers = check_values(own, theirs, f"{told.path}: [rig.{name}]")
             found |= {head + n: v for n, v in numbers.items()}
     return found
@@ -85,4 +105,26 @@ def used_by_trial(
         said = file.plant if part == PLANT else file.rig.get(part, {})
         parts[part] = list_used(kept, values, said, "given to this trial")
     plant = parts.pop(PLANT)
-    return ParameterFile(law=law, plant=plant, controllers=file.controllers, rig=parts)
+    used = ParameterFile(kind=file.kind, law=law, command=file.command, plant=plant, rig=parts)
+    return replace(used, controllers=file.controllers)
+
+
+def check(name: str, value: float, known: Mapping[str, ParameterInfo], law: str) -> None:
+    """Refuse a name that is not among the parameters, and a value out of its range.
+
+    Raises
+    ------
+    BadRig
+    """
+    if name not in known:
+        hint = did_you_mean(name, known)
+        owner = name.partition(".")[0]
+        theirs = [k for k in known if k.startswith(f"{owner}.")] or list(
+            dict.fromkeys(k.partition(".")[0] + ".*" for k in known if "." in k)
+        )
+        raise BadRig(f"the rig with {law} has no {name!r}; it has {', '.join(theirs)}{hint}")
+    p = known[name]
+    if not (math.isfinite(value) and p.minimum <= value <= p.maximum):
+        raise BadRig(
+            f"{name} is {value:g} {p.unit}, expected a value within [{p.minimum:g}, {p.maximum:g}]"
+        )

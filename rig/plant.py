@@ -1,8 +1,9 @@
-"""What moves on the rig: amplifier, motor, screw and block, with the force between screw and block.
+"""What moves on the rig: a drive with its limits, and the force between drive and block.
 
-The rotor's inertia is in it, because the real rig has it: reflected through the screw it is sixteen
-times the block. The drive is rigid, as the thesis assumes; friction acts between block and table
-only.
+The thesis' axis has its rotor's inertia, because the real rig has it: reflected through the screw
+it is sixteen times the block. The drive is rigid, as the thesis assumes; friction acts between
+block and table only. A drive of another kind has its whole mass behind the load cell, and its
+constant force before it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import sympy as sp
 
 from ..instruments.amplifier import with_amplifier
 from ..plant.ball_screw import ball_screw
+from ..plant.direct_drive import direct_drive, with_command_limit
+from ..plant.rotary_drive import turned
 from ..solver.component import Component, ForceTerm, Output, symbol
 
 ROTOR_INERTIA = 4.2e-7  # kg*m^2, Table 2.1
@@ -28,26 +31,38 @@ _SET_HERE = {
 }
 
 
-def rig_plant(friction: Callable[[sp.Expr], ForceTerm], name: str = "rig_plant") -> Component:
-    """The rig's moving part, from the commanded voltage `u` [V] to what the instruments look at.
+_KINDS = {
+    "ball_screw": (ball_screw, with_amplifier),
+    "drive": (direct_drive, with_command_limit),
+    "rotary_drive": (direct_drive, lambda plant: turned(with_command_limit(plant))),
+}
+
+
+def rig_plant(
+    friction: Callable[[sp.Expr], ForceTerm], name: str = "rig_plant", kind: str = "ball_screw"
+) -> Component:
+    """The rig's moving part, from the command `u` [V] to what the instruments look at.
 
     Parameters
     ----------
     friction : function of the velocity symbol, returning a ForceTerm
         A law of `plant/`.
     name : str
+    kind : str
+        Of plant, as in a parameter file.
 
     Returns
     -------
     Component
-        Outputs as `ball_screw`'s, and `friction` [N], `force` [N], which the screw side puts on the
-        block, and `voltage` [V] at the motor.
+        Outputs as the plant's, and `friction` [N], `force` [N], which the drive puts on the block,
+        and `voltage` [V], the command within its limit.
     """
-    axis = ball_screw(friction, name)
+    make, limit = _KINDS[kind]
+    axis = make(friction, name)
     force = Output(
         "force",
         "N",
-        "force that the screw side puts on the block: friction + m dv/dt",
+        "force that the drive puts on the block: friction + m dv/dt",
         axis.output("friction").value + symbol("m") * axis.derivative("v"),
     )
     modes = tuple(
@@ -60,14 +75,14 @@ def rig_plant(friction: Callable[[sp.Expr], ForceTerm], name: str = "rig_plant")
         )
         for mode in axis.modes
     )
-    voltage = Output("voltage", "V", "voltage at the motor", symbol("u"), nominal=10.0)
+    voltage = Output("voltage", "V", "command within its limit", symbol("u"), nominal=10.0)
     # Its commands come from a converter that holds them: no feedback law acts inside a step.
     commands = tuple(replace(i, law=()) for i in axis.inputs)
     outputs = (*axis.outputs, force, voltage)
-    limited = with_amplifier(replace(axis, inputs=commands, outputs=outputs, modes=modes))
+    limited = limit(replace(axis, inputs=commands, outputs=outputs, modes=modes))
     parameters = (
         replace(p, default=_SET_HERE[p.name][0], source=_SET_HERE[p.name][1])
-        if p.name in _SET_HERE
+        if kind == "ball_screw" and p.name in _SET_HERE
         else p
         for p in limited.parameters
     )

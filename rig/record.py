@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,19 @@ import numpy.typing as npt
 from ..orchestration.parameter_file import ParameterFile
 from ..solver.files import write_atomically, write_json
 from .calibration import Calibration
+from .machine import Machine
 from .rig_trials import Trial
 
 Vector = npt.NDArray[np.float64]
 
+UNITS = {
+    "time": "s",
+    **dict.fromkeys(("x", "x_fine", "x_filtered"), "m"),
+    **dict.fromkeys(("force", "force_filtered", "force_ref", "friction"), "N"),
+    **dict.fromkeys(("v", "v_ref"), "m/s"),
+    **dict.fromkeys(("u", "u_ref"), "V"),
+}
+"""Of columns of the thesis' axis; another machine has its own, see `Machine.unit`."""
 _DIGITS = "%.15g"  # a reading of 3 steps of 0.089 N is written 0.267, and read back as it was
 
 
@@ -27,15 +37,14 @@ class TrialRecord:
     Attributes
     ----------
     trial : Trial
-    law : str
-        Friction law of the rig.
+    machine : Machine
     record : dict of str to ndarray, shape (m,)
         ``time`` [s], ``x`` [m] (encoder), ``x_fine`` [m] (capacitance sensor, where it is used),
         ``force`` [N] (load cell), ``u`` [V] (command), ``x_filtered`` and ``force_filtered`` (what
         the controllers see), and what was asked, ``v_ref`` [m/s] or ``force_ref`` [N].
     truth : dict of str to ndarray, shape (m,)
-        On the same times, free of noise: ``time, x, v, friction, force, i, u`` (at the motor) and
-        the law's internal states.
+        On the same times, free of noise: ``time, x, v, friction, force, i`` (of a motor), ``u``
+        (within its limit) and the law's internal states.
     parameters : dict of str to float
         Of every part, as ``part.name``; the plant's and its friction law's as ``plant.name``.
     settings : dict
@@ -49,7 +58,7 @@ class TrialRecord:
     """
 
     trial: Trial
-    law: str
+    machine: Machine
     record: dict[str, Vector]
     truth: dict[str, Vector]
     parameters: dict[str, float]
@@ -57,6 +66,11 @@ class TrialRecord:
     notes: list[str]
     calibration: Calibration | None
     used: ParameterFile
+
+    @property
+    def law(self) -> str:
+        """Friction law of the rig."""
+        return self.machine.law
 
     def description(self) -> dict[str, Any]:
         """What goes into ``trial.json``."""
@@ -69,8 +83,10 @@ class TrialRecord:
             "level": self.trial.level,
             "duration": self.trial.duration,
             "note": self.trial.note,
+            "kind": self.machine.kind,
             "law": self.law,
-            "parameters": self.parameters,
+            # without sizes that nobody said: a travel without end, a velocity of no trial
+            "parameters": {n: v for n, v in self.parameters.items() if math.isfinite(v)},
             **self.settings,
             "not_trusted": self.notes,
         }
@@ -96,20 +112,22 @@ class TrialRecord:
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / "truth.csv", _csv(self.truth))
+        write_atomically(folder / "truth.csv", self._csv(self.truth))
         write_json(folder / "trial.json", self.description())
         self.used.save(folder)
-        write_atomically(folder / "record.csv", _csv(self.record))
+        write_atomically(folder / "record.csv", self._csv(self.record))
 
-
-def _csv(columns: dict[str, Vector]) -> bytes:
-    stream = io.StringIO()
-    np.savetxt(
-        stream,
-        np.column_stack(list(columns.values())),
-        fmt=_DIGITS,
-        delimiter=",",
-        header=",".join(columns),
-        comments="",
-    )
-    return stream.getvalue().encode()
+    def _csv(self, columns: dict[str, Vector]) -> bytes:
+        """With units, unless they are those of the thesis' axis."""
+        said = {n: f"{n} [{self.machine.unit(UNITS[n])}]" for n in columns if n in UNITS}
+        names = columns if self.machine.is_axis else [said.get(n, n) for n in columns]
+        stream = io.StringIO()
+        np.savetxt(
+            stream,
+            np.column_stack(list(columns.values())),
+            fmt=_DIGITS,
+            delimiter=",",
+            header=",".join(names),
+            comments="",
+        )
+        return stream.getvalue().encode()

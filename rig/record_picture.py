@@ -27,24 +27,27 @@ def record_figure(recorded: TrialRecord) -> Any:
 def _draw(recorded: TrialRecord, rows: Any) -> None:
     record, truth, time = recorded.record, recorded.truth, recorded.record["time"]
     motion, force, command = rows
-    motion.plot(time, 1e3 * record["x"], color=BLUE, label="encoder")
+    unit = recorded.machine.unit
+    turns = unit("m") == "rad"
+    scale, prefix = (1.0, "") if turns else (1e3, "m")
+    motion.plot(time, scale * record["x"], color=BLUE, label="encoder")
     if "x_fine" in record:
         motion.plot(time, 1e3 * record["x_fine"], color=ORANGE, label="capacitance sensor")
-    motion.set_ylabel("position [mm]")
+    motion.set_ylabel(f"{'angle' if turns else 'position'} [{prefix}{unit('m')}]")
     title = f"{recorded.trial.name}: {recorded.trial.asked} ({recorded.law})"
     motion.set_title(title, fontsize=10)
     force.plot(time, record["force"], color=BLUE, linewidth=0.8, label="load cell")
     force.plot(time, truth["friction"], color=BLACK, linewidth=1, label="friction, true")
     if "force_ref" in record:
         force.plot(time, record["force_ref"], "--", color=ORANGE, label="asked")
-    force.set_ylabel("force [N]")
+    force.set_ylabel(f"{'torque' if turns else 'force'} [{unit('N')}]")
     if "v_ref" in record:
-        command.plot(time, 1e3 * truth["v"], color=BLACK, linewidth=1, label="velocity, true")
-        command.plot(time, 1e3 * record["v_ref"], "--", color=ORANGE, label="asked")
-        command.set_ylabel("velocity [mm/s]")
+        command.plot(time, scale * truth["v"], color=BLACK, linewidth=1, label="velocity, true")
+        command.plot(time, scale * record["v_ref"], "--", color=ORANGE, label="asked")
+        command.set_ylabel(f"velocity [{prefix}{unit('m/s')}]")
     else:
         command.plot(time, record["u"], color=BLUE, label="command")
-        command.set_ylabel("voltage [V]")
+        command.set_ylabel(f"command [{unit('V')}]")
     command.set_xlabel("time [s]")
     for axes in rows:
         axes.legend(loc="best", frameon=False, fontsize=8)

@@ -66,13 +66,23 @@ def _nominal() -> dict[str, float]:
     }
 
 
-def velocity_gains() -> Gains:
+def velocity_gains(mass: float, force_per_command: float, damping: float) -> Gains:
     """For the sliding block: one lag of the moving mass, one of the filter; the rest is delay."""
-    n = _nominal()
-    damping = n["sigma2"] + n["back_emf"]
-    lag, filtering = n["mass"] / damping, filter_lag(POSITION_CUTOFF)
+    lag, filtering = mass / damping, filter_lag(POSITION_CUTOFF)
     delay = filtering / 2 + SAMPLE_TIME  # half a period to form the difference, half to hold
-    return simc(n["force_per_volt"] / damping, lag, filtering / 2, delay, VELOCITY_DELAYS * delay)
+    return simc(force_per_command / damping, lag, filtering / 2, delay, VELOCITY_DELAYS * delay)
+
+
+def _nominal_velocity_gains() -> Gains:
+    n = _nominal()
+    return velocity_gains(n["mass"], n["force_per_volt"], n["sigma2"] + n["back_emf"])
+
+
+def static_force_gains(force_per_command: float) -> Gains:
+    """For a drive whose force is its command's: half of the filter is a lag, the rest delay."""
+    filtering = filter_lag(FORCE_CUTOFF)
+    delay = (filtering + SAMPLE_TIME) / 2
+    return simc(force_per_command, filtering / 2, 0.0, delay, FORCE_TIME)
 
 
 def force_gains() -> Gains:
@@ -146,7 +156,7 @@ def velocity_pid() -> Component:
     return _pid(
         "velocity_pid",
         "Velocity PID on the difference of the filtered position",
-        velocity_gains(),
+        _nominal_velocity_gains(),
         "m/s",
         (x - symbol("x_last")) / symbol("sample_time"),
         (

@@ -1,4 +1,4 @@
-"""The thesis' trials: what the rig was asked to do in each.
+"""The thesis' trials: what the rig was asked to do in each, there and in another machine's size.
 
 Where the text is silent (durations of force steps and constant velocities, the twenty loading
 rates) the choice stands here, once, and in `Trial.note`.
@@ -7,7 +7,7 @@ rates) the choice stands here, once, and in `Trial.note`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..instruments.sampling_period import SAMPLE_TIME
+from ..solver.component import unit_in
 from ..solver.nearest import did_you_mean
 
 Vector = npt.NDArray[np.float64]
@@ -26,8 +27,49 @@ RAMP_TO = 3.5
 """Quasi-static force at which a loading-rate trial ends [N]; the block has broken away before."""
 
 
+FASTEST, BREAK_AWAY = 8e-3, 2.35
+"""Largest velocity of the thesis' trials [m/s], and static friction of its axis [N], Table 3.1."""
+
+
 class UnknownTrial(ValueError):
     """No trial of this name; the message lists what there is."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What makes trials of a machine's size of the thesis' numbers.
+
+    Attributes
+    ----------
+    speed, force : float
+        Its velocities and forces, relative to the thesis'.
+    travel : float
+        Way that a motion may go [m]: a longer one goes through its course in less time.
+    words : mapping of str to str
+        Units of the machine, see `unit_in`.
+    plates : bool
+        Whether there is the thesis' capacitance sensor.
+    loading : function of a rate and an array of times, optional
+        Command that loads the machine so [N/s, s]; default that of the thesis' axis.
+    """
+
+    speed: float = 1.0
+    force: float = 1.0
+    travel: float = math.inf
+    words: Mapping[str, str] = field(default_factory=dict)
+    plates: bool = True
+    loading: Callable[[float, Vector], Vector] | None = None
+
+    def shorter(self, way: float) -> float:
+        """Share of the thesis' time in which a motion is gone through that would go so far [m]."""
+        return min(1.0, self.travel / abs(way)) if way else 1.0
+
+    def says(self, velocity: float) -> str:
+        unit = unit_in("m/s", self.words)
+        return f"{1e3 * velocity:.4g} mm/s" if unit == "m/s" else f"{velocity:.4g} {unit}"
+
+    def says_force(self, force: float, per: str = "") -> str:
+        return f"{force:.4g} {unit_in('N', self.words)}{per}"
 
 
 @dataclass(frozen=True)
@@ -103,32 +145,37 @@ def _sine(mean: float, amplitude: float, omega: float, t: Vector) -> Vector:
     return np.asarray(mean + amplitude * np.sin(omega * t))
 
 
-def _force_steps(table: str, forces: tuple[float, ...], fine: bool = False) -> list[Trial]:
+def _force_steps(
+    size: Sizes, table: str, forces: tuple[float, ...], fine: bool = False
+) -> list[Trial]:
     return [
         Trial(
             f"{table}/{k}",
             table,
             k,
             FORCE,
-            f"step of the force to {force:g} N",
+            f"step of the force to {size.says_force(force)}",
             FORCE_STEP_TIME,
             partial(_constant, force),
-            fine,
+            fine and size.plates,
             "duration not printed: 10 s",
             force,
         )
-        for k, force in enumerate(forces, start=1)
+        for k, force in enumerate((size.force * f for f in forces), start=1)
     ]
 
 
-def _velocity_sines(table: str, rows: list[tuple[float, float, float]]) -> list[Trial]:
+def _velocity_sines(size: Sizes, table: str, rows: list[tuple[float, float, float]]) -> list[Trial]:
+    sized = [(size.speed * a, omega, end) for a, omega, end in rows]
+    shares = [size.shorter(2 * a / omega) for a, omega, _ in sized]
+    rows = [(a, w / s, s * end) for (a, w, end), s in zip(sized, shares, strict=True)]
     return [
         Trial(
             f"{table}/{k}",
             table,
             k,
             VELOCITY,
-            f"velocity {1e3 * amplitude:g} mm/s sin({omega:.4g} t)",
+            f"velocity {size.says(amplitude)} sin({omega:.4g} t)",
             duration,
             partial(_sine, 0.0, amplitude, omega),
             level=amplitude,
@@ -137,20 +184,22 @@ def _velocity_sines(table: str, rows: list[tuple[float, float, float]]) -> list[
     ]
 
 
-def _constant_velocities(table: str, velocities: list[float], note: str) -> list[Trial]:
+def _constant_velocities(
+    size: Sizes, table: str, velocities: list[float], note: str
+) -> list[Trial]:
     return [
         Trial(
             f"{table}/{k}",
             table,
             k,
             VELOCITY,
-            f"constant velocity {1e3 * velocity:g} mm/s",
-            CONSTANT_VELOCITY_TIME,
+            f"constant velocity {size.says(velocity)}",
+            CONSTANT_VELOCITY_TIME * size.shorter(CONSTANT_VELOCITY_TIME * velocity),
             partial(_constant, velocity),
             note=note,
             level=velocity,
         )
-        for k, velocity in enumerate(velocities, start=1)
+        for k, velocity in enumerate((size.speed * v for v in velocities), start=1)
     ]
 
 
@@ -158,15 +207,16 @@ LOADING_RATES = tuple(float(f"{0.08 * (20.3 / 0.08) ** (k / 19):.3g}") for k in 
 """Twenty rates from 0.08 to 20.3 N/s, evenly spaced in their logarithms [N/s]."""
 
 
-def _loading_rates() -> list[Trial]:
+def _loading_rates(size: Sizes) -> list[Trial]:
     from .regulators import loading_voltage
 
+    loading = size.loading or loading_voltage
     note = (
         "the thesis applies constant voltages; on a rigid drive that gives no constant loading "
         "rate, so the voltage rises as the nominal stuck block needs it; as the bristles yield, "
         "the force rises more slowly; rates between the first and the last are not printed"
     )
-    trials = []
+    trials, what = [], "command" if size.loading else "voltage"
     for k, rate in enumerate(LOADING_RATES, start=1):
         duration = math.ceil((RAMP_TO / rate + 0.5) / SAMPLE_TIME) * SAMPLE_TIME
         trials.append(
@@ -175,27 +225,28 @@ def _loading_rates() -> list[Trial]:
                 "loading-rate",
                 k,
                 VOLTAGE,
-                f"voltage ramp that loads the block at {rate:g} N/s",
+                f"{what} ramp that loads the block at {size.says_force(size.force * rate, '/s')}",
                 duration,
-                partial(loading_voltage, rate),
-                note=note,
-                level=rate,
+                partial(loading, size.force * rate),
+                note="" if size.loading else note,
+                level=size.force * rate,
             )
         )
     return trials
 
 
-def _staircase(t: Vector) -> Vector:
+def _staircase(force: float, t: Vector) -> Vector:
     """Fig. 2.13: 2 s of nothing, then three times a ramp of 0.25 N/s for 2 s and a hold of 3 s."""
     corners = [(0.0, 0.0), (2.0, 0.0)]
     for step in range(3):
         start = 2.0 + 5.0 * step
         corners += [(start + 2.0, 0.5 * (step + 1)), (start + 5.0, 0.5 * (step + 1))]
     times, forces = zip(*corners, strict=True)
-    return np.asarray(np.interp(t, times, forces))
+    return np.asarray(force * np.interp(t, times, forces))
 
 
-def _all() -> dict[str, Trial]:
+def trials_of(size: Sizes) -> dict[str, Trial]:
+    """All trials by name, in a machine's size."""
     steps = (0.3, 0.6, 1.0, 1.5, 1.8, 2.0, 2.1, 2.2, -0.3, -0.6, -2.1, -2.3, -2.4)
     slow = [round(1e-3 * (2.0 + 0.5 * k), 6) for k in range(8)]
     fast = [round(1e-3 * k, 6) for k in range(3, 9)]
@@ -211,58 +262,66 @@ def _all() -> dict[str, Trial]:
         (6e-3, 4 / 5, 15.7),
         (6e-3, 1.0, 12.57),
     ]
+    lag = size.shorter(18.85 * 1.5e-3 * size.speed)
+    mean, swing, omega = 1.5e-3 * size.speed, 1e-3 * size.speed, 3.0 / lag
     trials = [
-        *_force_steps("2.2", steps),
+        *_force_steps(size, "2.2", steps),
         *_constant_velocities(
+            size,
             "2.3.1",
             [*slow, *(-v for v in slow)],
             "the text says fifteen trials, its list has sixteen; duration not printed: 4 s",
         ),
         *_velocity_sines(
+            size,
             "2.4",
             [(s * 1e-3, w, end) for s in (1, -1) for w, end in dahl for _ in range(2)],
         ),
-        *_velocity_sines("2.6", bliman),
-        *_force_steps("2.8", (0.5, 0.5, 1.0, 1.0, 1.5, 1.5), fine=True),
-        *_force_steps("2.10", steps),
+        *_velocity_sines(size, "2.6", bliman),
+        *_force_steps(size, "2.8", (0.5, 0.5, 1.0, 1.0, 1.5, 1.5), fine=True),
+        *_force_steps(size, "2.10", steps),
         Trial(
             "2.11/1",
             "2.11",
             1,
             VELOCITY,
-            "velocity 1.5 mm/s + 1 mm/s sin(3 t)",
-            18.85,
-            partial(_sine, 1.5e-3, 1e-3, 3.0),
-            level=1e-3,
+            f"velocity {size.says(mean)} + {size.says(swing)} sin({omega:.4g} t)",
+            18.85 * lag,
+            partial(_sine, mean, swing, omega),
+            level=swing,
         ),
         *_constant_velocities(
+            size,
             "viscous",
             [v for speed in fast for v in [speed] * 5 + [-speed] * 5],
             "Section 2.4.1, five repetitions each; duration not printed: 4 s",
         ),
-        *_loading_rates(),
+        *_loading_rates(size),
         Trial(
             "presliding/1",
             "presliding",
             1,
             FORCE,
-            "staircase of the force to 0.5, 1 and 1.5 N (Fig. 2.13)",
+            f"staircase of the force to {', '.join(f'{f * size.force:.4g}' for f in (0.5, 1.0))} "
+            f"and {size.says_force(1.5 * size.force)} (Fig. 2.13)",
             17.0,
-            _staircase,
-            True,
-            level=1.5,
+            partial(_staircase, size.force),
+            size.plates,
+            level=1.5 * size.force,
         ),
     ]
     return {t.name: t for t in trials}
 
 
-TRIALS: dict[str, Trial] = _all()
+TRIALS: dict[str, Trial] = trials_of(Sizes())
 TABLES: tuple[str, ...] = tuple(dict.fromkeys(t.table for t in TRIALS.values()))
+PRESLIDING: tuple[str, ...] = ("2.8", "presliding")
+"""Those that look at displacements before break-away."""
 SECTION_2_4: tuple[str, ...] = ("2.10", "viscous", "2.11", "loading-rate", "presliding")
 """The tables and series of the five feature experiments."""
 
 
-def trials_named(name: str) -> list[Trial]:
+def trials_named(name: str, trials: Mapping[str, Trial] = TRIALS) -> list[Trial]:
     """The trial of this name, or all of a table's.
 
     ``2.4/7``, ``table-2.4-7`` and ``2.4-7`` are the same; ``2.4`` is all of Table 2.4; a series of
@@ -274,10 +333,10 @@ def trials_named(name: str) -> list[Trial]:
     """
     plain = name.strip().removeprefix("table-")
     if plain in TABLES:
-        return [t for t in TRIALS.values() if t.table == plain]
+        return [t for t in trials.values() if t.table == plain]
     table, _, number = plain.replace("/", "-").rpartition("-")
-    if number.isdecimal() and f"{table}/{int(number)}" in TRIALS:
-        return [TRIALS[f"{table}/{int(number)}"]]
+    if number.isdecimal() and f"{table}/{int(number)}" in trials:
+        return [trials[f"{table}/{int(number)}"]]
     if table in TABLES:
         count = sum(t.table == table for t in TRIALS.values())
         raise UnknownTrial(f"no trial {name!r}: {table} has trials 1 to {count}")

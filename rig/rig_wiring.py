@@ -137,6 +137,18 @@ WIRINGS = {
     ),
     VOLTAGE: Wiring(_MEASURING, "u_ref", _TAPS),
 }
+_WITHOUT_PLATES = WIRINGS | {
+    FORCE: Wiring(
+        tuple(part for part in WIRINGS[FORCE].parts if part is not _FINE),
+        WIRINGS[FORCE].command,
+        _TAPS,
+    )
+}
+
+
+def wirings(plates: bool = True) -> dict[str, Wiring]:
+    """The wiring of each kind of trial, with the plates of the capacitance sensor or without."""
+    return WIRINGS if plates else _WITHOUT_PLATES
 
 
 def program(wiring: Wiring, name: str) -> Component:

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from ..solver.kernel import ParameterInfo
-from ..solver.nearest import did_you_mean
+from ..solver.component import in_units
 from .calibration import POINTS, Calibration, calibrate
-from .compiled_rig import plant_kernel, program_kernel
+from .compiled_rig import program_kernel
+from .machine import SIZED, Machine
 from .noise import Draw, Noise, draw
-from .parameters import used_by_trial, values_for
+from .parameters import BadRig, check, given_values, used_by_trial
 from .rig_trials import FORCE, Trial
-from .rig_wiring import PLANT, REFERENCE, WIRINGS
+from .rig_wiring import PLANT, REFERENCE, WIRINGS, Wiring, wirings
 
 if TYPE_CHECKING:
     from ..orchestration.parameter_file import ParameterFile
 
 
 Vector = npt.NDArray[np.float64]
-
-
-class BadRig(ValueError):
-    """A parameter that the rig does not have, or a value out of its range; the message says so."""
 
 
 # -- what is run -----------------------------------------------------------------------------
@@ -50,7 +46,7 @@ class Setup:
     """
 
     trial: Trial
-    law: str
+    machine: Machine
     seed: int
     noise: Noise
     parameters: dict[str, float]
@@ -58,6 +54,11 @@ class Setup:
     external: dict[str, Vector]
     calibration: Calibration | None
     used: ParameterFile
+
+    @property
+    def wiring(self) -> Wiring:
+        """Of the trial's program."""
+        return wirings(self.machine.is_axis)[self.trial.control]
 
     def values_of(self, part: str) -> dict[str, float]:
         """Parameters and start values of one part, under its own names."""
@@ -69,10 +70,10 @@ class Setup:
 
 def set_up(
     trial: Trial,
-    law: str,
-    parameters: Mapping[str, float] | None,
-    seed: int,
-    noise: Noise,
+    machine: Machine,
+    parameters: Mapping[str, float] | None = None,
+    seed: int = 0,
+    noise: Noise | None = None,
     told: ParameterFile | None = None,
 ) -> Setup:
     """Draw the trial's random numbers, calibrate its sensor, and collect all parameters.
@@ -81,27 +82,30 @@ def set_up(
     ------
     UnknownLaw, BadRig, BadParameters
     """
+    law, noise = machine.law, noise or machine.noise
+    plates = machine.is_axis and trial.control == FORCE
     drawn = draw(trial, seed, noise)
-    known = {f"{PLANT}.{p.name}": p for p in plant_kernel(law).parameters}
-    known |= {_dotted(trial.control, p.name): p for p in program_kernel(trial.control).parameters}
+    program = program_kernel(trial.control, machine.is_axis).parameters
+    known = machine.known
+    known |= {_dotted(trial.control, p.name): in_units(p, machine.words) for p in program}
     for fixed in ("sample_time", *_CALIBRATED):
         known.pop(fixed, None)
-    given = values_for(told, law, trial.control, known) if told else {}
-    given |= {
-        name if "." in name else f"{PLANT}.{name}": float(value)
-        for name, value in (parameters or {}).items()
-    }
+    for name, default in machine.defaults.items():
+        if name in known:
+            known[name] = replace(known[name], default=default, source=SIZED)
+    given = given_values(known, law, parameters, told)
     for name, value in given.items():
-        _check(name, value, known, law)
+        check(name, value, known, law)
     if f"{PLANT}.p" in given:  # one screw
         given.setdefault("encoder.p", given[f"{PLANT}.p"])
     values = {name: p.default for name, p in known.items()}
     values["encoder.phase"] = drawn.encoder_phase
     calibration, starts = None, {}
-    if trial.control == FORCE:
+    if plates:
         values["capacitance_sensor.separation"] += drawn.separation
     values |= given
-    if trial.control == FORCE:
+    machine.check_trial(trial, values)
+    if plates:
         calibration = _calibrate(values, drawn)
         values |= dict(zip(_CALIBRATED, calibration.coefficients.tolist(), strict=True))
         at_rest = float(_capacitance(values, np.zeros(1))[0])
@@ -118,25 +122,10 @@ def set_up(
         REFERENCE[trial.control]: trial.reference(),
     }
     used = used_by_trial(law, known, given, told)
-    return Setup(trial, law, seed, noise, values, starts, external, calibration, used)
+    return Setup(trial, machine, seed, noise, values, starts, external, calibration, used)
 
 
 _CALIBRATED = tuple(f"capacitance_sensor.c{k}" for k in range(3))
-
-
-def _check(name: str, value: float, known: Mapping[str, ParameterInfo], law: str) -> None:
-    if name not in known:
-        hint = did_you_mean(name, known)
-        owner = name.partition(".")[0]
-        theirs = [k for k in known if k.startswith(f"{owner}.")] or list(
-            dict.fromkeys(k.partition(".")[0] + ".*" for k in known if "." in k)
-        )
-        raise BadRig(f"the rig with {law} has no {name!r}; it has {', '.join(theirs)}{hint}")
-    p = known[name]
-    if not (math.isfinite(value) and p.minimum <= value <= p.maximum):
-        raise BadRig(
-            f"{name} is {value:g} {p.unit}, expected a value within [{p.minimum:g}, {p.maximum:g}]"
-        )
 
 
 def _dotted(control: str, name: str) -> str:

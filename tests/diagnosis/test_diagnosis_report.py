@@ -410,7 +410,7 @@ def test_a_cause_is_told_with_size_gain_doubt_and_what_would_confirm_it():
         "0.66 N rms, 50 % of the friction",
         "would confirm it slow reversals",
         "For this machine: strokes of 1 mm to and fro. Command file: next_experiment.csv",
-        "ballscrew rig 2.4/1 --out",
+        "ballscrew rig 2.4/1 --params parameters.toml --out",
         "Fc 1.25 1.275 +2 % 3 % N",
         "The solver gets no further.",
     ):

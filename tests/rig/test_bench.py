@@ -14,8 +14,8 @@ from ballscrew.results.rig_record import RigRecord
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.compiled_rig import plant_kernel
 from ballscrew.rig.noise import Noise
+from ballscrew.rig.parameters import BadRig
 from ballscrew.rig.rig_trials import trials_named
-from ballscrew.rig.setup import BadRig
 from ballscrew.solver.kernel import Model
 
 QUIET = Noise(load_cell=0.0, capacitance=0.0, micrometer=0.0, separation=0.0)

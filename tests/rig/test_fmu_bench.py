@@ -3,9 +3,11 @@
 import json
 import shutil
 
+import fmpy
 import numpy as np
 import pytest
 
+from ballscrew import read_parameters
 from ballscrew.fmus.reading import unpack
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.rig.bench import run_trial
@@ -80,6 +82,26 @@ def test_separate_fmus_give_the_same_record_and_truth(trial, rig, tmp_path):
         source = {"time": "time", "u": "plant.voltage"}.get(name, f"plant.{name}")
         scale = np.abs(values).max()
         np.testing.assert_allclose(apart[source], values, atol=1e-10 * scale, rtol=0)
+
+
+def test_separate_fmus_of_a_drive_have_its_units_and_give_the_same_record(tmp_path):
+    path = tmp_path / "joint.toml"
+    path.write_text('kind = "rotary_drive"\ncommand = "torque"\n[plant]\nJ = 0.5\n')
+    given = ("2.2/5", "lugre", {}, 2)
+    export_trial(tmp_path, *given, told=read_parameters(path))
+    assert not (tmp_path / "capacitance_sensor.fmu").exists()
+    units = {
+        (part, v.name): v.unit
+        for part in ("plant", "velocity_pid", "load_cell")
+        for v in fmpy.read_model_description(str(tmp_path / f"{part}.fmu")).modelVariables
+    }
+    assert units["plant", "x"] == "rad"
+    assert units["plant", "J"] == "kg*m^2"
+    assert units["velocity_pid", "u"] == units["load_cell", "force"] == "N*m"
+    compiled, apart = run_trial(*given, told=read_parameters(path)), repeated(tmp_path)
+    for name, port in (("x", "plant.x"), ("force", "plant.force"), ("u", "plant.voltage")):
+        true = compiled.truth[name]
+        np.testing.assert_allclose(apart[port], true, atol=1e-10 * np.abs(true).max(), rtol=0)
 
 
 def test_the_wiring_that_is_written_names_what_the_fmus_have(rig):

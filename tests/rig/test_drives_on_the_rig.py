@@ -1,0 +1,342 @@
+"""Drives of parameter files on the rig: trials of their size, records for the other commands."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from diagnosed import run
+from scipy.integrate import solve_ivp
+from scipy.signal import butter, lfilter
+
+import ballscrew
+from ballscrew.identification.identifiability import candidates
+from ballscrew.identification.identify import identify
+from ballscrew.records.reading import read_force_records
+from ballscrew.rig.bench import run_trial
+from ballscrew.rig.machine import machine_of
+from ballscrew.rig.noise import Noise
+from ballscrew.rig.parameters import BadRig
+
+LINEAR = """
+kind = "drive"
+command = "force"
+law = "lugre"
+
+[plant]
+m = 40.0
+gain = 1.0
+offset = 15.0
+sigma0 = 1e7
+sigma1 = 2e4
+sigma2 = 200.0
+Fc = 80.0
+Fs = 90.0
+Vs = 0.01
+voltage_limit = 500.0
+
+[rig.trial]
+travel = 0.6
+"""
+JOINT = """
+kind = "rotary_drive"
+command = "torque"
+law = "classical"
+
+[plant]
+J = 0.5
+gain = 1.0
+Fc = 2.0
+Fs = 2.5
+sigma2 = 1.5
+Vs = 0.05
+"""
+AMPS = JOINT.replace("torque", "current").replace("gain = 1.0", "gain = -2.0")
+STEP = 0.005  # s, of the rig's program
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("machines")
+    for name, text in (("linear", LINEAR), ("joint", JOINT), ("amps", AMPS)):
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    return folder
+
+
+def told(path):
+    return ballscrew.read_parameters(path)
+
+
+# -- right -----------------------------------------------------------------------------------
+
+
+def simc(gain, lag, second, delay, closed):
+    """The series form's three numbers, as Skogestad prints them, in the parallel form."""
+    kc, ti = lag / gain / (closed + delay), min(lag, 4 * (closed + delay))
+    return kc * (1 + second / ti), kc / ti, kc * second
+
+
+def by_scipy(reference, force_controlled):
+    """The linear drive in its loop, typed by hand: 200 Hz, 20 Hz Butterworth filters, LuGre."""
+    b, a = butter(2, 20.0, fs=200.0)
+    low_pass_lag = math.sqrt(0.5) * STEP / math.tan(math.pi * 20.0 * STEP)
+    if force_controlled:
+        gains = simc(1.0, low_pass_lag / 2, 0.0, low_pass_lag / 2 + STEP / 2, 1.0)
+    else:
+        delay = low_pass_lag / 2 + STEP
+        gains = simc(1 / 200.0, 40.0 / 200.0, low_pass_lag / 2, delay, 3 * delay)
+    memory, before = np.zeros(2), 0.0
+    total = last = held = 0.0
+    y, rows = np.zeros(3), []  # position, velocity, bristles
+
+    def rate(_, y, u):
+        _, v, z = y
+        dz = v - 1e7 * abs(v) * z / (80.0 + 10.0 * math.exp(-((v / 0.01) ** 2)))
+        return [v, (u - 15.0 - 1e7 * z - 2e4 * dz - 200.0 * v) / 40.0, dz]
+
+    for asked in reference:
+        # what the load cell feels: all of the drive's force but the constant one
+        seen = held - 15.0 if force_controlled else y[0]
+        (filtered,), memory = lfilter(b, a, [seen], zi=memory)
+        measured = filtered if force_controlled else (filtered - before) / STEP
+        error = asked - measured
+        grown = total + STEP * error
+        slope, last, before = (measured - last) / STEP, measured, filtered
+        demand = gains[0] * error + gains[1] * grown - gains[2] * slope
+        total = grown if abs(demand) <= 500.0 else total
+        held = min(500.0, max(-500.0, demand))
+        rows.append((held, *y))
+        solver = {"method": "Radau", "rtol": 1e-8, "atol": [1e-12, 1e-10, 1e-14]}
+        y = solve_ivp(rate, (0.0, STEP), y, args=(held,), **solver).y[:, -1]
+    return np.array(rows).T
+
+
+SHARP = {"encoder.counts": 1e12, "encoder.phase": 0.5, "load_cell.resolution": 1e-9}
+
+
+@pytest.mark.parametrize("trial", ["2.4/1", "2.2/12"])
+def test_a_record_without_noise_is_what_scipy_simulates(files, trial):
+    found = run_trial(trial, "lugre", SHARP, noise=Noise(0.0), told=told(files / "linear.toml"))
+    part = slice(0, 240)
+    name = "force_ref" if trial == "2.2/12" else "v_ref"
+    u, x, v, _ = by_scipy(found.record[name][part], trial == "2.2/12")
+    assert np.abs(found.record["u"][part] - u).max() < 1e-4 * np.abs(u).max()
+    assert np.abs(found.truth["x"][part] - x).max() < 1e-4 * np.abs(x).max()
+    assert np.abs(found.truth["v"][part] - v).max() < 1e-3 * np.abs(v).max()
+
+
+def test_a_loading_rate_is_the_one_asked_for(files):
+    found = run_trial("loading-rate/5", "lugre", told=told(files / "linear.toml"))
+    stuck = found.truth["friction"] < 40.0
+    rate = np.polyfit(found.truth["time"][stuck], found.truth["friction"][stuck], 1)[0]
+    assert rate == pytest.approx(found.trial.level, rel=0.01)
+    assert found.truth["friction"][0] == pytest.approx(0.0, abs=1e-9)
+
+
+# -- of the machine's size -------------------------------------------------------------------
+
+
+def test_trials_have_the_size_of_the_machine(files):
+    """Forces are shares of its static friction; viscous friction grows to that of sliding."""
+    linear, joint = (
+        machine_of(*a)
+        for a in (
+            ("lugre", None, told(files / "linear.toml")),
+            ("classical", None, told(files / "joint.toml")),
+        )
+    )
+    assert linear.sizes == pytest.approx({"speed": 80.0 / 200.0, "force": 90.0, "travel": 0.6})
+    assert joint.sizes["speed"] == pytest.approx(2.0 / 1.5)
+    assert joint.trials["2.4/1"].asked == "velocity 0.1667 rad/s sin(1 t)"
+    assert linear.trials["2.8/1"].asked == f"step of the force to {90 * 0.5 / 2.35:.4g} N"
+    for trial in linear.trials.values():
+        if trial.control == "velocity":
+            way = np.cumsum(trial.reference()) * STEP
+            assert np.abs(way).max() < 0.6 * 1.01
+    for trial in joint.trials.values():
+        assert not trial.fine
+        assert "N*m" in trial.asked or "rad/s" in trial.asked
+
+
+@pytest.mark.parametrize(
+    ("limit", "travel", "speed"),
+    [
+        (500.0, 0.05, 0.05),  # over the travel in a second
+        (200.0, 5.0, (0.8 * 200.0 - 15.0 - 80.0) / 200.0),  # force to spare
+        (1e6, 5.0, 0.4),
+    ],
+)
+def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, travel, speed):
+    given = {"plant.voltage_limit": limit, "trial.travel": travel}
+    machine = machine_of("lugre", given, told(files / "linear.toml"))
+    assert machine.sizes["speed"] == pytest.approx(speed)
+    found = run_trial("viscous/51", "lugre", given, told=told(files / "linear.toml"))
+    assert np.mean(found.truth["v"][-20:]) == pytest.approx(speed, rel=0.02)
+    assert np.abs(found.record["u"][-100:]).max() < limit
+
+
+@pytest.mark.parametrize(
+    ("name", "trial", "given", "said"),
+    [
+        ("linear", "2.4/1", {"plant.voltage_limit": 90.0}, "gives 90 N .* too little to slide"),
+        ("linear", "2.2/13", {"plant.voltage_limit": 100.0}, "takes 107 N, and .* gives 100 N"),
+        ("linear", "2.4/1", {"plant.sigma2": 0.0}, "needs a velocity.* give trial.speed, in m/s"),
+        ("joint", "2.4/1", {"plant.sigma2": 0.0}, "give trial.speed, in rad/s"),
+        ("linear", "viscous/51", {"trial.speed": 1.0}, "over in 0.6 s on the travel of 0.6 m"),
+        ("linear", "2.8/1", {}, "1.9 counts of the encoder.*give encoder.counts of 2089 or more"),
+        ("joint", "presliding", {}, "the law classical does not have; give another law"),
+        ("linear", "2.4/1", {"plant.gain": 0.0}, "plant.gain is 0"),
+        ("joint", "2.4/1", {"capacitance_sensor.area": 1.0}, "has no 'capacitance_sensor.area'"),
+        ("joint", "2.4/1", {"trial.sped": 1.0}, "it has trial.speed, trial.force, trial.travel"),
+    ],
+)
+def test_a_trial_that_means_nothing_for_a_machine_is_refused(files, name, trial, given, said):
+    file = told(files / f"{name}.toml")
+    with pytest.raises(BadRig, match=said):
+        run_trial(trial, file.law, given, told=file)
+
+
+def test_the_list_has_the_machine_s_trials_and_says_what_is_refused(files):
+    code, printed, _ = run("rig", "--list", "--params", files / "joint.toml")
+    assert code == 0
+    lines = {line.split()[0]: line for line in printed.splitlines()}
+    assert "constant velocity 0.5 rad/s" in lines["viscous/1"]
+    assert "refused: presliding/1 is of presliding" in lines["presliding/1"]
+
+
+def test_a_file_of_another_kind_is_refused_in_one_line(tmp_path):
+    path = tmp_path / "fmu.toml"
+    path.write_text('kind = "fmu"\n')
+    code, _, said = run("rig", "2.4/1", "--params", path, "--out", tmp_path / "o")
+    assert code == 2
+    assert len(said.splitlines()) == 1
+    assert "expected one of ball_screw, drive, rotary_drive: the rig" in said
+
+
+# -- its parts -------------------------------------------------------------------------------
+
+
+def test_the_parameters_written_give_the_same_record_again(files, tmp_path):
+    first = ballscrew.run_trial("2.6/6", params=files / "joint.toml", seed=1)
+    first.save(tmp_path)
+    again = ballscrew.run_trial("2.6/6", params=tmp_path / "parameters.toml", seed=1)
+    for name, values in first.record.items():
+        np.testing.assert_array_equal(again.record[name], values)
+    about = json.loads((tmp_path / "trial.json").read_text())
+    schema = Path(__file__).parents[2] / "docs" / "reference" / "schemas" / "trial.json"
+    jsonschema.validate(about, json.loads(schema.read_text()))
+    text = (tmp_path / "record.csv").read_text().splitlines()[0]
+    assert text.startswith("time [s],x [rad],force [N*m],u [N*m],v_ref [rad/s]")
+    written = ballscrew.read_parameters(tmp_path / "parameters.toml")
+    assert (written.kind, written.command) == ("rotary_drive", "torque")
+    assert written.rig["velocity_pid"]["Kp"].unit == "N*m/(rad/s)"
+    picture = first.plot()
+    labels = [axes.get_ylabel() for axes in picture.axes]
+    assert labels == ["angle [rad]", "torque [N*m]", "velocity [rad/s]"]
+
+
+def test_instruments_have_the_machine_s_size(files):
+    found = run_trial("2.6/6", "classical", told=told(files / "joint.toml"))
+    step = 0.089 * 2.5 / 2.35
+    read = found.record["force"] / step
+    np.testing.assert_allclose(read, np.round(read), atol=1e-9)
+    off = (found.record["force"] - found.truth["force"])[1:]
+    assert off.std() == pytest.approx(math.hypot(0.03 * 2.5 / 2.35, step / 12**0.5), rel=0.15)
+    counts = found.record["x"] * 2**20 / (2 * math.pi)
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+
+
+# -- for the other commands ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "law", "truth", "not_told"),
+    [
+        ("linear", "lugre", {"sigma0": 1e7, "sigma2": 200, "Fc": 80, "Fs": 90, "Vs": 0.01}, 1),
+        ("joint", "classical", {"sigma2": 1.5, "Fc": 2.0, "Fs": 2.5, "Vs": 0.05}, 0),
+    ],
+)
+def test_what_was_put_in_is_identified(files, tmp_path, name, law, truth, not_told):
+    """Of the linear drive all but the bristles' damping, which no record at 200 Hz shows."""
+    given = ("--params", files / f"{name}.toml")
+    trials = [f"2.4/{k}" for k in range(1, 17, 2)]
+    assert run("rig", *trials, *given, "--seed", "1", "--out", tmp_path / "rig")[0] == 0
+    fit = ("--law", law, *given, "--json", "--out", tmp_path / "identified")
+    code, printed, _ = run("identify", tmp_path / "rig", *fit)
+    found = json.loads(printed)["parameters"]
+    assert code == (1 if not_told else 0)
+    assert sum(not i["identified"] for i in found.values()) == not_told
+    for parameter, true in truth.items():
+        assert found[parameter]["identified"], parameter
+        assert found[parameter]["low"] <= true <= found[parameter]["high"], parameter
+    written = ballscrew.read_parameters(tmp_path / "identified" / "parameters.toml")
+    assert written.kind == told(files / f"{name}.toml").kind
+    assert (
+        run(
+            "rig",
+            "2.6/6",
+            "--params",
+            tmp_path / "identified" / "parameters.toml",
+            "--out",
+            tmp_path / "again",
+        )[0]
+        == 0
+    )
+
+
+@pytest.mark.parametrize("name", ["linear", "joint", "amps"])
+def test_by_the_true_file_nothing_is_wrong(files, tmp_path, name):
+    given = ("--params", files / f"{name}.toml")
+    assert run("rig", "2.6/6", *given, "--out", tmp_path / "rig")[0] == 0
+    record = tmp_path / "rig" / "record.csv"
+    code, printed, _ = run("diagnose", record, *given, "--json", "--out", tmp_path / "d")
+    assert code == 0
+    assert (json.loads(printed)["verdict"], json.loads(printed)["causes"]) == ("none", [])
+    assert run("compare", record, *given, "--out", tmp_path / "c")[0] == 0
+
+
+@pytest.mark.parametrize(("name", "more", "load"), [("linear", 35.0, 20.0), ("joint", 0.4, 0.4)])
+def test_a_load_that_the_rig_hides_is_found(files, tmp_path, name, more, load):
+    given = ("--params", files / f"{name}.toml")
+    hidden = ("--set", f"plant.offset={more}", "--out", tmp_path / "rig")
+    assert run("rig", "2.6/6", *given, *hidden)[0] == 0
+    record = tmp_path / "rig" / "record.csv"
+    _, printed, _ = run("diagnose", record, *given, "--json", "--out", tmp_path / "d")
+    (cause,) = json.loads(printed)["causes"]
+    assert cause["name"] == "load_bias"
+    assert cause["parameters"]["load"] == pytest.approx(load, rel=0.1)
+
+
+def test_a_record_of_a_drive_alone_is_no_record_of_the_thesis_axis(files, tmp_path):
+    run_trial("viscous/1", "lugre", told=told(files / "linear.toml")).save(tmp_path)
+    result = identify(read_force_records([tmp_path]), "lugre")
+    file = result.parameter_file()
+    assert (file.kind, file.plant["m"].value) == ("drive", 40.0)
+
+
+def test_a_trial_that_would_do_is_one_that_the_records_show_the_machine_can_do(files, tmp_path):
+    """Not of the thesis' millimetres per second: of this machine's decimetres."""
+    file = told(files / "linear.toml")
+    for name in ("viscous/1", "viscous/6", "viscous/51", "viscous/56"):
+        made = run_trial(name, "lugre", told=file)
+        made.save(tmp_path / made.trial.folder)
+    records = read_force_records([tmp_path])
+    result = identify(records, "lugre", file)
+    speed = max(np.abs(np.gradient(r.position, r.step)).max() for r in records)
+    way = max(np.ptp(r.position) for r in records)
+    asked = [candidates(result.fit, n, result.course) for n in ("sigma0", "sigma2", "Fs")]
+    motions = [(m, c) for c in itertools.chain(*asked) for m in c.motions]
+    fastest = []
+    for motion, trial in motions:
+        x = motion(np.arange(0.0, trial.duration, 1e-3))
+        assert np.ptp(x) <= 1.01 * way
+        fastest.append(np.abs(np.gradient(x, 1e-3)).max())
+        assert fastest[-1] <= 1.001 * speed
+    assert max(fastest) == pytest.approx(0.4, rel=0.02)
+    assert not result.parameters["Vs"].identified
+    assert "m/s" in result.parameters["Vs"].would_do
