@@ -2,8 +2,9 @@
 
 import io
 import os
-import signal
 import sys
+
+from .orchestration.operating_system import can_supervise, hold_interrupts
 
 
 class _Errors(io.FileIO):
@@ -45,10 +46,8 @@ def _command() -> int:
 def main() -> int:
     """Run the command, supervised where the system can, and return its exit code."""
     _open_streams()
-    if not sys.platform.startswith("linux"):
-        return _command()
-    signals = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN]
-    signal.pthread_sigmask(signal.SIG_BLOCK, signals)  # they wait until somebody can answer
+    if can_supervise():
+        hold_interrupts()  # until somebody can answer
     from .supervision import supervised
 
     return supervised(_command)

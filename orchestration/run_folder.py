@@ -10,15 +10,15 @@ user's: a file that is not as we wrote it is never removed or overwritten.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from ..solver.files import naming
+from .operating_system import locked
 
 HIDDEN = ".ballscrew"
 KEPT = ".kept"
@@ -51,7 +51,7 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
     """
     hidden = folder / HIDDEN
     hidden.mkdir(parents=True, exist_ok=True)
-    with _locked(hidden):
+    with locked(hidden):
         notes = _settle(folder)
         stage = hidden / _STAGE
         stage.mkdir()
@@ -89,7 +89,7 @@ def settle(folder: Path) -> list[str]:
     hidden = folder / HIDDEN
     if not (hidden / _STAGE).exists() and not (hidden / _NEXT).exists():
         return []
-    with _locked(hidden):
+    with locked(hidden):
         return _settle(folder)
 
 
@@ -178,15 +178,3 @@ def _listed(path: Path) -> Files:
 
 def _is_inside(name: str) -> bool:
     return not name.startswith("/") and ".." not in Path(name).parts
-
-
-@contextlib.contextmanager
-def _locked(hidden: Path) -> Iterator[None]:
-    """Keep other processes from writing here meanwhile; a process that ends keeps nobody."""
-    descriptor = os.open(hidden, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):  # a file system that has no locks
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
