@@ -25,7 +25,11 @@ def _open_streams() -> None:
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
     if sys.stdout is None:
-        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    if sys.platform == "win32":  # whose consoles are no files, and whose files have an old encoding
+        for stream in filter(None, (sys.stdout, sys.stderr)):
+            stream.reconfigure(encoding="utf-8")
+        return
     errors = io.BufferedWriter(_Errors(2, "w", closefd=False))
     encoding = getattr(sys.stderr, "encoding", None)
     sys.stderr = io.TextIOWrapper(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +24,7 @@ from .params_option import add_params, bad_parameters, plant_of, read_params
 from .plant import PLANTS
 from .results_folder import prepare_folder, write_or_refuse
 from .sides import check_labels
+from .solver.files import temporary_folder
 
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
@@ -153,7 +153,7 @@ def export(options: argparse.Namespace) -> int:
 
     kind = "_variational" if options.variational else "_loop" if options.loop else ""
     ending = ".ssp" if options.ssp else kind + (".mo" if options.modelica else ".fmu")
-    with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
+    with temporary_folder("export") as folder:
         for name in names:
             tell_export(names, name)
             target = options.out / (name_of(name) + ending)

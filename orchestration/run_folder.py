@@ -17,7 +17,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from ..solver.files import naming
+from ..solver.files import naming, replace
 from .operating_system import locked
 
 HIDDEN = ".ballscrew"
@@ -70,7 +70,7 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
         except Exception:
             shutil.rmtree(stage, ignore_errors=True)
             raise
-        os.replace(listed, hidden / _NEXT)
+        replace(listed, hidden / _NEXT)
         return notes + _settle(folder)
 
 
@@ -116,11 +116,11 @@ def _settle(folder: Path) -> list[str]:
             moved += _make_way(folder, name, {before.get(name, digest), digest})
             target = folder / name
             target.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(stage / name, target)
+            replace(stage / name, target)
         for name in before.keys() - files.keys():
             if _digest(folder / name) == before[name]:
                 _remove(folder, name)
-        os.replace(hidden / _NEXT, hidden / _WRITTEN)
+        replace(hidden / _NEXT, hidden / _WRITTEN)
     if stage.exists():
         shutil.rmtree(stage)
     if not moved:
@@ -138,7 +138,7 @@ def _make_way(folder: Path, name: str, ours: set[str]) -> list[str]:
         there = folder / place
         fits = _digest(there) in ours if place == Path(name) else there.is_dir()
         if os.path.lexists(there) and not fits:
-            os.rename(there, _free_name(there))
+            replace(there, _free_name(there))
             moved.append(place.as_posix())
     return moved
 

@@ -7,7 +7,6 @@ import platform
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,7 +93,9 @@ def compile_library(name: str, sources: Mapping[str, str], main: str, stem: str)
     ------
     CompilerFailed
     """
-    with tempfile.TemporaryDirectory(prefix="ballscrew-compile-") as folder:
+    from .files import temporary_folder  # not at the top: the build of this package runs this file
+
+    with temporary_folder("compile") as folder:
         for file, text in sources.items():
             (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
         return compile_in(Path(folder), name, [*FLAGS, main], stem)
@@ -126,7 +127,7 @@ def compile_in(folder: Path, name: str, arguments: Sequence[str], stem: str) -> 
             command,
             cwd=folder,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
             errors="replace",
             timeout=_LONGEST,
         )
