@@ -177,7 +177,7 @@ def export(options: argparse.Namespace) -> int:
 
 def _read_native(options: argparse.Namespace) -> list[str] | None:
     """The platforms; options that make no sense together are refused before any work is done."""
-    from .solver.compilers import PLATFORMS
+    from .solver.compilers import platforms_of
 
     for option in ("fmi", "platforms"):
         if getattr(options, option) is not None and not options.native:
@@ -187,9 +187,13 @@ def _read_native(options: argparse.Namespace) -> list[str] | None:
     if options.ssp and options.fmi == "3":
         raise BadRequest("--fmi 3 and --ssp: a system of SSP 1.0 holds FMUs of FMI 2.0")
     platforms = None if options.platforms is None else options.platforms.split(",")
+    known = platforms_of(int(options.fmi or 2))
     for name in platforms or ():
-        if name not in PLATFORMS:
-            raise BadRequest(f"--platforms: no platform {name!r}; there are {', '.join(PLATFORMS)}")
+        if name not in known:
+            raise BadRequest(
+                f"--platforms: no platform {name!r}; there are {', '.join(known)} "
+                f"with --fmi {options.fmi or 2}"
+            )
     return platforms
 
 
