@@ -91,7 +91,7 @@ def compared(ours: Rows, theirs: Rows) -> str:
 
 def computed(python: str | Path, folder: Path) -> dict[str, Rows]:
     """What the installed package of an interpreter computes."""
-    program = [python, "-m", "ballscrew"]
+    program = [python, "-P", "-m", "ballscrew"]
     made = {}
     for name, more in {"run": ["--stop", "0.2"], "lyapunov": ["--stop", "2"]}.items():
         out = folder / name
@@ -102,7 +102,9 @@ def computed(python: str | Path, folder: Path) -> dict[str, Rows]:
 
 
 def exported(python: str | Path, kind: str, folder: Path) -> Path:
-    words(python, "-m", "ballscrew", "export", "--only", "plant", *FMUS[kind], "--out", folder)
+    words(
+        python, "-P", "-m", "ballscrew", "export", "--only", "plant", *FMUS[kind], "--out", folder
+    )
     return folder / "plant.fmu"
 
 

@@ -197,12 +197,9 @@ def test_a_readable_fmu_takes_the_core_along_for_the_platforms_that_it_runs_on(w
     if not sys.platform.startswith("linux") or os.uname().machine != "x86_64":
         pytest.skip("needs Linux on x86-64, where the wheel for it is used")
     folder = unpacked(wheel, "linux64", tmp_path)
-    # beside ours, one for another processor, which comes first by its name
-    shutil.copy(unpacked(wheel, "aarch64-linux", tmp_path / "arm") / "libcore.so", folder)
-    (folder / "libcore.so").rename(folder / "libcore-aarch64.so")
-    with zipfile.ZipFile(wheel("linux64")) as archive:
-        data = archive.read("ballscrew/solver/c/libcore.so")
-        (folder / "libcore-linux64.so").write_bytes(data)
+    # beside ours, one that cannot be loaded here, which comes first by its name
+    (folder / "libcore-aarch64.so").write_bytes(b"\x7fELF of another processor")
+    (folder / "libcore.so").rename(folder / "libcore-linux64.so")
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "PYTHONSAFEPATH": "1"}
     command = [sys.executable, "-m", "ballscrew", "export", "--only", "pid"]
     run(*command, "--out", tmp_path / "fmus", env=environment)
