@@ -4,12 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name '*.json' -o -name 'page.md') pyproject.toml
 
-.PHONY: demo check test docs prove tools lint bench clean
+.PHONY: demo check test docs prove tools lint bench wheels pythons clean
 
 # The package is installed, not linked: what runs and is tested is what a user gets.
 $(VENV)/installed: $(SOURCES) constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt setuptools wheel
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt "setuptools>=77" wheel
 	rm -rf build  # what an earlier version left there would be installed, too
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[test]"
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-deps --force-reinstall .
@@ -73,6 +73,18 @@ bench: $(VENV)/installed
 	$(BIN)/python benchmarks/map.py
 	$(BIN)/python benchmarks/native.py
 	$(BIN)/python benchmarks/study.py
+
+# One for each platform, compiled here by ziglang; `WHEELS=win64` makes one.
+WHEELS ?= linux64 win64 darwin64 aarch64-linux aarch64-windows aarch64-darwin
+wheels: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt ziglang
+	for target in $(WHEELS); do \
+	  $(BIN)/python -m build --wheel --no-isolation -C target=$$target --outdir out/wheels . || exit 1; \
+	done
+
+# The wheel under every other Python that is found, see the script.
+pythons: $(VENV)/installed
+	$(BIN)/python .ci/pythons.py
 
 clean:
 	rm -rf $(VENV) build out *.egg-info

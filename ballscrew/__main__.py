@@ -2,8 +2,9 @@
 
 import io
 import os
-import signal
 import sys
+
+from .orchestration.operating_system import can_supervise, hold_interrupts
 
 
 class _Errors(io.FileIO):
@@ -24,7 +25,11 @@ def _open_streams() -> None:
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
     if sys.stdout is None:
-        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    if sys.platform == "win32":  # whose consoles are no files, and whose files have an old encoding
+        for stream in filter(None, (sys.stdout, sys.stderr)):
+            stream.reconfigure(encoding="utf-8")
+        return
     errors = io.BufferedWriter(_Errors(2, "w", closefd=False))
     encoding = getattr(sys.stderr, "encoding", None)
     sys.stderr = io.TextIOWrapper(
@@ -45,10 +50,8 @@ def _command() -> int:
 def main() -> int:
     """Run the command, supervised where the system can, and return its exit code."""
     _open_streams()
-    if not sys.platform.startswith("linux"):
-        return _command()
-    signals = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN]
-    signal.pthread_sigmask(signal.SIG_BLOCK, signals)  # they wait until somebody can answer
+    if can_supervise():
+        hold_interrupts()  # until somebody can answer
     from .supervision import supervised
 
     return supervised(_command)

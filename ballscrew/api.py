@@ -203,12 +203,12 @@ def export(
     ...     ballscrew.export("pid", Path(folder) / "pid.fmu").name
     'pid.fmu'
     """
-    from tempfile import TemporaryDirectory
 
     from .exporting import SYSTEM, Export
     from .options import read_whole_number
     from .orchestration.parts import resolve, resolve_plant
     from .params_option import plant_of
+    from .solver.files import temporary_folder
 
     path = Path(path)
     if fmi not in (2, 3):
@@ -224,7 +224,7 @@ def export(
     how = Export(
         around or "", read_whole_number("tangents", tangents, 0, 12), params, native, fmi, platforms
     )
-    with TemporaryDirectory(prefix="ballscrew-export-") as folder:
+    with temporary_folder("export") as folder:
         how.write(name, path, Path(folder))
     return path
 

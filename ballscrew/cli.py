@@ -31,6 +31,7 @@ from . import (
 )
 from .console import complain, complain_of_ourselves, forget_output
 from .options import BadRequest, Parser
+from .supervision import interrupted
 
 _EXAMPLES = """examples:
   ballscrew run --controller iol --out out/iol
@@ -74,8 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = f"{error.filename}: " if error.filename else "output cannot be written: "
         return complain(f"{where}{error.strerror or error}")
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+        return interrupted()
     except Exception as error:
         return complain_of_ourselves(error)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +24,7 @@ from .params_option import add_params, bad_parameters, plant_of, read_params
 from .plant import PLANTS
 from .results_folder import prepare_folder, write_or_refuse
 from .sides import check_labels
+from .solver.files import temporary_folder
 
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
@@ -153,7 +153,7 @@ def export(options: argparse.Namespace) -> int:
 
     kind = "_variational" if options.variational else "_loop" if options.loop else ""
     ending = ".ssp" if options.ssp else kind + (".mo" if options.modelica else ".fmu")
-    with tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder:
+    with temporary_folder("export") as folder:
         for name in names:
             tell_export(names, name)
             target = options.out / (name_of(name) + ending)
@@ -177,7 +177,7 @@ def export(options: argparse.Namespace) -> int:
 
 def _read_native(options: argparse.Namespace) -> list[str] | None:
     """The platforms; options that make no sense together are refused before any work is done."""
-    from .solver.compilers import PLATFORMS
+    from .solver.compilers import platforms_of
 
     for option in ("fmi", "platforms"):
         if getattr(options, option) is not None and not options.native:
@@ -187,9 +187,13 @@ def _read_native(options: argparse.Namespace) -> list[str] | None:
     if options.ssp and options.fmi == "3":
         raise BadRequest("--fmi 3 and --ssp: a system of SSP 1.0 holds FMUs of FMI 2.0")
     platforms = None if options.platforms is None else options.platforms.split(",")
+    known = platforms_of(int(options.fmi or 2))
     for name in platforms or ():
-        if name not in PLATFORMS:
-            raise BadRequest(f"--platforms: no platform {name!r}; there are {', '.join(PLATFORMS)}")
+        if name not in known:
+            raise BadRequest(
+                f"--platforms: no platform {name!r}; there are {', '.join(known)} "
+                f"with --fmi {options.fmi or 2}"
+            )
     return platforms
 
 

@@ -20,7 +20,7 @@ from other_masters import TimedLoop, missing_for_ecos, step_cost
 from ballscrew.fmus.catalogue import NAMES, fmu
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import catalogued_model
-from ballscrew.solver.compilers import PLATFORMS, own_platform
+from ballscrew.solver.compilers import PLATFORMS, own_platform, platforms_of
 
 ROUNDS = 3
 SECONDS = {"iol at 1e-3 s": ("iol", 1e-3, 5.0), "nctf at 1e-4 s": ("nctf", 1e-4, 1.0)}
@@ -54,7 +54,7 @@ def steps(native: dict[str, Path]) -> None:
 
 def exports(folder: Path) -> dict[str, Path]:
     """Export everything, print what that takes and gives; the FMUs by name."""
-    platforms = list(PLATFORMS) if find_spec("ziglang") else [own_platform()]
+    platforms = platforms_of(2) if find_spec("ziglang") else [own_platform()]
     print(
         f"\n{'component':<26}{'cold [s]':>10}{'warm [s]':>10}{'FMI 3 [s]':>11}{'FMU [kB]':>10}",
         end="",

@@ -6,24 +6,23 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-from ..solver.core import LIBRARY
-
 RUNTIME = (
     "solver/core.py",
     "solver/stepper.py",
     "solver/plain_delays.py",
-    f"solver/c/{LIBRARY}",
     "fmus/runtime.py",
     "fmus/process_end.py",
 )
-"""What of the package an FMU carries, in a package of its own whose name ends in its hash."""
+"""What of the package an FMU carries, in a package of its own whose name ends in its hash; with the
+compiled core for each platform that the package has it for."""
 
 
 @cache
 def carried_runtime() -> tuple[str, dict[str, bytes]]:
     """Name and files of the package that an FMU carries."""
     top = Path(__file__).resolve().parents[1]
-    files = {name: (top / name).read_bytes() for name in RUNTIME}
+    cores = sorted(f"solver/c/{p.name}" for p in (top / "solver" / "c").glob("libcore*"))
+    files = {name: (top / name).read_bytes() for name in (*RUNTIME, *cores)}
     digest = hashlib.sha256(
         b"\0".join(part for f in files.items() for part in (f[0].encode(), f[1]))
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..solver.codegen import generate
 from ..solver.component import Component
-from ..solver.files import naming, write_atomically
+from ..solver.files import naming, temporary_folder, write_atomically
 from ..solver.kernel import Kernel
 from ..solver.kernel_cache import hashed_name
 from .accompanying import accompanying_files, licence
@@ -91,7 +91,7 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
     script = hashed_name(f"slave_{kernel.name}", slave)
     with (
         naming(Path(tempfile.gettempdir())),
-        tempfile.TemporaryDirectory(prefix="ballscrew-export-") as folder,
+        temporary_folder("export") as folder,
     ):
         sources = Path(folder) / "sources"
         sources.mkdir()

@@ -47,7 +47,9 @@ def reference_files(kernel: Kernel) -> dict[str, str]:
     IntegrationError, ArithmeticError, ValueError
         If the solution leaves every bound.
     """
-    digest = hashlib.sha256((kernel.to_json() + Path(__file__).read_text()).encode()).hexdigest()
+    digest = hashlib.sha256(
+        (kernel.to_json() + Path(__file__).read_text(encoding="utf-8")).encode()
+    ).hexdigest()
     path = kernel_cache.entry(kernel_cache.REFERENCES, f"{kernel.name}-{digest[:16]}.json")
     if (kept := kernel_cache.read(path)) is not None:
         return dict(json.loads(kept))

@@ -9,15 +9,11 @@ step costs few exchanges.
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import math
 import os
-import signal
-import socket
 import struct
 import subprocess
-import sys
 import threading
 import weakref
 from collections.abc import Mapping, Sequence
@@ -29,6 +25,7 @@ import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
 from ..fmus.reading import FmuError, UnpackedFmu
+from . import isolated_host
 from .fmu_instance import (
     SHORTER,
     AnyFmu,
@@ -41,6 +38,7 @@ from .fmu_instance import (
 )
 from .isolated_host import DISCARDED, OK, REFUSED, Request, receive, send
 from .limits import TIME_LIMIT
+from .operating_system import end_host, how_ended, start_host
 
 Vector = npt.NDArray[np.float64]
 
@@ -84,7 +82,9 @@ class IsolatedInstance(AnyFmu):
         self._stepping = False
         self._dead = ""
         self._printed = _Printed()
-        self._socket, self._process, held = _started(self._printed, self._fmu.folder)
+        self._socket, self._process, held = start_host(
+            isolated_host.__name__, self._fmu.folder, self._printed.descriptor
+        )
         self._socket.settimeout(time_limit)
         self._end = weakref.finalize(self, _ended, self._process, self._socket, held)
         request = {
@@ -223,22 +223,14 @@ class IsolatedInstance(AnyFmu):
         self, how: str, advice: str = "try that FMU alone: it failed by itself"
     ) -> StepFailed:
         self._dead = f"{self.name} ({self._fmu.path.name}) {how}"
-        _kill(self._process)
+        end_host(self._process)
         return StepFailed(self._dead, advice)
 
     def _how_it_ended(self) -> str:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_FAREWELL)
         code = self._process.returncode
-        if code is None:
-            how = "has given up the connection"
-        elif code < 0:
-            try:
-                how = f"was ended by {signal.Signals(-code).name}"
-            except ValueError:
-                how = f"was ended by signal {-code}"
-        else:
-            how = f"ended with exit code {code}"
+        how = "has given up the connection" if code is None else how_ended(code)
         last = self._printed.last_line()
         return f"{how}; its last words: {last}" if last else how
 
@@ -278,50 +270,7 @@ def open_fmu(
     return IsolatedInstance(path, name, time_limit)
 
 
-def _started(
-    printed: _Printed, folder: Path
-) -> tuple[socket.socket, subprocess.Popen[bytes], io.FileIO]:
-    """A host process, what it is talked to through, and what it lives as long as.
-
-    The last is the only writing end of a pipe: when it is closed, by the end of this process at the
-    latest, the host ends with all processes that it has started itself.
-    """
-    ours, theirs = socket.socketpair()
-    until, held = os.pipe()
-    # Its own working directory and no user's modules on the path (-P): what lies around here is
-    # none of the FMU's business. This package is found where it is found now, after all else.
-    import ballscrew
-
-    where = str(Path(ballscrew.__file__).parents[1])
-    code = (
-        f"import sys; sys.path.append({where!r}); "
-        "from ballscrew.orchestration.end_with_parent import end_when_closed; "
-        f"end_when_closed({until}, whole_group=True); "
-        "from ballscrew.orchestration.isolated_host import main; "
-        f"main({theirs.fileno()})"
-    )
-    with theirs, open(until, "rb"), open(printed.descriptor, "wb") as prints:
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-c", code],
-            stdin=subprocess.DEVNULL,
-            stdout=prints,
-            stderr=prints,
-            cwd=folder,
-            pass_fds=[theirs.fileno(), until],
-            start_new_session=True,  # Ctrl-C is the master's to handle
-        )
-    return ours, process, io.FileIO(held, "w")
-
-
 def _ended(process: subprocess.Popen[bytes], *files: Any) -> None:
-    _kill(process)
+    end_host(process)
     for file in files:
         file.close()
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End the process, with whatever it may have started itself."""
-    if process.poll() is None:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-    process.wait()

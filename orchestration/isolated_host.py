@@ -70,9 +70,8 @@ def _exactly(connection: socket.socket, size: int) -> bytes:
     return data
 
 
-def main(descriptor: int) -> None:
+def main(connection: socket.socket) -> None:
     """Answer requests until the other side is gone, then end at once."""
-    connection = socket.socket(fileno=descriptor)
     host = _Host()
     closed = False
     while not closed:

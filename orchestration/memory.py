@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import resource
+import mmap
 from collections.abc import Iterator
 from pathlib import Path
+
+from .operating_system import address_space, free_memory
 
 _CGROUPS = Path("/sys/fs/cgroup")
 
@@ -47,6 +49,8 @@ def _shown(size: float) -> str:
 def _of_the_machine() -> Iterator[int]:
     if (available := _field(Path("/proc/meminfo"), "MemAvailable:")) is not None:
         yield 1024 * available
+    if (free := free_memory()) is not None:
+        yield free
 
 
 def _of_the_cgroups() -> Iterator[int]:
@@ -68,10 +72,9 @@ def _of_the_cgroups() -> Iterator[int]:
 
 
 def _of_the_process() -> Iterator[int]:
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    pages = _lines(Path("/proc/self/statm"))
-    if limit != resource.RLIM_INFINITY and pages:
-        yield limit - int(pages[0].split()[0]) * resource.getpagesize()
+    limit, pages = address_space(), _lines(Path("/proc/self/statm"))
+    if limit is not None and pages:
+        yield limit - int(pages[0].split()[0]) * mmap.PAGESIZE
 
 
 def _field(path: Path, name: str) -> int | None:

@@ -10,15 +10,15 @@ user's: a file that is not as we wrote it is never removed or overwritten.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-from ..solver.files import naming
+from ..solver.files import naming, replace
+from .operating_system import locked
 
 HIDDEN = ".ballscrew"
 KEPT = ".kept"
@@ -51,7 +51,7 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
     """
     hidden = folder / HIDDEN
     hidden.mkdir(parents=True, exist_ok=True)
-    with _locked(hidden):
+    with locked(hidden):
         notes = _settle(folder)
         stage = hidden / _STAGE
         stage.mkdir()
@@ -70,7 +70,7 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
         except Exception:
             shutil.rmtree(stage, ignore_errors=True)
             raise
-        os.replace(listed, hidden / _NEXT)
+        replace(listed, hidden / _NEXT)
         return notes + _settle(folder)
 
 
@@ -89,7 +89,7 @@ def settle(folder: Path) -> list[str]:
     hidden = folder / HIDDEN
     if not (hidden / _STAGE).exists() and not (hidden / _NEXT).exists():
         return []
-    with _locked(hidden):
+    with locked(hidden):
         return _settle(folder)
 
 
@@ -116,11 +116,11 @@ def _settle(folder: Path) -> list[str]:
             moved += _make_way(folder, name, {before.get(name, digest), digest})
             target = folder / name
             target.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(stage / name, target)
+            replace(stage / name, target)
         for name in before.keys() - files.keys():
             if _digest(folder / name) == before[name]:
                 _remove(folder, name)
-        os.replace(hidden / _NEXT, hidden / _WRITTEN)
+        replace(hidden / _NEXT, hidden / _WRITTEN)
     if stage.exists():
         shutil.rmtree(stage)
     if not moved:
@@ -138,7 +138,7 @@ def _make_way(folder: Path, name: str, ours: set[str]) -> list[str]:
         there = folder / place
         fits = _digest(there) in ours if place == Path(name) else there.is_dir()
         if os.path.lexists(there) and not fits:
-            os.rename(there, _free_name(there))
+            replace(there, _free_name(there))
             moved.append(place.as_posix())
     return moved
 
@@ -178,15 +178,3 @@ def _listed(path: Path) -> Files:
 
 def _is_inside(name: str) -> bool:
     return not name.startswith("/") and ".." not in Path(name).parts
-
-
-@contextlib.contextmanager
-def _locked(hidden: Path) -> Iterator[None]:
-    """Keep other processes from writing here meanwhile; a process that ends keeps nobody."""
-    descriptor = os.open(hidden, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):  # a file system that has no locks
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)

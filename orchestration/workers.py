@@ -14,7 +14,7 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, Protocol
 
-from .end_with_parent import pool
+from .operating_system import pool
 
 AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
 SILENT = 50.0  # s without a heartbeat of any worker, so that it is told within a minute

@@ -86,7 +86,7 @@ DEPENDS_ON = {
     "tools": (*LOOP, "proofs/tools.py", "proofs/hosts"),
     "modelica": ("solver", "plant", "controllers", "fmus/modelica.py", "proofs/modelica.py"),
     "interrupts": (
-        "ballscrew orchestration/run_folder.py orchestration/end_with_parent.py "
+        "ballscrew orchestration/run_folder.py orchestration/operating_system.py "
         "orchestration/isolated.py orchestration/workers.py "
         "tests/support/long_commands.py proofs/interrupts.py"
     ).split(),

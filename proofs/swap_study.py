@@ -17,7 +17,7 @@ from typing import Any
 from provenance import provenance
 from scipy.stats import binomtest
 
-from ballscrew.orchestration.end_with_parent import pool
+from ballscrew.orchestration.operating_system import pool
 from ballscrew.orchestration.study import study as studies
 from ballscrew.orchestration.study.comparison import compare
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning, Variation

@@ -7,7 +7,6 @@ import platform
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,37 +29,97 @@ class Platform:
         Name of its folder in ``binaries``, by version of FMI.
     target : str
         What ziglang calls it; of Linux with the oldest C library that it can ask for.
+    system, machines : str, tuple of str
+        As Python's `platform` has them, in lower case the latter.
+    wheel : str
+        What a wheel for it is named.
+    flags : tuple of str
+        Of the compiler.
+    readable : bool
+        Whether pythonfmu's FMUs run there, which carry the core for each platform of that kind.
     """
 
     folder: dict[int, str]
     target: str
     suffix: str
     system: str
-    flags: tuple[str, ...]
+    machines: tuple[str, ...]
+    wheel: str
+    flags: tuple[str, ...] = ()
+    readable: bool = False
 
 
+_X86, _ARM = ("x86_64", "amd64"), ("aarch64", "arm64")
+_LINUX, _DARWIN = ("-fPIC", "-lm"), ("-fPIC",)
+# FMI 2.0 has names of folders for x86-64 only.
 PLATFORMS = {
     "linux64": Platform(
         {2: "linux64", 3: "x86_64-linux"},
         "x86_64-linux-gnu.2.17",
         ".so",
         "Linux",
-        ("-fPIC", "-lm"),
+        _X86,
+        "manylinux_2_17_x86_64",
+        _LINUX,
+        readable=True,
     ),
     "win64": Platform(
-        {2: "win64", 3: "x86_64-windows"}, "x86_64-windows-gnu", ".dll", "Windows", ()
+        {2: "win64", 3: "x86_64-windows"},
+        "x86_64-windows-gnu",
+        ".dll",
+        "Windows",
+        _X86,
+        "win_amd64",
+        readable=True,
     ),
     "darwin64": Platform(
-        {2: "darwin64", 3: "x86_64-darwin"}, "x86_64-macos", ".dylib", "Darwin", ("-fPIC",)
+        {2: "darwin64", 3: "x86_64-darwin"},
+        "x86_64-macos.11.0",
+        ".dylib",
+        "Darwin",
+        _X86,
+        "macosx_11_0_x86_64",
+        _DARWIN,
+    ),
+    "aarch64-linux": Platform(
+        {3: "aarch64-linux"},
+        "aarch64-linux-gnu.2.17",
+        ".so",
+        "Linux",
+        _ARM,
+        "manylinux_2_17_aarch64",
+        _LINUX,
+    ),
+    "aarch64-windows": Platform(
+        {3: "aarch64-windows"}, "aarch64-windows-gnu", ".dll", "Windows", _ARM, "win_arm64"
+    ),
+    "aarch64-darwin": Platform(
+        {3: "aarch64-darwin"},
+        "aarch64-macos.11.0",
+        ".dylib",
+        "Darwin",
+        _ARM,
+        "macosx_11_0_arm64",
+        _DARWIN,
     ),
 }
 
 
-def own_platform() -> str:
+def platforms_of(fmi: int) -> tuple[str, ...]:
+    """Names of the platforms that native FMUs of a version of FMI can hold binaries for."""
+    return tuple(name for name, kind in PLATFORMS.items() if fmi in kind.folder)
+
+
+def this_platform() -> str:
     """Name of the platform this runs on; empty if it is none of `PLATFORMS`."""
-    if platform.machine().lower() not in ("x86_64", "amd64"):
-        return ""
-    return next((n for n, p in PLATFORMS.items() if p.system == platform.system()), "")
+    here = platform.system(), platform.machine().lower()
+    kinds = PLATFORMS.items()
+    return next((n for n, p in kinds if p.system == here[0] and here[1] in p.machines), "")
+
+
+def own_platform() -> str:
+    """Name of the platform this runs on; empty if FMI 2.0 has none for it."""
+    return name if (name := this_platform()) in platforms_of(2) else ""
 
 
 def compiler_for(name: str) -> list[str]:
@@ -69,11 +128,16 @@ def compiler_for(name: str) -> list[str]:
         for command in ("cc", "gcc", "clang"):
             if shutil.which(command):
                 return [command]
-    if importlib.util.find_spec("ziglang"):
-        # its sanitizer would bring in a library of its own
-        target = ["-target", PLATFORMS[name].target, "-fno-sanitize=undefined"]
-        return [sys.executable, "-m", "ziglang", "cc", *target]
-    return []
+    return cross_compiler(name)
+
+
+def cross_compiler(name: str) -> list[str]:
+    """The command of ziglang that compiles for a platform from any other; empty without it."""
+    if not importlib.util.find_spec("ziglang"):
+        return []
+    # its sanitizer would bring in a library of its own
+    target = ["-target", PLATFORMS[name].target, "-fno-sanitize=undefined"]
+    return [sys.executable, "-m", "ziglang", "cc", *target]
 
 
 def compile_library(name: str, sources: Mapping[str, str], main: str, stem: str) -> bytes:
@@ -94,13 +158,21 @@ def compile_library(name: str, sources: Mapping[str, str], main: str, stem: str)
     ------
     CompilerFailed
     """
-    with tempfile.TemporaryDirectory(prefix="ballscrew-compile-") as folder:
+    from .files import temporary_folder  # not at the top: the build of this package runs this file
+
+    with temporary_folder("compile") as folder:
         for file, text in sources.items():
             (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
         return compile_in(Path(folder), name, [*FLAGS, main], stem)
 
 
-def compile_in(folder: Path, name: str, arguments: Sequence[str], stem: str) -> bytes:
+def compile_in(
+    folder: Path,
+    name: str,
+    arguments: Sequence[str],
+    stem: str,
+    compiler: Sequence[str] | None = None,
+) -> bytes:
     """The shared library for a platform, of files that lie in a folder, where it is made, too.
 
     Parameters
@@ -112,13 +184,15 @@ def compile_in(folder: Path, name: str, arguments: Sequence[str], stem: str) -> 
         Flags and sources, as the compiler is run in that folder.
     stem : str
         As in `compile_library`.
+    compiler : sequence of str, optional
+        The command that compiles; left out: what `compiler_for` finds.
 
     Raises
     ------
     CompilerFailed
     """
     made_for = PLATFORMS[name]
-    compiler = compiler_for(name)
+    compiler = compiler_for(name) if compiler is None else compiler
     target = folder / f"{stem}{made_for.suffix}"
     command = [*compiler, *arguments, "-o", target.name, *made_for.flags]
     try:
@@ -126,7 +200,7 @@ def compile_in(folder: Path, name: str, arguments: Sequence[str], stem: str) -> 
             command,
             cwd=folder,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
             errors="replace",
             timeout=_LONGEST,
         )

@@ -26,7 +26,7 @@ PIECES = 5
 FIRST_ROOM = 32  # steps
 STAGES = 8  # of the stiff stepper
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-LIBRARY = f"libcore{SUFFIX}"
+LIBRARY = f"libcore{SUFFIX}"  # those for other platforms have these in their names, see `library`
 _OPERATION_SIZE = 10  # bytes
 _HEAD = 6 + 2 * len(FUNCTIONS)  # numbers
 
@@ -142,20 +142,32 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
 
 @cache
 def library() -> Any:
-    """The core's functions, loaded once from the file beside this one.
+    """The core's functions, loaded once from the first file beside this one that can be loaded.
+
+    An FMU is carried to other platforms, and carries the core for several.
 
     Raises
     ------
     OSError
-        If this platform cannot load it.
+        If this platform can load none.
     """
-    loaded = ct.CDLL(str(Path(__file__).parent / "c" / LIBRARY))
+    loaded = _first_loaded(Path(__file__).parent / "c")
     for name, types in _SIGNATURES.items():
         function = getattr(loaded, f"core_{name}")
         function.argtypes = types
         silent = ("play_tapes", "lay_work", "lay_delays", "output")
         function.restype = None if name in silent else _WHOLE
     return loaded
+
+
+def _first_loaded(folder: Path) -> Any:
+    fault = OSError(f"{folder} holds no libcore*{SUFFIX}")
+    for path in sorted(folder.glob(f"libcore*{SUFFIX}"), key=lambda p: p.name != LIBRARY):
+        try:
+            return ct.CDLL(str(path))
+        except OSError as error:  # for another processor
+            fault = error
+    raise fault
 
 
 @cache

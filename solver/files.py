@@ -6,13 +6,17 @@ import contextlib
 import json
 import math
 import os
+import sys
 import tempfile
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 _UMASK = os.umask(0o022)
 os.umask(_UMASK)
+_PATIENCE = 2.0  # s, for who reads what Windows is to replace
+_PAUSE = 0.02  # s
 
 
 @contextlib.contextmanager
@@ -24,6 +28,31 @@ def naming(place: Path) -> Iterator[None]:
         if error.errno is not None and error.filename is None:
             error.filename = str(place)
         raise
+
+
+def replace(source: Path | str, target: Path | str) -> None:
+    """Rename, in place of what has that name; raises OSError.
+
+    Windows refuses while somebody has the old file open, such as another worker that reads it or a
+    virus scanner: that is waited for.
+    """
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            os.replace(source, target)
+            return
+        except PermissionError:
+            if sys.platform != "win32" or time.monotonic() > deadline:
+                raise
+            time.sleep(_PAUSE)
+
+
+def temporary_folder(purpose: str) -> tempfile.TemporaryDirectory[str]:
+    """A folder that goes at the end of a ``with``; what Windows has loaded from it stays."""
+    windows = sys.platform == "win32"
+    return tempfile.TemporaryDirectory(
+        prefix=f"ballscrew-{purpose}-", ignore_cleanup_errors=windows
+    )
 
 
 def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
@@ -39,7 +68,7 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
             stream.flush()
             os.fsync(stream.fileno())  # else a power cut may leave the new name without content
         os.chmod(name, 0o666 & ~_UMASK)
-        os.replace(name, path)
+        replace(name, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise

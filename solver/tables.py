@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from .files import replace
+
 Columns = Mapping[str, Sequence[Any]]  # numbers, words or truth values of one length; None: unknown
 PYARROW = "needs pyarrow: pip install 'ballscrew[parquet]', or use .csv"
 
@@ -41,7 +43,7 @@ def write_table(folder: Path, stem: str, pieces: Iterable[Columns]) -> Path:
     path = table_path(folder, stem)
     half = path.with_name(path.name + ".part")
     (_write_parquet if path.suffix == ".parquet" else _write_csv)(half, pieces)
-    half.replace(path)
+    replace(half, path)
     return path
 
 

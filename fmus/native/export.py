@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...solver.compilers import PLATFORMS, compile_library, compiler_for, own_platform
+from ...solver.compilers import (
+    PLATFORMS,
+    compile_library,
+    compiler_for,
+    own_platform,
+    platforms_of,
+)
 from ...solver.component import Component
 from ...solver.files import write_atomically
 from ..accompanying import accompanying_files
@@ -66,10 +72,13 @@ def export_native(
     fmi : {2, 3}
         Version of FMI.
     platforms : sequence of str, optional
-        Some of ``linux64``, ``win64``, ``darwin64``; left out: this one.
+        Some of ``linux64``, ``win64``, ``darwin64``, and with FMI 3.0 of ``aarch64-linux``,
+        ``aarch64-windows``, ``aarch64-darwin``; left out: this one.
 
     Raises
     ------
+    ValueError
+        If this version of FMI has no such platform.
     UnsupportedComponent
         If this version cannot solve the component, or C has no function for its equations.
     CompilerFailed
@@ -86,6 +95,11 @@ def write_native(
     """As `export_native`, of a component that is compiled already."""
     path = Path(path)
     wanted = tuple(platforms if platforms is not None else filter(None, [own_platform()]))
+    for name in wanted:
+        if name not in platforms_of(fmi):
+            raise ValueError(
+                f"platform {name!r}, expected with FMI {fmi} some of {', '.join(platforms_of(fmi))}"
+            )
     able = tuple(name for name in wanted if compiler_for(name))
     token = _token(model, fmi)
     texts = sources(model, fmi, token)

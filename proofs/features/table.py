@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ballscrew.orchestration.end_with_parent import pool
+from ballscrew.orchestration.operating_system import pool
 from ballscrew.plant import LAWS
 from ballscrew.plant.law import UnknownLaw
 from ballscrew.rig.compiled_rig import plant_kernel

@@ -30,7 +30,7 @@ def command(*arguments, cwd=None):
 def test_run_writes_what_it_promises(tmp_path, capsys):
     arguments = ["run", "--controller", "iol", "--stop", "2", "--svg", "--out", str(tmp_path)]
     assert main(arguments) == 0
-    with open(tmp_path / "trajectory.csv", newline="") as stream:
+    with open(tmp_path / "trajectory.csv", encoding="utf-8", newline="") as stream:
         rows = list(csv.reader(stream))
     assert rows[0][:6] == ["time", "x", "v", "z", "i", "u"]
     assert [float(v) for v in rows[1][:3]] == [0.0, 0.0, 0.0]
@@ -68,14 +68,14 @@ def test_swap_writes_a_comparison(tmp_path, capsys, fmus):
         ["swap", "--controllers", "iol", str(fmus["pid"]), "--stop", "1", "--out", str(tmp_path)]
     )
     assert code == 0
-    with open(tmp_path / "comparison.csv", newline="") as stream:
+    with open(tmp_path / "comparison.csv", encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [r["controller"] for r in rows] == ["iol", fmus["pid"].stem]
     assert len(json.loads((tmp_path / "comparison.json").read_text())) == 2
     assert (tmp_path / "comparison.png").stat().st_size > 10_000
     assert not (tmp_path / "comparison.svg").exists()  # not asked for
     for name in ("iol", fmus["pid"].stem):
-        with open(tmp_path / f"trajectory_{name}.csv", newline="") as stream:
+        with open(tmp_path / f"trajectory_{name}.csv", encoding="utf-8", newline="") as stream:
             rows = list(csv.reader(stream))
         assert rows[0][:6] == ["time", "x", "v", "z", "i", "u"]
         assert len(rows) == 1002

@@ -73,7 +73,7 @@ PLACES = {
 @pytest.fixture(autouse=True)
 def mine(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("mine.py").write_text(MINE)
+    Path("mine.py").write_text(MINE, encoding="utf-8")
 
 
 def ours(text):
@@ -95,11 +95,15 @@ def test_a_file_s_plant_and_controller_give_the_catalogue_s_results(command, res
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     codes = []
     for out, told in (("own", command), ("known", ours(command))):
-        Path("study.toml").write_text(STUDY if out == "own" else ours(STUDY))
+        Path("study.toml").write_text(STUDY if out == "own" else ours(STUDY), encoding="utf-8")
         codes.append(main([*told.split(), "--out", out]))
     assert codes[0] == codes[1] in (0, 1)
     own, known = (
-        [line for line in Path(out, result).read_text().splitlines() if "fingerprint" not in line]
+        [
+            line
+            for line in Path(out, result).read_text(encoding="utf-8").splitlines()
+            if "fingerprint" not in line
+        ]
         for out in ("own", "known")
     )
     assert [ours(line) for line in own] == known  # to the last digit
@@ -120,7 +124,10 @@ def test_a_file_s_plant_and_controller_are_exported_as_the_catalogue_s(options, 
         assert [ours(n) for n in names[0]] == names[1]
         for path, out in zip(pair, ("own", "known"), strict=True):
             assert main(["run", "--system", str(path), *SHORT.split(), "--out", f"{out}_run"]) == 0
-        runs = [Path(f"{out}_run", "trajectory.csv").read_text() for out in ("own", "known")]
+        runs = [
+            Path(f"{out}_run", "trajectory.csv").read_text(encoding="utf-8")
+            for out in ("own", "known")
+        ]
         assert runs[0] == runs[1]
 
 
@@ -128,7 +135,7 @@ def test_a_file_s_plant_and_controller_are_exported_as_the_catalogue_s(options, 
 def test_an_exported_loop_is_around_the_plant_that_was_asked_for(kind):
     """Nothing of our plant in it: the plant's friction decides where the block stands."""
     sticky = "axis().with_defaults({'Fc': 2.0, 'Fs': 2.1}, 'measured')"
-    Path("mine.py").write_text(MINE.replace("axis()", sticky))
+    Path("mine.py").write_text(MINE.replace("axis()", sticky), encoding="utf-8")
     assert main(["export", *kind, LAW, "--plant", BODY, "--out", "out"]) == 0
     (path,) = (p for p in Path("out").iterdir() if p.suffix in (".fmu", ".ssp"))
     if path.suffix == ".fmu":

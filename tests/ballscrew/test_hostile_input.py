@@ -178,7 +178,7 @@ def command(*arguments, **variables):
 
 
 def test_a_full_disk_behind_the_output_is_one_line(tmp_path):
-    with open("/dev/full", "w") as full:
+    with open("/dev/full", "w", encoding="utf-8") as full:
         done = subprocess.run(
             [sys.executable, "-m", "ballscrew", "rig", "--list"],
             stdout=full,

@@ -31,7 +31,7 @@ def test_lyapunov_writes_what_it_promises(tmp_path, capsys):
     bits = np.array(figures["exponents_bits_per_s"])
     assert bits == pytest.approx(np.array(figures["exponents_nats_per_s"]) / np.log(2))
     assert np.all(np.diff(bits) <= 0)
-    with open(tmp_path / "lyapunov.csv", newline="") as stream:
+    with open(tmp_path / "lyapunov.csv", encoding="utf-8", newline="") as stream:
         rows = list(csv.reader(stream))
     assert rows[0][:2] == ["time", "lambda1_bits_per_s"]
     assert float(rows[-1][1]) == pytest.approx(bits[0])

@@ -47,12 +47,12 @@ def test_what_is_written_follows_the_rules_of_this_project(tmp_path):
 @pytest.mark.parametrize("there", ["mine.py", "test_mine.py"])
 def test_nothing_is_overwritten(tmp_path, monkeypatch, capsys, there):
     monkeypatch.chdir(tmp_path)
-    Path(there).write_text("mine\n")
+    Path(there).write_text("mine\n", encoding="utf-8")
     assert main(["new", "controller", "mine"]) == 2
     heard = capsys.readouterr().err
     assert heard == f"ballscrew: {there} is there already; choose another NAME or --out\n"
     assert [p.name for p in tmp_path.iterdir()] == [there]
-    assert Path(there).read_text() == "mine\n"
+    assert Path(there).read_text(encoding="utf-8") == "mine\n"
 
 
 @pytest.mark.parametrize(

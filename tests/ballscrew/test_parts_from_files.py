@@ -48,8 +48,8 @@ def mine(tmp_path, monkeypatch) -> str:
     monkeypatch.chdir(tmp_path)
     for folder in ("a", "b"):
         Path(folder).mkdir()
-        Path(folder, "mine.py").write_text(MINE)
-        Path(folder, "helper.py").write_text(f"NAME = 'pid_{folder}'\n")
+        Path(folder, "mine.py").write_text(MINE, encoding="utf-8")
+        Path(folder, "helper.py").write_text(f"NAME = 'pid_{folder}'\n", encoding="utf-8")
     return "a/mine.py:make"
 
 
@@ -71,7 +71,7 @@ def test_a_run_of_both_sides_from_a_file_is_that_of_the_catalogue(mine, how, cap
     assert main(["run", *own, *given, "--out", "own"]) == 0
     assert main(["run", "--controller", "pid", *given_to_ours, "--out", "ours"]) == 0
     assert np.array_equal(position("own/trajectory.csv"), position("ours/trajectory.csv"))
-    assert json.loads(Path("own/metrics.json").read_text())["controller"] == "pid_a"
+    assert json.loads(Path("own/metrics.json").read_text(encoding="utf-8"))["controller"] == "pid_a"
     # its parameter file goes to the next command
     told = ["--params", "own/parameters.toml", "--out", "again"]
     assert main(["run", *own, *SHORT, *how, *told]) == 0
@@ -96,12 +96,12 @@ def test_an_edit_is_seen_at_once_and_what_is_derived_is_kept(mine, monkeypatch):
         "replace(pid(), name=NAME)",
         "replace(pid(), name=NAME, outputs=(replace((o := pid().outputs[0]), value=o.value / 2),))",
     )
-    Path("a/mine.py").write_text(halved)
+    Path("a/mine.py").write_text(halved, encoding="utf-8")
     after = first_command(mine)
     assert after == pytest.approx(0.5 * before)
     # the same equations in another file: nothing is derived again
-    Path("moved.py").write_text(halved)
-    Path("helper.py").write_text("NAME = 'pid_a'\n")
+    Path("moved.py").write_text(halved, encoding="utf-8")
+    Path("helper.py").write_text("NAME = 'pid_a'\n", encoding="utf-8")
     monkeypatch.setattr(codegen, "generate", None)
     assert first_command("moved.py:make") == after
 
@@ -137,7 +137,7 @@ def test_exponents_of_a_file_s_loop_are_the_catalogue_s(mine, via):
         loop = ["--controller", controller, "--plant", plant, *via]
         arguments = ["lyapunov", *loop, "--stop", "0.5", "--out", out]
         assert main(arguments) in (0, 1)
-        found.append(json.loads(Path(out, "lyapunov.json").read_text()))
+        found.append(json.loads(Path(out, "lyapunov.json").read_text(encoding="utf-8")))
     assert found[0]["label"] == "pid_a on body"
     assert found[0]["exponents_bits_per_s"] == found[1]["exponents_bits_per_s"]
 
@@ -147,7 +147,7 @@ def test_a_map_over_a_file_s_parameters_is_the_catalogue_s_with_workers_too(mine
     maps = []
     for controller, out in ((mine, "own"), ("pid", "ours")):
         assert main(["map", "--controller", controller, *axes, "--out", out]) == 0
-        maps.append(json.loads(Path(out, "map.json").read_text())["verdicts"])
+        maps.append(json.loads(Path(out, "map.json").read_text(encoding="utf-8"))["verdicts"])
     assert maps[0] == maps[1]
 
 

@@ -71,7 +71,7 @@ def test_a_name_with_sampled_is_the_catalogue_s_sampled_controller(tmp_path, cap
     ours, known = (course(tmp_path / f"trajectory_{n}.csv") for n in ("iol+sampled", "iol_sampled"))
     np.testing.assert_array_equal(ours, known)
     assert "sampled [s]" in table
-    with open(tmp_path / "comparison.csv", newline="") as file:
+    with open(tmp_path / "comparison.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [r["controller"] for r in rows] == ["iol+sampled", "iol_sampled"]
     assert [r["sampling_period"] for r in rows] == ["0.0005", "0.0005"]

@@ -391,7 +391,7 @@ def test_an_extended_plant_runs_and_swaps_like_any_other(tmp_path, names):
     assert figures["verdict"] == "trusted"
     assert figures["coupling"] == "interface-jacobian"
     assert main(["swap", "--controllers", "nctf", "pid", "--stop", "2", *loop]) == 0
-    with open(tmp_path / "comparison.csv", newline="") as stream:
+    with open(tmp_path / "comparison.csv", encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [r["controller"] for r in rows] == ["nctf", "pid"]
     assert {r["verdict"] for r in rows} == {"trusted"}

@@ -26,7 +26,7 @@ DATA = Path(__file__).resolve().parents[1] / "data"
 
 
 def table(name):
-    with open(DATA / f"{name}.csv", newline="") as stream:
+    with open(DATA / f"{name}.csv", encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
 
 

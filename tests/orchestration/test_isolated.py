@@ -159,7 +159,7 @@ def test_what_is_ours_is_known_by_content_not_by_name(tmp_path):
 
 def test_no_process_outlives_its_instance_nor_a_failed_opening(tmp_path):
     def children():
-        with open(f"/proc/{os.getpid()}/task/{os.getpid()}/children") as stream:
+        with open(f"/proc/{os.getpid()}/task/{os.getpid()}/children", encoding="utf-8") as stream:
             return set(stream.read().split())
 
     before = children()

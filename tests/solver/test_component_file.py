@@ -159,9 +159,9 @@ def test_a_file_that_gives_no_component_is_refused_with_its_line(
 ):
     written(tmp_path / "a", text or "")
     monkeypatch.chdir(tmp_path / "a")
-    with Path("helper.py").open("a") as stream:
+    with Path("helper.py").open("a", encoding="utf-8") as stream:
         stream.write("def broken(): return [][1]\n")
-    Path("broken.py").write_text("\nx = = 1\n")
+    Path("broken.py").write_text("\nx = = 1\n", encoding="utf-8")
     if text is None:
         Path("mine.py").unlink()
     with pytest.raises(BadComponentFile) as refused:

@@ -107,7 +107,7 @@ class Command:
         """Wait out the interpreter's own start, before which no code of the command has run."""
         interrupt = 1 << (signal.SIGINT - 1)
         while True:
-            status = Path(f"/proc/{self.process.pid}/status").read_text()
+            status = Path(f"/proc/{self.process.pid}/status").read_text(encoding="utf-8")
             if int(status.partition("SigBlk:")[2].split()[0], 16) & interrupt:
                 return
             time.sleep(0.001)

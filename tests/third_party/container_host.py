@@ -70,6 +70,6 @@ def opened(path):
 
 
 main(
-    json.loads(Path(sys.argv[1]).read_text()),
-    lambda data: Path(sys.argv[2]).write_text(json.dumps(data)),
+    json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")),
+    lambda data: Path(sys.argv[2]).write_text(json.dumps(data), encoding="utf-8"),
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 
-job = json.loads(Path(sys.argv[1]).read_text())
+job = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
 series = np.array(list(zip(*job["series"].values(), strict=True)))
 course = fmpy.simulate_fmu(
     job["fmu"],
@@ -17,4 +17,4 @@ course = fmpy.simulate_fmu(
     output=job["outputs"],
 )
 rows = {name: course[name].tolist() for name in ("time", *job["outputs"])}
-Path(sys.argv[2]).write_text(json.dumps(rows))
+Path(sys.argv[2]).write_text(json.dumps(rows), encoding="utf-8")

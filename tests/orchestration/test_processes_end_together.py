@@ -12,7 +12,7 @@ from third_party_fmus import proportional
 
 PARENT_OF_ONE_THAT_HOLDS_THE_INTERPRETER = """
 import ctypes, os, time
-from ballscrew.orchestration.end_with_parent import end_when_closed
+from ballscrew.orchestration.operating_system import end_when_closed
 until, held = os.pipe()
 child = os.fork()
 if child == 0:
@@ -35,7 +35,10 @@ one.reader(["u"])()
 
 def lives(process):
     try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return (
+            Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+            != "Z"
+        )
     except FileNotFoundError:
         return False
 

@@ -1,0 +1,53 @@
+"""Make this interpreter look like one on Windows to what is imported after it.
+
+What is not ours is imported before, as it is here. Then the modules and functions that Windows has
+not are taken away, and what it has instead is put there, as far as this package uses it.
+"""
+
+import ctypes
+import importlib
+import os
+import signal
+import socket
+import sys
+import types
+
+THEIRS = (
+    "asyncio concurrent.futures.process control cma ctypes.util fmpy fmpy.simulation jinja2 "
+    "matplotlib.pyplot multiprocessing.connection multiprocessing.popen_spawn_posix "
+    "multiprocessing.resource_tracker multiprocessing.synchronize numpy plotly.graph_objects "
+    "pythonfmu pythonfmu.builder scipy.fft scipy.integrate scipy.linalg scipy.optimize "
+    "scipy.signal scipy.sparse.linalg scipy.special scipy.stats selectors subprocess sympy "
+    "tempfile tomli_w tomllib tqdm uuid zipfile"
+).split()
+LACKS = {
+    os: (
+        "fork forkpty geteuid getuid getegid getgid getpgid getpgrp getsid killpg memfd_create "
+        "mkfifo nice posix_fallocate pread pwrite sched_getaffinity setsid sysconf uname wait "
+        "O_DIRECTORY O_NOFOLLOW O_NONBLOCK O_CLOEXEC"
+    ),
+    signal: "SIGKILL SIGCHLD SIGALRM SIGHUP SIGPIPE pthread_sigmask sigwait alarm setitimer",
+}
+
+
+def look_like_windows() -> None:
+    """As the module says; nothing of this package may be imported yet."""
+    assert not any(name.partition(".")[0] == "ballscrew" for name in sys.modules)
+    for name in THEIRS:
+        importlib.import_module(name)
+    import subprocess
+
+    for module, names in LACKS.items():
+        for name in names.split():
+            if hasattr(module, name):
+                delattr(module, name)
+    for name in ("fcntl", "resource", "grp", "pwd", "termios", "posix"):
+        sys.modules[name] = None  # cannot be imported
+    msvcrt = types.ModuleType("msvcrt")
+    msvcrt.LK_NBLCK, msvcrt.locking = 2, lambda descriptor, mode, size: None
+    sys.modules["msvcrt"] = msvcrt
+    kernel = types.SimpleNamespace(GlobalMemoryStatusEx=lambda status: 0)  # does not say
+    ctypes.windll = types.SimpleNamespace(kernel32=kernel)
+    subprocess.CREATE_NEW_PROCESS_GROUP = 0x200
+    socket.fromshare = lambda share: socket.socket(fileno=int(share))
+    sys.platform = "win32"

@@ -1,0 +1,218 @@
+"""Wheels for all platforms: what each is named, what it holds, and that the core in it computes."""
+
+import importlib.util
+import math
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import zipfile
+from base64 import b64decode
+from pathlib import Path
+
+import pytest
+
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.compilers import PLATFORMS
+from ballscrew.solver.component import Component, Output, Parameter, State, symbol
+
+ROOT = Path(__file__).resolve().parents[1]
+HOST = Path(__file__).with_name("solver") / "core_host.c"
+WINE = "/usr/lib/wine/wine64"  # where Debian puts it without its package of names
+MACHINES = {  # format and machine, as in the headers that the formats' specifications give
+    "linux64": ("ELF", 62),
+    "aarch64-linux": ("ELF", 183),
+    "win64": ("PE", 0x8664),
+    "aarch64-windows": ("PE", 0xAA64),
+    "darwin64": ("Mach-O", 0x01000007),
+    "aarch64-darwin": ("Mach-O", 0x0100000C),
+}
+TAGS = {
+    "linux64": "manylinux_2_17_x86_64",
+    "aarch64-linux": "manylinux_2_17_aarch64",
+    "win64": "win_amd64",
+    "aarch64-windows": "win_arm64",
+    "darwin64": "macosx_11_0_x86_64",
+    "aarch64-darwin": "macosx_11_0_arm64",
+}
+SUFFIXES = {"ELF": ".so", "PE": ".dll", "Mach-O": ".dylib"}
+OWN = ("solver/c/libcore", "orchestration/c/libmaster", "identification/c/libidentification")
+
+
+def run(*command, **how):
+    done = subprocess.run(
+        [*map(str, command)], capture_output=True, encoding="utf-8", errors="replace", **how
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """``wheel(target)`` is the path of a wheel, built once from a copy of the sources."""
+    if not importlib.util.find_spec("ziglang"):
+        pytest.skip("needs the package ziglang, which compiles for all platforms")
+    folder = tmp_path_factory.mktemp("wheels")
+    source = folder / "source"
+    leave = shutil.ignore_patterns(
+        ".*", "__pycache__", "lib*.so", "out", "build", "*.egg-info", "tests", "proofs", "docs"
+    )
+    shutil.copytree(ROOT, source, ignore=leave)
+
+    def get(target):
+        out = folder / target
+        if not out.exists():
+            build = [sys.executable, "-P", "-m", "build", "--wheel", "--no-isolation"]
+            run(*build, "-C", f"target={target}", "--outdir", out, source)
+        (made,) = out.glob("*.whl")
+        return made
+
+    return get
+
+
+def format_of(data):
+    """Format and machine of a library."""
+    if data[:4] == b"\x7fELF":
+        return "ELF", struct.unpack_from("<H", data, 18)[0]
+    if data[:2] == b"MZ":
+        (start,) = struct.unpack_from("<I", data, 0x3C)
+        assert data[start : start + 4] == b"PE\0\0"
+        return "PE", struct.unpack_from("<H", data, start + 4)[0]
+    assert data[:4] == b"\xcf\xfa\xed\xfe"
+    return "Mach-O", struct.unpack_from("<I", data, 4)[0]
+
+
+def oldest_macos(data):
+    """What the header of a library asks for: its load command LC_BUILD_VERSION."""
+    count, at = struct.unpack_from("<I", data, 16)[0], 32
+    for _ in range(count):
+        command, size = struct.unpack_from("<II", data, at)
+        if command == 0x32:
+            version = struct.unpack_from("<I", data, at + 12)[0]
+            return version >> 16, version >> 8 & 255
+        at += size
+    raise AssertionError("no LC_BUILD_VERSION")
+
+
+@pytest.mark.xdist_group("ziglang")  # which compiles a C library for each platform once
+@pytest.mark.parametrize("target", PLATFORMS)
+def test_a_wheel_has_its_tag_and_libraries_for_its_platform(wheel, target):
+    made = wheel(target)
+    assert made.name.endswith(f"-py3-none-{TAGS[target]}.whl")
+    suffix = SUFFIXES[MACHINES[target][0]]
+    with zipfile.ZipFile(made) as archive:
+        libraries = {n: archive.read(n) for n in archive.namelist() if "/c/lib" in n}
+        (about,) = (n for n in archive.namelist() if n.endswith(".dist-info/WHEEL"))
+        assert f"Tag: py3-none-{TAGS[target]}" in archive.read(about).decode()
+    own = {f"ballscrew/{name}{suffix}": MACHINES[target] for name in OWN}
+    carried = {
+        f"ballscrew/solver/c/libcore-{other}{SUFFIXES[MACHINES[other][0]]}": MACHINES[other]
+        for other in ("linux64", "win64")  # where pythonfmu's FMUs run
+        if other != target
+    }
+    assert {name: format_of(data) for name, data in libraries.items()} == own | carried
+    for name, data in libraries.items():
+        if "libcore" in name:
+            assert b"core_integrate\0" in data
+        if data[:4] == b"\x7fELF":  # the tag promises a C library of 2012
+            versions = {int(v) for v in re.findall(rb"GLIBC_2\.(\d+)", data)}
+            assert versions
+            assert max(versions) <= 17
+        if suffix == ".dylib" and "libcore-" not in name:
+            assert oldest_macos(data) == (11, 0)
+
+
+def test_a_target_that_there_is_none_of_is_refused(tmp_path):
+    code = "import build_core; build_core.target_of({'target': 'amiga'})"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, encoding="utf-8"
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("target is 'amiga', expected one of linux64, win64, darwin64")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def decay(tmp_path_factory):
+    """File of the tapes of dx/dt = -k x."""
+    x = symbol("x")
+    part = Component(
+        "decay",
+        "a state that decays",
+        inputs=(),
+        outputs=(Output("y", "1", "the state", x),),
+        parameters=(Parameter("k", 3.0, "1/s", "rate", "made up"),),
+        states=(State("x", "1", "what decays", -symbol("k") * x, start=1.0, nominal=1.0),),
+    )
+    path = tmp_path_factory.mktemp("decay") / "tapes"
+    path.write_bytes(b64decode(generate(part).tapes))
+    return path
+
+
+def unpacked(wheel, target, folder):
+    with zipfile.ZipFile(wheel(target)) as archive:
+        archive.extractall(folder)
+    return folder / "ballscrew" / "solver" / "c"
+
+
+def host(target, path):
+    # the flags of the other Windows host: what ziglang has made for that one serves again
+    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", PLATFORMS[target].target]
+    flags = ["-std=c99", "-O1", "-ffp-contract=off", "-D_DEFAULT_SOURCE", "-w"]
+    libraries = ["-lm"] if target == "linux64" else []
+    run(*compiler, *flags, "-o", path, HOST, *libraries)
+    return path
+
+
+def check_decay(said):
+    x, status, fits = said.split()
+    assert (status, fits) == ("0", "1")
+    assert float.fromhex(x) == pytest.approx(math.exp(-3.0 * 2.0), rel=1e-9)
+
+
+@pytest.mark.xdist_group("ziglang")
+def test_the_core_for_windows_solves_what_has_an_exact_answer_under_wine(wheel, decay, tmp_path):
+    """The one in the wheel for Windows, and the one in that for Linux, which FMUs take along."""
+    wine = shutil.which("wine64") or shutil.which("wine") or shutil.which(WINE)
+    if not wine:
+        pytest.skip("needs Wine, such as Debian's wine64, to run the library for Windows")
+    program = host("win64", tmp_path / "host.exe")
+    quiet = os.environ | {"WINEPREFIX": str(tmp_path / "prefix"), "WINEDEBUG": "-all"}
+    for target, name in (("win64", "libcore.dll"), ("linux64", "libcore-win64.dll")):
+        library = unpacked(wheel, target, tmp_path / target) / name
+        check_decay(run(wine, program, library, decay, "3.0", "2.0", env=quiet, timeout=300))
+
+
+@pytest.mark.xdist_group("ziglang")
+def test_the_core_for_linux_solves_what_has_an_exact_answer(wheel, decay, tmp_path):
+    if not sys.platform.startswith("linux") or os.uname().machine != "x86_64":
+        pytest.skip("needs Linux on x86-64, to run the library for it")
+    program = host("linux64", tmp_path / "host")
+    library = unpacked(wheel, "linux64", tmp_path) / "libcore.so"
+    check_decay(run(program, library, decay, "3.0", "2.0"))
+
+
+@pytest.mark.xdist_group("ziglang")
+def test_a_readable_fmu_takes_the_core_along_for_the_platforms_that_it_runs_on(wheel, tmp_path):
+    """Made by the wheel for Linux, which also finds its own core among several."""
+    if not sys.platform.startswith("linux") or os.uname().machine != "x86_64":
+        pytest.skip("needs Linux on x86-64, where the wheel for it is used")
+    folder = unpacked(wheel, "linux64", tmp_path)
+    # beside ours, one that cannot be loaded here, which comes first by its name
+    (folder / "libcore-aarch64.so").write_bytes(b"\x7fELF of another processor")
+    (folder / "libcore.so").rename(folder / "libcore-linux64.so")
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "PYTHONSAFEPATH": "1"}
+    command = [sys.executable, "-m", "ballscrew", "export", "--only", "pid"]
+    run(*command, "--out", tmp_path / "fmus", env=environment)
+    with zipfile.ZipFile(tmp_path / "fmus" / "pid.fmu") as archive:
+        cores = sorted(n for n in archive.namelist() if "/c/libcore" in n)
+        archive.extractall(tmp_path / "pid")
+    names = ["libcore-aarch64.so", "libcore-linux64.so", "libcore-win64.dll"]
+    assert [n.rpartition("/")[2] for n in cores] == names
+    package = Path(cores[0]).parts[1]
+    code = f"from {package}.solver.core import library; print(library()._name)"
+    there = os.environ | {"PYTHONPATH": str(tmp_path / "pid" / "resources"), "PYTHONSAFEPATH": "1"}
+    said = run(sys.executable, "-c", code, env=there)
+    assert Path(said.strip()).name == "libcore-linux64.so"
