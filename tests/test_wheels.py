@@ -37,6 +37,7 @@ TAGS = {
     "darwin64": "macosx_11_0_x86_64",
     "aarch64-darwin": "macosx_11_0_arm64",
 }
+QUICK = ("linux64", "win64")  # others are compiled anew for a minute each
 SUFFIXES = {"ELF": ".so", "PE": ".dll", "Mach-O": ".dylib"}
 OWN = ("solver/c/libcore", "orchestration/c/libmaster", "identification/c/libidentification")
 
@@ -97,7 +98,10 @@ def oldest_macos(data):
 
 
 @pytest.mark.xdist_group("ziglang")  # which compiles a C library for each platform once
-@pytest.mark.parametrize("target", PLATFORMS)
+@pytest.mark.parametrize(
+    "target",
+    [pytest.param(t, marks=[] if t in QUICK else pytest.mark.long) for t in PLATFORMS],
+)
 def test_a_wheel_has_its_tag_and_libraries_for_its_platform(wheel, target):
     made = wheel(target)
     assert made.name.endswith(f"-py3-none-{TAGS[target]}.whl")
