@@ -91,7 +91,9 @@ class Group:
     """FMU instances that feed each other, as one FMU instance.
 
     They are stepped one after the other in the order of the signals, each with the newest values of
-    those before it. Outputs are named ``member.port``.
+    those before it. Where signals run in a ring, an order that is wrong for what answers at once, or
+    for what is sampled at the same time, would cost a whole sample: rings are cut elsewhere.
+    Outputs are named ``member.port``.
 
     Parameters
     ----------
@@ -101,6 +103,9 @@ class Group:
     feeds : sequence of Feed
     inputs : sequence of str
         The group's own, as the feeds name them.
+    turned : bool
+        Whether the members are stepped in the reverse order, as far as none of them answers at once.
+        What each then misses of a step lies on its other side.
     """
 
     def __init__(
@@ -109,20 +114,26 @@ class Group:
         members: Mapping[str, Instance],
         feeds: Sequence[Feed],
         inputs: Sequence[str],
+        turned: bool = False,
     ) -> None:
         self.name = name
+        self._turned = turned
         self.inputs: Sequence[str] = list(inputs)
         self.can_save = all(p.can_save for p in members.values())
         self.steps_vary = all(getattr(p, "steps_vary", True) for p in members.values())
         self.sample_time, self.stop = 0.0, math.inf
         self._feeds = list(feeds)
-        self._members = {m: members[m] for m in _in_order(list(members), feeds)}
+        at_once = {m for m, p in members.items() if any(map(p.follows_at_once, p.outputs))}
+        order = _in_order(list(members), feeds, at_once)
+        self._members = {m: members[m] for m in order}
         self.outputs: Sequence[str] = [
             f"{m}.{port}" for m, p in self._members.items() for port in p.outputs
         ]
         self._place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
         self._values = np.zeros(len(self._place))
         self._parts: list[_Member] = []
+        self._steps: list[_Member] = []
+        self._lags = False
         self._initializing = False
         self._stale = True
 
@@ -200,9 +211,27 @@ class Group:
         self._initializing = False
         self._iterate()
         self._stale = False
+        self._choose_steps()
         # the shortest: every communication step then ends at samples of the fastest member
         self.sample_time = min(
             (p.sample_time for p in self._members.values() if p.sample_time > 0), default=0.0
+        )
+
+    def _choose_steps(self) -> None:
+        """Put the members in the order in which they are stepped; now it is known who samples."""
+        at_once = {m for m, p in self._members.items() if any(map(p.follows_at_once, p.outputs))}
+        hard = at_once | {m for m, p in self._members.items() if p.sample_time > 0}
+        order = _in_order(list(self._members), self._feeds, hard)
+        if self._turned:
+            order = _reversed(order, self._feeds, hard)
+        parts = dict(self._named_parts())
+        self._steps = [parts[m] for m in order]
+        # what answers at once and is stepped before one that feeds it shows an old answer
+        self._lags = any(
+            f.member in at_once
+            and f.source not in self.inputs
+            and order.index(self._split(f.source)[0]) > order.index(f.member)
+            for f in self._feeds
         )
 
     def _settle(self) -> None:
@@ -338,11 +367,11 @@ class Group:
         return read
 
     def step(self, t: float, h: float) -> None:
-        for part in self._parts:
+        for part in self._steps:
             self._feed(part)
             part.instance.step(t, h)
             self._values[part.outputs] = part.read()
-        self._stale = False
+        self._stale = self._lags
 
     def save(self) -> Any:
         states = [p.instance.save() for p in self._parts]
@@ -358,23 +387,39 @@ class Group:
         for part, saved in zip(self._parts, state[0], strict=True):
             part.instance.release(saved)
 
-    def reopened(self) -> Group:
+    def reopened(self, turned: bool = False) -> Group:
         members = {name: p.reopened() for name, p in self._members.items()}
-        return Group(self.name, members, self._feeds, self.inputs)
+        return Group(self.name, members, self._feeds, self.inputs, turned)
 
     def close(self) -> None:
         for instance in self._members.values():
             instance.close()
 
 
-def _in_order(members: list[str], feeds: Sequence[Feed]) -> list[str]:
-    """Members so that each comes after those that feed it; a ring is cut at the first listed."""
+def _in_order(members: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
+    """Members so that each comes after those that feed it.
+
+    A ring is cut at the first listed, but not between two of those that are `hard`.
+    """
     waiting = {m: _feeders(m, members, feeds) for m in members}
     ordered: list[str] = []
     while waiting:
-        ready = next((m for m, needs in waiting.items() if needs <= set(ordered)), None)
-        ordered.append(ready or next(iter(waiting)))
+        done = set(ordered)
+        ready = [m for m, needs in waiting.items() if needs <= done]
+        ready += [m for m, needs in waiting.items() if m not in hard or needs & hard <= done]
+        ordered.append(ready[0] if ready else next(iter(waiting)))
         del waiting[ordered[-1]]
+    return ordered
+
+
+def _reversed(order: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
+    """The order from its end, but not between two of those that are `hard`."""
+    left, ordered = order[::-1], list[str]()
+    while left:
+        needs = {m: _feeders(m, order, feeds) & hard if m in hard else set() for m in left}
+        ready = [m for m in left if needs[m] <= set(ordered)]
+        ordered.append(ready[0] if ready else left[-1])
+        left.remove(ordered[-1])
     return ordered
 
 

@@ -208,7 +208,9 @@ class _Loop:
         """The other outputs, as ``element.NAME``."""
         own = next(e for e in self.fmus if e != self.plant_name)
         by = "" if isinstance(self.controller, Group) else f"{own}."
-        return {by + name.removeprefix(f"{CONTROLLER}."): v for name, v in run.others.items()}
+        named = {by + name.removeprefix(f"{CONTROLLER}."): v for name, v in run.others.items()}
+        commands = {str(c.source) for c in self.commands}
+        return {name: v for name, v in named.items() if name not in commands}
 
     def set_point(
         self, system: SystemStructure, values: Mapping[str, Mapping[str, float]], fmus: Fmus
@@ -271,6 +273,7 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
     accepts = law and accepts_law(fmus[plant], main, measured)
     if not accepts:
         main = commands
+    network = bool(inside or own)
     wiring = Wiring(
         commands=tuple(
             (theirs(c.source), c.target.connector if alone else str(c.source)) for c in main
@@ -283,8 +286,9 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
         others=tuple(
             theirs(port)
             for port in (SystemPort(e, n) for e in rest for n in plain_outputs(fmus[e]))
-            if port not in {c.source for c in commands}
+            if network or port not in {c.source for c in commands}
         ),
+        network=network,
     )
     names = {f"{plant}.{port}": port for port in fmus[plant].outputs}
     names |= {str(c.source): c.target.connector for c in main} if not alone else {}
