@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .fmu_instance import Instance, Reader, StepFailed, Writer
+from .fmu_instance import FmuInstance, Instance, Reader, StepFailed, Writer
 from .wiring import Wiring
 
 Vector = npt.NDArray[np.float64]
@@ -41,7 +41,17 @@ class Feed:
 
 
 @dataclass(frozen=True)
-class _Member:
+class Member:
+    """An initialized member: what it takes from where, and where its outputs go.
+
+    Attributes
+    ----------
+    sources : ndarray of int
+        Of each feed, a place among the group's values.
+    outputs : slice
+        Its places there.
+    """
+
     instance: Instance
     feeds: Sequence[Feed]
     write: Writer
@@ -106,6 +116,15 @@ class Group:
     turned : bool
         Whether the members are stepped in the reverse order, as far as none of them answers at once.
         What each then misses of a step lies on its other side.
+
+    Attributes
+    ----------
+    values : ndarray
+        Inputs of the group, then outputs of its members; `place` has their places by name.
+    parts, steps : list of Member
+        In the order of the signals, and in that in which they are stepped.
+    lags : bool
+        Whether a step leaves old answers of what answers at once.
     """
 
     def __init__(
@@ -129,13 +148,22 @@ class Group:
         self.outputs: Sequence[str] = [
             f"{m}.{port}" for m, p in self._members.items() for port in p.outputs
         ]
-        self._place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
-        self._values = np.zeros(len(self._place))
-        self._parts: list[_Member] = []
-        self._steps: list[_Member] = []
-        self._lags = False
+        self.place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
+        self.values = np.zeros(len(self.place))
+        self.parts: list[Member] = []
+        self.steps: list[Member] = []
+        self.lags = False
         self._initializing = False
-        self._stale = True
+        self.flags = np.ones(1, dtype=np.int64)
+
+    @property
+    def _stale(self) -> bool:
+        """Whether inputs were set since outputs were read; kept where compiled code sees it."""
+        return bool(self.flags[0])
+
+    @_stale.setter
+    def _stale(self, value: bool) -> None:
+        self.flags[0] = value
 
     def nominal(self, name: str) -> float:
         if name in self.inputs:
@@ -180,21 +208,21 @@ class Group:
 
     def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
         """Let every member enter the mode; values are named ``member.variable``."""
-        self._parts, self.stop = [], stop
-        self._values[:] = np.nan  # not known yet
+        self.parts, self.stop = [], stop
+        self.values[:] = np.nan  # not known yet
         begin = len(self.inputs)
         for name, instance in self._members.items():
             own = {k[len(name) + 1 :]: v for k, v in values.items() if k.startswith(name + ".")}
             instance.enter_initialization(own, stop)
             feeds = [f for f in self._feeds if f.member == name]
             end = begin + len(instance.outputs)
-            self._parts.append(
-                _Member(
+            self.parts.append(
+                Member(
                     instance,
                     feeds,
                     instance.writer([f.port for f in feeds]),
                     instance.reader(instance.outputs),
-                    np.array([self._place[f.source] for f in feeds], dtype=np.intp),
+                    np.array([self.place[f.source] for f in feeds], dtype=np.intp),
                     slice(begin, end),
                 )
             )
@@ -204,10 +232,10 @@ class Group:
     def leave_initialization(self) -> None:
         """Let one member after the other leave the mode."""
         self._settle()
-        for part in self._parts:
+        for part in self.parts:
             self._feed(part)
             part.instance.leave_initialization()
-            self._values[part.outputs] = part.read()
+            self.values[part.outputs] = part.read()
         self._initializing = False
         self._iterate()
         self._stale = False
@@ -225,9 +253,9 @@ class Group:
         if self._turned:
             order = _reversed(order, self._feeds, hard)
         parts = dict(self._named_parts())
-        self._steps = [parts[m] for m in order]
+        self.steps = [parts[m] for m in order]
         # what answers at once and is stepped before one that feeds it shows an old answer
-        self._lags = any(
+        self.lags = any(
             f.member in at_once
             and f.source not in self.inputs
             and order.index(self._split(f.source)[0]) > order.index(f.member)
@@ -247,10 +275,10 @@ class Group:
         if ring:
             self._iterate()
 
-    def _named_parts(self) -> Iterable[tuple[str, _Member]]:
-        return zip(self._members, self._parts, strict=True)
+    def _named_parts(self) -> Iterable[tuple[str, Member]]:
+        return zip(self._members, self.parts, strict=True)
 
-    def _read(self, name: str, part: _Member, missing: dict[str, list[str]], all_: bool) -> bool:
+    def _read(self, name: str, part: Member, missing: dict[str, list[str]], all_: bool) -> bool:
         """Read a member's missing outputs that wait for no others, or all; whether any was."""
         waits = {f.port for f in part.feeds if not self._is_known(f.source, missing)}
         ready = [
@@ -261,13 +289,13 @@ class Group:
         if ready:
             self._feed(part)
             values = part.instance.reader(ready)()
-            self._values[[self._place[f"{name}.{port}"] for port in ready]] = values
+            self.values[[self.place[f"{name}.{port}"] for port in ready]] = values
             missing[name] = [port for port in missing[name] if port not in ready]
         return bool(ready)
 
     def _is_known(self, source: str, missing: Mapping[str, Sequence[str]]) -> bool:
         if source in self.inputs:
-            return bool(np.isfinite(self._values[self._place[source]]))
+            return bool(np.isfinite(self.values[self.place[source]]))
         member, port = self._split(source)
         return port not in missing[member]
 
@@ -281,18 +309,18 @@ class Group:
         """
         ring = self._ring()
         for _ in range(SWEEPS):
-            before = self._values[ring]
+            before = self.values[ring]
             self._sweep()
             if self._agree(before, ring):
                 return
-        before = self._values[ring]
-        names = [n for n, place in self._place.items() if place in ring]
+        before = self.values[ring]
+        names = [n for n, place in self.place.items() if place in ring]
         if np.isfinite(before).all() and all(map(self.is_real, names)):
             self._solve(ring)
-            before = self._values[ring]
+            before = self.values[ring]
             self._sweep()
         if not self._agree(before, ring):
-            missed = np.max(np.abs(self._values[ring] - before))
+            missed = np.max(np.abs(self.values[ring] - before))
             raise StepFailed(
                 f"the algebraic loop through {', '.join(names)} has no solution at the start: what "
                 f"goes in and what comes out are {missed:.3g} apart",
@@ -304,7 +332,7 @@ class Group:
         """Places of the outputs that feed a member before theirs, or their own."""
         order = list(self._members)
         back = {
-            self._place[f.source]
+            self.place[f.source]
             for f in self._feeds
             if f.source not in self.inputs
             and order.index(self._split(f.source)[0]) >= order.index(f.member)
@@ -312,7 +340,7 @@ class Group:
         return sorted(back)
 
     def _agree(self, before: Vector, ring: Sequence[int]) -> bool:
-        after = self._values[ring]
+        after = self.values[ring]
         names = [*self.inputs, *self.outputs]
         size = np.maximum(np.abs(after), [self.nominal(names[place]) for place in ring])
         same = np.abs(after - before) <= SETTLED * size
@@ -322,22 +350,22 @@ class Group:
         from scipy.optimize import root
 
         def missed(values: Vector) -> Vector:
-            self._values[ring] = values
+            self.values[ring] = values
             self._sweep()
-            change: Vector = self._values[ring] - values
+            change: Vector = self.values[ring] - values
             return change
 
         with np.errstate(all="ignore"):
-            self._values[ring] = root(missed, self._values[ring], options={"xtol": 1e-14}).x
+            self.values[ring] = root(missed, self.values[ring], options={"xtol": 1e-14}).x
 
     def _sweep(self) -> None:
         """Feed one member after the other, and read what follows."""
-        for part in self._parts:
+        for part in self.parts:
             self._feed(part)
-            self._values[part.outputs] = part.read()
+            self.values[part.outputs] = part.read()
 
-    def _feed(self, part: _Member) -> None:
-        values = self._values[part.sources]
+    def _feed(self, part: Member) -> None:
+        values = self.values[part.sources]
         if self._initializing and not np.isfinite(values).all():  # what is not known yet
             known = np.isfinite(values)
             ports = [f.port for f, k in zip(part.feeds, known, strict=True) if k]
@@ -346,45 +374,53 @@ class Group:
             part.write(values)
 
     def writer(self, names: Sequence[str]) -> Writer:
-        at = np.array([self._place[n] for n in names], dtype=np.intp)
+        at = np.array([self.place[n] for n in names], dtype=np.intp)
 
         def write(values: Vector) -> None:
-            self._values[at] = values
+            self.values[at] = values
             self._stale = True
 
         return write
 
     def reader(self, names: Sequence[str]) -> Reader:
-        at = np.array([self._place[n] for n in names], dtype=np.intp)
+        at = np.array([self.place[n] for n in names], dtype=np.intp)
 
         def read() -> Vector:
             if self._stale:
                 self._settle() if self._initializing else self._sweep()
                 self._stale = False
-            values: Vector = self._values[at]
+            values: Vector = self.values[at]
             return values
 
         return read
 
     def step(self, t: float, h: float) -> None:
-        for part in self._steps:
+        for part in self.steps:
             self._feed(part)
             part.instance.step(t, h)
-            self._values[part.outputs] = part.read()
-        self._stale = self._lags
+            self.values[part.outputs] = part.read()
+        self._stale = self.lags
+
+    def is_compiled(self) -> bool:
+        """Whether compiled code can call its members itself; see `c/group.c`."""
+        return all(
+            isinstance(p.instance, FmuInstance)
+            and p.instance.is_compiled([*(f.port for f in p.feeds), *p.instance.outputs])
+            for p in self.parts
+        )
 
     def save(self) -> Any:
-        states = [p.instance.save() for p in self._parts]
-        return states, self._values.copy(), self._stale
+        states = [p.instance.save() for p in self.parts]
+        return states, self.values.copy(), self._stale
 
     def restore(self, state: Any) -> None:
         states, values, self._stale = state
-        self._values[:] = values
-        for part, saved in zip(self._parts, states, strict=True):
+        self.values[:] = values
+        for part, saved in zip(self.parts, states, strict=True):
             part.instance.restore(saved)
 
     def release(self, state: Any) -> None:
-        for part, saved in zip(self._parts, state[0], strict=True):
+        for part, saved in zip(self.parts, state[0], strict=True):
             part.instance.release(saved)
 
     def reopened(self, turned: bool = False) -> Group:

@@ -182,14 +182,18 @@ class _Loop:
         plant = self.fmus[self.plant_name].description
         units = {v.name: v.unit for v in plant.variables}
         commands, residual = dict(run.commands), dict(run.residual_max)
+        given = self._given(run)
         for c in self.commands:
-            name = c.target.connector
+            name, source = c.target.connector, str(c.source)
+            if source in given and not self.fmus[c.source.element].sample_time:
+                # the commands of a group that samples are those of the end of the step to come
+                commands[name] = given[source]
             if isinstance(self.plant, Group):
                 commands[name] = c.factor * commands[name] + c.offset
                 residual[name] *= abs(c.factor)
             if not units[name] and (c.factor, c.offset) == AS_IS:
-                given = self.fmus[c.source.element].description.variables
-                units[name] = next(v.unit for v in given if v.name == c.source.connector)
+                variables = self.fmus[c.source.element].description.variables
+                units[name] = next(v.unit for v in variables if v.name == c.source.connector)
         measured = plant.unit(POSITION) if POSITION in run.outputs else None
         goal = self.goal[0][0].target if self.goal else None
         taken = self.fmus[goal.element].description.unit(goal.connector) if goal else None
@@ -206,11 +210,15 @@ class _Loop:
 
     def _others(self, run: LoopRun) -> dict[str, Vector]:
         """The other outputs, as ``element.NAME``."""
-        own = next(e for e in self.fmus if e != self.plant_name)
-        by = "" if isinstance(self.controller, Group) else f"{own}."
-        named = {by + name.removeprefix(f"{CONTROLLER}."): v for name, v in run.others.items()}
+        named = self._given(run)
         commands = {str(c.source) for c in self.commands}
         return {name: v for name, v in named.items() if name not in commands}
+
+    def _given(self, run: LoopRun) -> dict[str, Vector]:
+        """All recorded outputs of the elements beside the plant, as ``element.NAME``."""
+        own = next(e for e in self.fmus if e != self.plant_name)
+        by = "" if isinstance(self.controller, Group) else f"{own}."
+        return {by + name.removeprefix(f"{CONTROLLER}."): v for name, v in run.others.items()}
 
     def set_point(
         self, system: SystemStructure, values: Mapping[str, Mapping[str, float]], fmus: Fmus

@@ -9,6 +9,7 @@ enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED }
 
 #include "joint_step.c"
 #include "played.c"
+#include "group.c"
 
 /* A loop with what it records. */
 typedef struct {
