@@ -149,6 +149,8 @@ def run_loop(  # noqa: PLR0913
         step,
     )
     compared = co_runs[:1] if not missing else co_runs
+    if wiring.network and not missing:  # the other way round may be far off where the run is right
+        compared = co_runs[-1:]
     judged = len(first.verdict.error_estimate)
     outputs, *finer = (np.concatenate(pair.outputs)[:, :judged] for pair in (main, *compared))
     late = parts.late(main, bool(missing))

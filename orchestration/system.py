@@ -23,7 +23,7 @@ from .closed_loop import LIMIT, amplifier_notes, fixed_step_notes, own_step, run
 from .closed_loop_result import ClosedLoopResult
 from .converted import AS_IS, Scale, converted
 from .couplings import Coupling
-from .fmu_instance import Instance
+from .fmu_instance import SAMPLE_TIME, Instance
 from .group import Feed, Group
 from .isolated import open_fmu
 from .limits import FIRST_STEP, BadParameter, check_step
@@ -45,7 +45,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
     """Run an .ssp: one of its elements as the plant, the others as what commands it.
 
     The plant is the element with feedback-law inputs, else the one called ``plant``, else the one
-    whose outputs do not follow its inputs at once, else the first.
+    whose outputs do not follow its inputs at once and that is not sampled, else the first.
 
     Raises
     ------
@@ -308,7 +308,7 @@ def _plant(fmus: Fmus) -> str:
         fmu = fmus[name]
         law = any(gain_port(u, y) in fmu.inputs for u in fmu.inputs for y in fmu.outputs)
         silent = bool(fmu.outputs) and not any(fmu.follows_at_once(y) for y in fmu.outputs)
-        return law, name == "plant", silent
+        return law, name == "plant", silent and SAMPLE_TIME not in fmu.parameters
 
     return max(fmus, key=rank)  # the first of equals
 

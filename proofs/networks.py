@@ -45,7 +45,7 @@ TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "networks.json
 INPUTS = ("w1", "w2", "w3")
 STATES = ("x1", "x2")
 SMALLEST, LARGEST = 3, 20
-MOST_STEPS = 2000
+MOST_STEPS = 20_000
 COUPLINGS = (None, None, "gauss-seidel", "jacobi")  # None: as the program chooses
 
 Vector = np.ndarray
@@ -281,7 +281,7 @@ def random_network(seed: int) -> Network:
             continue
         speeds = np.abs(np.linalg.eigvals(_Whole(tamed).moves))
         speeds = np.append(speeds, [np.abs(b.A).max() for b in tamed.blocks if not b.period])
-        steps = stop * max(speeds.max(), 1 / stop) * 10.0 ** random.uniform(-1.5, 2.5)
+        steps = stop * max(speeds.max(), 1 / stop) * 10.0 ** random.uniform(-1.0, 3.5)
         return Network(
             tamed.blocks,
             wires,
@@ -404,9 +404,10 @@ def columns(network: Network, run: Any) -> tuple[list[int], Vector]:
 
 
 def plant_of(network: Network) -> int:
-    """The element that is taken as the plant: with law ports, else that does not answer at once."""
+    """The element that is taken as the plant: with law ports, else a continuous one that does not
+    answer at once."""
     blocks = network.blocks
-    ranks = {k: (blocks[k].kind == "axis", blocks[k].kind != "direct") for k in network.order}
+    ranks = {k: (blocks[k].kind == "axis", blocks[k].kind == "linear") for k in network.order}
     return max(ranks, key=lambda k: ranks[k])
 
 

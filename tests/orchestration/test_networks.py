@@ -1,0 +1,106 @@
+"""Systems of more than two FMUs against the whole of them in one solver of SciPy's."""
+
+import csv
+
+import numpy as np
+import pytest
+from networks_of_parts import (
+    CHAIN,
+    CUT_IN_THREE,
+    LAW_WIRES,
+    LINKS,
+    PERIOD,
+    TWO_AXES,
+    axis,
+    friction,
+    link,
+    motor,
+    position_controller,
+    screw,
+    two_axis_controller,
+    whole_axes,
+    whole_chain,
+    whole_drive,
+    write_system,
+)
+
+from ballscrew.cli import main
+from ballscrew.fmus.export import export
+from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.loop import SystemLoop
+from ballscrew.orchestration.run import run_closed_loop
+
+
+def off(found, truth):
+    """Largest difference as a share of the range."""
+    return np.abs(found - truth).max() / np.ptp(truth)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """The drive's .ssp without and with its friction's law ports wired."""
+    folder = tmp_path_factory.mktemp("drive")
+    parts = {"motor": motor, "screw": screw, "friction": friction}
+    fmus = {n: export(made(), folder / f"{n}.fmu") for n, made in parts.items()}
+    fmus["controller"] = export(position_controller(), folder / "controller.fmu")
+    return {
+        wired: write_system(folder / f"{wired}.ssp", fmus, [*CUT_IN_THREE, *law])
+        for wired, law in {"plain": (), "law": LAW_WIRES}.items()
+    }
+
+
+@pytest.mark.parametrize("wired", ["plain", "law"])
+def test_a_plant_cut_in_motor_screw_and_friction_is_the_whole_plant(drive, wired):
+    result = run_closed_loop(SystemLoop(drive[wired], stop=0.3))
+    run = result.run
+    assert run.coupling is Coupling.INTERFACE_JACOBIAN  # the law acts within the screw
+    assert run.verdict.trusted
+    truth = whole_drive(run.time)
+    assert off(run.outputs["x"], truth[:, 0]) < 0.01
+    assert off(run.outputs["v"], truth[:, 1]) < 0.01
+
+
+def test_the_ports_of_the_law_wired_as_signals_make_a_plain_run_of_the_cut_plant_better(drive):
+    errors = {}
+    for wired, path in drive.items():
+        loop = SystemLoop(path, stop=0.1, step=1e-4, coupling=Coupling.GAUSS_SEIDEL)
+        run = run_closed_loop(loop).run
+        errors[wired] = off(run.outputs["v"], whole_drive(run.time)[:, 1])
+    assert errors["law"] < 0.5 * errors["plain"]
+
+
+def test_two_axes_on_one_digital_controller(tmp_path):
+    fmus = {n: export(made(), tmp_path / f"{n}.fmu") for n, made in {"axis": axis}.items()}
+    elements = {
+        "controller": export(two_axis_controller(), tmp_path / "controller.fmu"),
+        "left": fmus["axis"],
+        "right": fmus["axis"],
+    }
+    path = write_system(tmp_path / "axes.ssp", elements, TWO_AXES)
+    run = run_closed_loop(SystemLoop(path, stop=1.0, values={"right.m": 2.5})).run
+    assert run.verdict.trusted
+    assert run.sampling_period == PERIOD
+    truth = whole_axes(run.time, (1.0, 2.5))
+    at_samples = np.isclose(run.time / PERIOD, np.round(run.time / PERIOD), atol=1e-6)
+    found = [run.outputs["x"], run.outputs["v"], run.others["right.x"], run.others["right.v"]]
+    for course, exact in zip(found, truth.T, strict=True):
+        assert off(course[at_samples], exact[at_samples]) < 0.01
+
+
+def test_twenty_fmus_in_a_chain_by_the_command_line(tmp_path, capsys):
+    fmu = export(link(), tmp_path / "link.fmu")
+    path = write_system(tmp_path / "chain.ssp", {f"m{k}": fmu for k in range(LINKS)}, CHAIN)
+    out = tmp_path / "out"
+    asked = ["run", "--system", str(path), "--stop", "1", "--set", "m0.push=100"]
+    assert main([*asked, "--out", str(out)]) == 0
+    assert "trusted" in capsys.readouterr().out
+    with (out / "trajectory.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    time = np.array([float(row["time"]) for row in rows])
+    some = np.linspace(0, len(time) - 1, 40, dtype=int)
+    truth = whole_chain(time[some], 100.0)
+    names = ["x", *(f"m{k}.x" for k in range(1, LINKS))]
+    shown = [n if n in rows[0] else "after" for n in names]  # what drives the plant has its port's name
+    for k, name in enumerate(shown):
+        found = np.array([float(rows[i][name]) for i in some])
+        assert off(found, truth[:, k]) < 0.01, name
