@@ -1,8 +1,9 @@
 """How compiled code calls a FMU instance.
 
 An FMU of FMI 2.0 in this process whose signals are real is called through the addresses of its
-own functions, and a group of such FMUs through those of ``c/group.c``. Any other FMU instance gets functions of the same shapes that call its Python
-methods, so that there is one text of the coupling for all of them.
+own functions, and a group of such FMUs through those of ``c/group.c``. Any other FMU instance gets
+functions of the same shapes that call its Python methods, so that there is one text of the coupling
+for all of them.
 """
 
 from __future__ import annotations
@@ -56,9 +57,10 @@ MEMBER = np.dtype([("calls", CALLS), ("sources", VECTOR), ("first", np.int64)])
 GROUP = np.dtype(
     [
         ("members", VECTOR),
-        ("steps", VECTOR),
+        ("there", VECTOR),
+        ("back", VECTOR),
         ("values", VECTOR),
-        ("stale", VECTOR),
+        ("flags", VECTOR),
         ("lags", np.int64),
     ]
 )
@@ -166,9 +168,10 @@ class _GroupCalls:
             addresses[id(part)] = whole.address
         self._struct.set(
             members=np.array([addresses[id(p)] for p in group.parts], dtype=np.int64),
-            steps=np.array([addresses[id(p)] for p in group.steps], dtype=np.int64),
+            there=np.array([addresses[id(p)] for p in group.there], dtype=np.int64),
+            back=np.array([addresses[id(p)] for p in group.back], dtype=np.int64),
             values=group.values,
-            stale=group.flags,
+            flags=group.flags,
             lags=group.lags,
         )
 

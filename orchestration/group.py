@@ -100,10 +100,11 @@ def initialize(
 class Group:
     """FMU instances that feed each other, as one FMU instance.
 
-    They are stepped one after the other in the order of the signals, each with the newest values of
-    those before it. Where signals run in a ring, an order that is wrong for what answers at once, or
-    for what is sampled at the same time, would cost a whole sample: rings are cut elsewhere.
-    Outputs are named ``member.port``.
+    They are stepped one after the other, each with the newest values of those before it: in the
+    order of the signals, and in every other step the other way round. Values that are held are too
+    early for a member in one of the two steps and too late in the other, so that the first order of
+    that error goes. What answers at once, or samples, comes before what it feeds both ways: it
+    may jump at the start of a step. Outputs are named ``member.port``.
 
     Parameters
     ----------
@@ -114,15 +115,16 @@ class Group:
     inputs : sequence of str
         The group's own, as the feeds name them.
     turned : bool
-        Whether the members are stepped in the reverse order, as far as none of them answers at once.
-        What each then misses of a step lies on its other side.
+        Whether the first step goes the other way round.
 
     Attributes
     ----------
     values : ndarray
         Inputs of the group, then outputs of its members; `place` has their places by name.
-    parts, steps : list of Member
-        In the order of the signals, and in that in which they are stepped.
+    parts, there, back : list of Member
+        In the order of the signals, and in those of every other step.
+    flags : ndarray of int, shape (2,)
+        Whether inputs were set since outputs were read, and whether the next step goes back.
     lags : bool
         Whether a step leaves old answers of what answers at once.
     """
@@ -151,10 +153,11 @@ class Group:
         self.place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
         self.values = np.zeros(len(self.place))
         self.parts: list[Member] = []
-        self.steps: list[Member] = []
+        self.there: list[Member] = []
+        self.back: list[Member] = []
         self.lags = False
         self._initializing = False
-        self.flags = np.ones(1, dtype=np.int64)
+        self.flags = np.ones(2, dtype=np.int64)
 
     @property
     def _stale(self) -> bool:
@@ -250,16 +253,17 @@ class Group:
         at_once = {m for m, p in self._members.items() if any(map(p.follows_at_once, p.outputs))}
         hard = at_once | {m for m, p in self._members.items() if p.sample_time > 0}
         order = _in_order(list(self._members), self._feeds, hard)
-        if self._turned:
-            order = _reversed(order, self._feeds, hard)
+        back = _reversed(order, self._feeds, hard)
         parts = dict(self._named_parts())
-        self.steps = [parts[m] for m in order]
+        self.there, self.back = [parts[m] for m in order], [parts[m] for m in back]
+        self.flags[1] = self._turned
         # what answers at once and is stepped before one that feeds it shows an old answer
         self.lags = any(
             f.member in at_once
             and f.source not in self.inputs
-            and order.index(self._split(f.source)[0]) > order.index(f.member)
+            and way.index(self._split(f.source)[0]) > way.index(f.member)
             for f in self._feeds
+            for way in (order, back)
         )
 
     def _settle(self) -> None:
@@ -395,11 +399,11 @@ class Group:
         return read
 
     def step(self, t: float, h: float) -> None:
-        for part in self.steps:
+        for part in self.back if self.flags[1] else self.there:
             self._feed(part)
             part.instance.step(t, h)
             self.values[part.outputs] = part.read()
-        self._stale = self.lags
+        self.flags[:] = self.lags, not self.flags[1]
 
     def is_compiled(self) -> bool:
         """Whether compiled code can call its members itself; see `c/group.c`."""
@@ -411,11 +415,11 @@ class Group:
 
     def save(self) -> Any:
         states = [p.instance.save() for p in self.parts]
-        return states, self.values.copy(), self._stale
+        return states, self.values.copy(), self.flags.copy()
 
     def restore(self, state: Any) -> None:
-        states, values, self._stale = state
-        self.values[:] = values
+        states, values, flags = state
+        self.values[:], self.flags[:] = values, flags
         for part, saved in zip(self.parts, states, strict=True):
             part.instance.restore(saved)
 
@@ -435,24 +439,24 @@ class Group:
 def _in_order(members: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
     """Members so that each comes after those that feed it.
 
-    A ring is cut at the first listed, but not between two of those that are `hard`.
+    A ring is cut at the first listed that is not fed by one of the `hard`.
     """
     waiting = {m: _feeders(m, members, feeds) for m in members}
     ordered: list[str] = []
     while waiting:
         done = set(ordered)
         ready = [m for m, needs in waiting.items() if needs <= done]
-        ready += [m for m, needs in waiting.items() if m not in hard or needs & hard <= done]
+        ready += [m for m, needs in waiting.items() if needs & hard <= done]
         ordered.append(ready[0] if ready else next(iter(waiting)))
         del waiting[ordered[-1]]
     return ordered
 
 
 def _reversed(order: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
-    """The order from its end, but not between two of those that are `hard`."""
+    """The order from its end, but each behind those of the `hard` that feed it."""
     left, ordered = order[::-1], list[str]()
     while left:
-        needs = {m: _feeders(m, order, feeds) & hard if m in hard else set() for m in left}
+        needs = {m: _feeders(m, order, feeds) & hard for m in left}
         ready = [m for m in left if needs[m] <= set(ordered)]
         ordered.append(ready[0] if ready else left[-1])
         left.remove(ordered[-1])

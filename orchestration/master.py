@@ -151,8 +151,8 @@ def run_loop(  # noqa: PLR0913
     compared = co_runs[:1] if not missing else co_runs
     if wiring.network and not missing:  # the other way round may be far off where the run is right
         compared = co_runs[-1:]
-    judged = len(first.verdict.error_estimate)
-    outputs, *finer = (np.concatenate(pair.outputs)[:, :judged] for pair in (main, *compared))
+    width = len(first.verdict.error_estimate)
+    outputs, *finer = (np.concatenate(pair.outputs)[:, :width] for pair in (main, *compared))
     late = parts.late(main, bool(missing))
     judged = with_second_look(first, outputs, finer, _safety(main.loop), setting, late)
     return with_ring_named(judged, main.loop, parts.opened, wiring, start, step)
@@ -202,7 +202,9 @@ class _Parts:
         p, c = self.opened(fresh, judges, turned)
         whole = struct(PAIR)
         part = whole.part("loop")
-        wiring = self.wiring if not fresh or self.wiring.network else replace(self.wiring, others=())
+        wiring = self.wiring
+        if fresh and not wiring.network:  # a run is not judged by them
+            wiring = replace(wiring, others=())
         loop = CoupledPair(
             p, c, wiring, other or self.coupling, corrected, averaged, self.start, part
         )

@@ -281,7 +281,7 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
     accepts = law and accepts_law(fmus[plant], main, measured)
     if not accepts:
         main = commands
-    network = bool(inside or own)
+    network = bool(len(rest) > 1 or own)
     wiring = Wiring(
         commands=tuple(
             (theirs(c.source), c.target.connector if alone else str(c.source)) for c in main

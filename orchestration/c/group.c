@@ -8,13 +8,16 @@ typedef struct {
 } Member;
 
 typedef struct {
-    Slots members, steps; /* in the order of the signals, and in that in which they are stepped */
+    Slots members;        /* in the order of the signals */
+    Slots there, back;    /* in the orders of every other step */
     Vector values;        /* inputs of the group, then outputs of the members */
-    Places stale;         /* one number: whether what answers at once shows an old answer, */
-    int64_t lags;         /* and whether it does so after every step */
+    Places flags;         /* whether what answers at once shows an old answer, and which step is next */
+    int64_t lags;         /* whether answers are old after every step */
 } Group;
 
 #define GROUP_FAILED 3 /* fmi2Error */
+
+enum { STALE, BACK };
 
 static int feed_member(Group *g, Member *m)
 {
@@ -37,7 +40,7 @@ static int swept(Group *g)
         TRY(feed_member(g, m));
         TRY(read_member(g, m));
     }
-    *g->stale.at = 0;
+    g->flags.at[STALE] = 0;
     return 1;
 }
 
@@ -45,13 +48,13 @@ API int group_set_real(Group *g, const uint32_t *places, size_t count, const dou
 {
     for (size_t k = 0; k < count; k++)
         g->values.at[places[k]] = values[k];
-    *g->stale.at = 1;
+    g->flags.at[STALE] = 1;
     return 0;
 }
 
 API int group_get_real(Group *g, const uint32_t *places, size_t count, double *values)
 {
-    if (*g->stale.at && !swept(g))
+    if (g->flags.at[STALE] && !swept(g))
         return GROUP_FAILED;
     for (size_t k = 0; k < count; k++)
         values[k] = g->values.at[places[k]];
@@ -61,18 +64,20 @@ API int group_get_real(Group *g, const uint32_t *places, size_t count, double *v
 API int group_do_step(Group *g, double t, double h, int no_way_back)
 {
     (void)no_way_back;
-    for (int64_t k = 0; k < g->steps.size; k++) {
-        Member *const m = g->steps.at[k];
+    const Slots *const order = g->flags.at[BACK] ? &g->back : &g->there;
+    for (int64_t k = 0; k < order->size; k++) {
+        Member *const m = order->at[k];
         if (!feed_member(g, m) || !move(&m->calls, t, h) || !read_member(g, m))
             return GROUP_FAILED;
     }
-    *g->stale.at = g->lags;
+    g->flags.at[BACK] = !g->flags.at[BACK];
+    g->flags.at[STALE] = g->lags;
     return 0;
 }
 
-/* A saved state: states of the members, whether outputs are stale, and the values. */
+/* A saved state: flags, states of the members, and the values. */
 typedef struct {
-    int64_t stale;
+    int64_t flags[2];
     void *of_members[];
 } GroupState;
 
@@ -93,7 +98,7 @@ API int group_get_state(Group *g, void **state)
         if (!checked(c, c->get_state(c->component, s->of_members + k), SAVE))
             return GROUP_FAILED;
     }
-    s->stale = *g->stale.at;
+    memcpy(s->flags, g->flags.at, sizeof s->flags);
     copy(g->values.at, values_of(g, s), g->values.size);
     return 0;
 }
@@ -106,7 +111,7 @@ API int group_set_state(Group *g, void *state)
         if (!checked(c, c->set_state(c->component, s->of_members[k]), RESTORE))
             return GROUP_FAILED;
     }
-    *g->stale.at = s->stale;
+    memcpy(g->flags.at, s->flags, sizeof s->flags);
     copy(values_of(g, s), g->values.at, g->values.size);
     return 0;
 }

@@ -25,7 +25,7 @@ from networks_of_parts import (
 )
 
 from ballscrew.cli import main
-from ballscrew.fmus.export import export
+from ballscrew.fmus.native.export import export_native
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import SystemLoop
 from ballscrew.orchestration.run import run_closed_loop
@@ -41,8 +41,8 @@ def drive(tmp_path_factory):
     """The drive's .ssp without and with its friction's law ports wired."""
     folder = tmp_path_factory.mktemp("drive")
     parts = {"motor": motor, "screw": screw, "friction": friction}
-    fmus = {n: export(made(), folder / f"{n}.fmu") for n, made in parts.items()}
-    fmus["controller"] = export(position_controller(), folder / "controller.fmu")
+    fmus = {n: export_native(made(), folder / f"{n}.fmu").path for n, made in parts.items()}
+    fmus["controller"] = export_native(position_controller(), folder / "controller.fmu").path
     return {
         wired: write_system(folder / f"{wired}.ssp", fmus, [*CUT_IN_THREE, *law])
         for wired, law in {"plain": (), "law": LAW_WIRES}.items()
@@ -60,21 +60,12 @@ def test_a_plant_cut_in_motor_screw_and_friction_is_the_whole_plant(drive, wired
     assert off(run.outputs["v"], truth[:, 1]) < 0.01
 
 
-def test_the_ports_of_the_law_wired_as_signals_make_a_plain_run_of_the_cut_plant_better(drive):
-    errors = {}
-    for wired, path in drive.items():
-        loop = SystemLoop(path, stop=0.1, step=1e-4, coupling=Coupling.GAUSS_SEIDEL)
-        run = run_closed_loop(loop).run
-        errors[wired] = off(run.outputs["v"], whole_drive(run.time)[:, 1])
-    assert errors["law"] < 0.5 * errors["plain"]
-
-
 def test_two_axes_on_one_digital_controller(tmp_path):
-    fmus = {n: export(made(), tmp_path / f"{n}.fmu") for n, made in {"axis": axis}.items()}
+    side = export_native(axis(), tmp_path / "axis.fmu").path
     elements = {
-        "controller": export(two_axis_controller(), tmp_path / "controller.fmu"),
-        "left": fmus["axis"],
-        "right": fmus["axis"],
+        "controller": export_native(two_axis_controller(), tmp_path / "controller.fmu").path,
+        "left": side,
+        "right": side,
     }
     path = write_system(tmp_path / "axes.ssp", elements, TWO_AXES)
     run = run_closed_loop(SystemLoop(path, stop=1.0, values={"right.m": 2.5})).run
@@ -88,7 +79,7 @@ def test_two_axes_on_one_digital_controller(tmp_path):
 
 
 def test_twenty_fmus_in_a_chain_by_the_command_line(tmp_path, capsys):
-    fmu = export(link(), tmp_path / "link.fmu")
+    fmu = export_native(link(), tmp_path / "link.fmu").path
     path = write_system(tmp_path / "chain.ssp", {f"m{k}": fmu for k in range(LINKS)}, CHAIN)
     out = tmp_path / "out"
     asked = ["run", "--system", str(path), "--stop", "1", "--set", "m0.push=100"]
@@ -100,7 +91,7 @@ def test_twenty_fmus_in_a_chain_by_the_command_line(tmp_path, capsys):
     some = np.linspace(0, len(time) - 1, 40, dtype=int)
     truth = whole_chain(time[some], 100.0)
     names = ["x", *(f"m{k}.x" for k in range(1, LINKS))]
-    shown = [n if n in rows[0] else "after" for n in names]  # what drives the plant has its port's name
+    shown = [n if n in rows[0] else "after" for n in names]  # of the plant's drive its port
     for k, name in enumerate(shown):
         found = np.array([float(rows[i][name]) for i in some])
         assert off(found, truth[:, k]) < 0.01, name

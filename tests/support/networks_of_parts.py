@@ -1,4 +1,4 @@
-"""Systems of several FMUs, each part a few lines, with their equations as SciPy solves them whole."""
+"""Systems of several FMUs, each part a few lines, and the whole of each as SciPy solves it."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _outputs(**values: object) -> tuple[Output, ...]:
     return tuple(Output(n, "1", "signal", v) for n, v in values.items())
 
 
-# -- a plant cut in three: the force of friction is a law of the screw's speed ----------------------
+# -- a plant cut in three: the force of friction is a law of the screw's speed ---------------------
 
 R, L, KE, KT, MASS = 2.0, 2e-3, 20.0, 20.0, 5.0
 SIGMA0, SIGMA1, SIGMA2, COULOMB, STATIC, STRIBECK = 1e5, 300.0, 60.0, 30.0, 40.0, 0.01
@@ -84,8 +84,11 @@ def screw() -> Component:
     return Component(
         "screw",
         "a mass that is pushed and rubs",
-        inputs=tuple(Input(n, "1", "force", law=("v",)) for n in ("T", "F")),
-        states=(State("x", "1", "position", v), State("v", "1", "speed", (force - friction) / MASS)),
+        inputs=tuple(Input(n, "1", "force", law=("x", "v")) for n in ("T", "F")),
+        states=(
+            State("x", "1", "position", v),
+            State("v", "1", "speed", (force - friction) / MASS),
+        ),
         outputs=_outputs(x=symbol("x"), v=v),
     )
 
@@ -160,7 +163,10 @@ def axis() -> Component:
         "a mass of its own with viscous friction",
         parameters=(Parameter("m", 1.0, "kg", "mass", "made up"),),
         inputs=_inputs("u"),
-        states=(State("x", "1", "position", v), State("v", "1", "speed", (u - 3.0 * v) / symbol("m"))),
+        states=(
+            State("x", "1", "position", v),
+            State("v", "1", "speed", (u - 3.0 * v) / symbol("m")),
+        ),
         outputs=_outputs(x=x, v=v),
     )
 
@@ -194,7 +200,7 @@ TWO_AXES = (
 def whole_axes(times: np.ndarray, masses: tuple[float, float]) -> np.ndarray:
     """x and v of both axes, shape (times, 4): SciPy from sample to sample."""
     state, rows, now = np.zeros(4), {0.0: np.zeros(4)}, 0.0
-    samples = int(round(times[-1] / PERIOD))
+    samples = round(times[-1] / PERIOD)
     for k in range(samples):
         x1, v1, x2, v2 = state
         u = [
@@ -219,7 +225,7 @@ def whole_axes(times: np.ndarray, masses: tuple[float, float]) -> np.ndarray:
     return np.column_stack([np.interp(times, known, column) for column in table.T])
 
 
-# -- a chain of masses and springs ------------------------------------------------------------------
+# -- a chain of masses and springs -----------------------------------------------------------------
 
 LINKS, STIFFNESS, DAMPING = 20, 400.0, 1.5
 
