@@ -428,10 +428,11 @@ def main() -> int:
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.networks)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    made = provenance("networks")  # of the code that runs, whatever changes meanwhile
     with tempfile.TemporaryDirectory() as folder:
         rows = outcomes(seeds, blocks(Path(folder)))
     report = {
-        **provenance("networks"),
+        **made,
         "seeds": [seeds.start, seeds.stop],
         "summary": summary(rows),
         "outcomes": rows,
