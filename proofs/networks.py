@@ -45,7 +45,7 @@ TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "networks.json
 INPUTS = ("w1", "w2", "w3")
 STATES = ("x1", "x2")
 SMALLEST, LARGEST = 3, 20
-MOST_STEPS = 10_000
+MOST_STEPS = 4000
 COUPLINGS = (None, None, "gauss-seidel", "jacobi")  # None: as the program chooses
 
 Vector = np.ndarray
@@ -279,7 +279,7 @@ def random_network(seed: int) -> Network:
             continue
         speeds = np.abs(np.linalg.eigvals(_Whole(tamed).moves))
         speeds = np.append(speeds, [np.abs(b.A).max() for b in tamed.blocks if not b.period])
-        steps = stop * max(speeds.max(), 1 / stop) * 10.0 ** random.uniform(-1.0, 3.2)
+        steps = stop * max(speeds.max(), 1 / stop) * 10.0 ** random.uniform(-1.0, 3.0)
         return Network(
             tamed.blocks,
             wires,
