@@ -62,7 +62,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "--ssp",
         action="store_true",
         help="instead, write one .ssp per closed loop: all FMUs, wired, with parameter sets; of "
-        "CONTROLLER+INSTRUMENT each instrument is an FMU, too; with --native, of native FMUs; with --fmi 3 an SSP 2.0",
+        "CONTROLLER+INSTRUMENT each instrument is an FMU, too; with --native, of native FMUs; with "
+        "--fmi 3 an SSP 2.0",
     )
     parser.add_argument(
         "--loop",

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .fmu_instance import FmuInstance, Instance, Reader, StepFailed, Writer
+from .fmu_instance import FmuInstance, Instance, Reader, StepFailed, Value, Writer
 from .wiring import Wiring
 
 Vector = npt.NDArray[np.float64]
@@ -64,7 +64,7 @@ def initialize(
     plant: Instance,
     controller: Instance,
     wiring: Wiring,
-    values: tuple[Mapping[str, float], Mapping[str, float]],
+    values: tuple[Mapping[str, Value], Mapping[str, Value]],
     stop: float,
     reference: Vector,
 ) -> None:
@@ -209,7 +209,7 @@ class Group:
                     waiting.append(before)
         return sorted(found)
 
-    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
+    def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """Let every member enter the mode; values are named ``member.variable``."""
         self.parts, self.stop = [], stop
         self.values[:] = np.nan  # not known yet

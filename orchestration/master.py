@@ -25,7 +25,7 @@ from .compiled import (
 from .coupling import Answer, CoupledPair
 from .coupling_choice import choose_coupling, late_start, tangent_reason
 from .couplings import Coupling
-from .fmu_instance import Instance
+from .fmu_instance import Instance, Value
 from .group import Group, initialize
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
 from .played import can_be_played, reopened_to_judge
@@ -51,8 +51,8 @@ def run_loop(  # noqa: PLR0913
     coupling: Coupling | None = None,
     corrections: int | None = None,
     adaptive: bool = False,
-    plant_values: Mapping[str, float] | None = None,
-    controller_values: Mapping[str, float] | None = None,
+    plant_values: Mapping[str, Value] | None = None,
+    controller_values: Mapping[str, Value] | None = None,
     mapping: Mapping[str, str] | None = None,
     wiring: Wiring | None = None,
     progress: Progress | None = None,
@@ -165,7 +165,7 @@ class _Parts:
     plant: Instance
     controller: Instance
     wiring: Wiring
-    values: tuple[dict[str, float], dict[str, float]]
+    values: tuple[dict[str, Value], dict[str, Value]]
     stop: float
     start: Vector
     coupling: Coupling
