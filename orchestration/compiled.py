@@ -66,6 +66,7 @@ LOOP = np.dtype(
         ("late", VECTOR),
         ("following", VECTOR),
         ("has_following", np.int64),
+        ("following_step", float),  # length of the step that it is of, where that matters [s]
         # the same, kept to come back to
         ("kept_outputs", VECTOR),
         ("kept_late", VECTOR),
