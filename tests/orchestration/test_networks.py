@@ -1,7 +1,10 @@
 """Systems of more than two FMUs against the whole of them in one solver of SciPy's."""
 
 import csv
+import json
+from pathlib import Path
 
+import networks
 import numpy as np
 import pytest
 from networks_of_parts import (
@@ -23,10 +26,12 @@ from networks_of_parts import (
     whole_drive,
     write_system,
 )
+from trusted_loops import WRONG, summary
 
 from ballscrew.cli import main
 from ballscrew.fmus.native.export import export_native
 from ballscrew.orchestration.couplings import Coupling
+from ballscrew.orchestration.group import Group
 from ballscrew.orchestration.loop import SystemLoop
 from ballscrew.orchestration.run import run_closed_loop
 
@@ -95,3 +100,54 @@ def test_twenty_fmus_in_a_chain_by_the_command_line(tmp_path, capsys):
     for k, name in enumerate(shown):
         found = np.array([float(rows[i][name]) for i in some])
         assert off(found, truth[:, k]) < 0.01, name
+
+
+# random networks, see proofs/networks.py
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory):
+    return networks.blocks(tmp_path_factory.mktemp("blocks"))
+
+
+@pytest.fixture(scope="module")
+def stored():
+    text = (Path(__file__).resolve().parents[2] / "docs/proof/networks.json").read_text("utf-8")
+    return json.loads(text)
+
+
+def test_random_networks_made_again_end_as_stored_and_no_wrong_one_is_trusted(fmus, stored):
+    rows = [r for r in stored["outcomes"] if r["step"] > 2e-3][:8]
+    again = [networks.outcome(row["seed"], fmus) for row in rows]
+    assert [o.trusted for o in again] == [row["trusted"] for row in rows]
+    for found, row in zip(again, rows, strict=True):
+        assert found.error == pytest.approx(row["error"], rel=1e-3)
+    assert not any(o.trusted and o.error > WRONG for o in again)
+    assert any(o.error > WRONG for o in again)
+
+
+def test_the_stored_summary_is_that_of_the_stored_outcomes(stored):
+    assert summary(stored["outcomes"]) == stored["summary"]
+    assert stored["summary"]["wrong_called_trusted"] == []
+    assert stored["summary"]["right_called_trusted_rate"] >= 0.9
+
+
+def test_a_group_stepped_by_compiled_code_gives_what_one_stepped_from_python_gives(
+    fmus, tmp_path, monkeypatch
+):
+    network = networks.random_network(6)
+    path = network.write(tmp_path / "network.ssp", fmus)
+    loop = SystemLoop(path, stop=20 * network.step, step=network.step)
+    compiled = run_closed_loop(loop).run
+    monkeypatch.setattr(Group, "is_compiled", lambda self: False)
+    plain = run_closed_loop(loop).run
+    assert len(compiled.others) > 3
+    for name, course in (plain.outputs | plain.others).items():
+        np.testing.assert_array_equal((compiled.outputs | compiled.others)[name], course)
+
+
+def test_what_samples_comes_before_what_it_feeds_both_ways(fmus, tmp_path):
+    """A stiff block behind a sampled one: exact at steps that meet the samples."""
+    again = networks.outcome(207, fmus)
+    assert again.trusted
+    assert again.error < 1e-6
