@@ -43,6 +43,7 @@ docs: $(VENV)/installed
 prove: $(VENV)/installed
 	$(BIN)/pytest -n 2 --dist loadgroup -m long
 	$(BIN)/python proofs/trusted_loops.py
+	$(BIN)/python proofs/networks.py
 	$(BIN)/python proofs/fuzz.py
 	$(BIN)/python proofs/identification.py
 	$(BIN)/python proofs/criteria.py

@@ -62,7 +62,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "--ssp",
         action="store_true",
         help="instead, write one .ssp per closed loop: all FMUs, wired, with parameter sets; of "
-        "CONTROLLER+INSTRUMENT each instrument is an FMU, too; with --native, of native FMUs",
+        "CONTROLLER+INSTRUMENT each instrument is an FMU, too; with --native, of native FMUs; with "
+        "--fmi 3 an SSP 2.0",
     )
     parser.add_argument(
         "--loop",
@@ -184,8 +185,6 @@ def _read_native(options: argparse.Namespace) -> list[str] | None:
             raise BadRequest(f"--{option} makes no sense without --native")
     if options.fmi not in (None, "2", "3"):
         raise BadRequest(f"--fmi is {options.fmi!r}, expected one of 2, 3")
-    if options.ssp and options.fmi == "3":
-        raise BadRequest("--fmi 3 and --ssp: a system of SSP 1.0 holds FMUs of FMI 2.0")
     platforms = None if options.platforms is None else options.platforms.split(",")
     known = platforms_of(int(options.fmi or 2))
     for name in platforms or ():

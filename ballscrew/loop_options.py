@@ -230,7 +230,7 @@ def read_system_loop(options: argparse.Namespace) -> SystemLoop:
     for name, value in read_named("--set", options.set, "ELEMENT.VARIABLE=VALUE").items():
         if "." not in name:
             raise BadRequest(f"--set {name}={value}: expected ELEMENT.VARIABLE=VALUE")
-        values[name] = read_number(f"--set {name}", value)
+        values[name] = value  # what it may be, the FMU tells
     from .orchestration.loop import SystemLoop
 
     return SystemLoop(options.system, stop=stop, values=values, **how)

@@ -15,21 +15,23 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from other_masters import TimedLoop, side_by_side
+from other_masters import TimedChain, TimedLoop, link, side_by_side
 
 from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.export import export
+from ballscrew.fmus.native.export import export_native
 from ballscrew.orchestration.clock import Clock
 from ballscrew.orchestration.compiled import PAIR
 from ballscrew.orchestration.coupling import CoupledPair
 from ballscrew.orchestration.couplings import Coupling
-from ballscrew.orchestration.group import initialize
+from ballscrew.orchestration.fmu_instance import FmuInstance
+from ballscrew.orchestration.group import Feed, Group, initialize
 from ballscrew.orchestration.isolated import open_fmu
 from ballscrew.orchestration.loop_run import RecordedLoop, RunLog
 from ballscrew.orchestration.master import march_on, run_loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.structs import struct
-from ballscrew.orchestration.wiring import wire
+from ballscrew.orchestration.wiring import Wiring, wire
 from ballscrew.solver.component import Component, Input, Output, State, symbol
 
 COLUMNS = {
@@ -113,6 +115,76 @@ def judged_cost(plant: Path, controller: Path, h: float, seconds: float) -> floa
     return 1e6 * best
 
 
+def _opened(chain: TimedChain) -> tuple[FmuInstance, Group, Wiring]:
+    """The first mass as the plant, the others as the group that `run --system` makes of them."""
+    plant = FmuInstance(chain.link, "plant")
+    rest = {name: FmuInstance(chain.link, name) for name in chain.names[1:]}
+    feeds = [
+        Feed(".".join(source), *target)
+        for source, target in chain.connections()
+        if target[0] in rest
+    ]
+    wiring = Wiring(
+        commands=(("m1.x", "after"),),
+        signals=(("x", "plant.x"),),
+        references=(),
+        accepts_law=False,
+        reports_law=False,
+        others=tuple(f"{name}.x" for name in rest),
+        network=True,
+    )
+    return plant, Group("controller", rest, feeds, ["plant.x"]), wiring
+
+
+def chain_cost(chain: TimedChain, judged: bool = False) -> float:
+    """Microseconds per step of a chain, best of three; `judged` with what a run is judged by."""
+    best, none = math.inf, np.zeros(0)
+    values = {"push": 100.0}
+    for _ in range(3):
+        began = perf_counter()
+        plant, group, wiring = _opened(chain)
+        if judged:
+            run_loop(
+                plant,
+                group,
+                Reference.constant(0.0),
+                chain.stop,
+                chain.step,
+                wiring=wiring,
+                plant_values=values,
+            )
+        else:
+            initialize(plant, group, wiring, (values, {}), chain.stop, none)
+            whole = struct(PAIR)
+            part = whole.part("loop")
+            scheme = Coupling.GAUSS_SEIDEL
+            loop = CoupledPair(plant, group, wiring, scheme, False, False, none, part)
+            main = RecordedLoop(whole, loop, 1)
+            course = RunLog(Reference.constant(0.0), (), loop.outputs, np.ones(1), 1)
+            time = Clock(chain.stop, chain.step, False)
+            began = perf_counter()
+            stop = march_on(main, [], time, course, none)
+            assert not stop.reason
+        best = min(best, (perf_counter() - began) / (chain.stop / chain.step))
+        plant.close()
+        group.close()
+    return 1e6 * best
+
+
+def networks(folder: Path) -> None:
+    """Print what a step of 3, 10 and 20 native FMUs costs here and elsewhere, and the ratios."""
+    made = export_native(link(), folder / "link.fmu").path
+    chains = {f"chain of {n}": TimedChain(made, n, 1e-3, 2.0) for n in (3, 10, 20)}
+    costs = side_by_side(chain_cost, chains, ("libcosim", "ecos"))
+    columns = [c for c in COLUMNS if c in next(iter(costs.values()))]
+    print("\nmicroseconds per communication step of native FMUs; in brackets: ratio to ours")
+    print(f"{'network':<16}" + "".join(f"{COLUMNS[c]:>22}" for c in [*columns, "judged"]))
+    for name, row in costs.items():
+        row["judged"] = chain_cost(chains[name], judged=True)
+        cells = [f"{row[c]:.1f} ({row[c] / row['ours']:.2f})" for c in [*columns, "judged"]]
+        print(f"{name:<16}" + "".join(f"{cell:>22}" for cell in cells))
+
+
 def start_cost() -> tuple[float, float]:
     """Seconds until a fresh process has computed its first step, cold and warm."""
     code = (
@@ -156,6 +228,8 @@ def main() -> None:
     for name, row in costs.items():
         cells = [f"{row[c]:.1f} ({row[c] / costs['trivial pair'][c]:.2f})" for c in columns]
         print(f"{name:<16}" + "".join(f"{cell:>22}" for cell in cells))
+    with tempfile.TemporaryDirectory() as made:
+        networks(Path(made))
     cold, warm = start_cost()
     print(f"\nfirst step in a fresh process: {cold:.2f} s cold (compiles), {warm:.2f} s warm")
 

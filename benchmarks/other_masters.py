@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
-from wired_loop import missing_for_ecos, run_in, wired
+from networks_of_parts import link
+from wired_loop import WiredLoop, missing_for_ecos, run_in, wired
 
+__all__ = ["TimedChain", "TimedLoop", "link", "missing_for_ecos", "side_by_side", "step_cost"]
 HOSTS = ("libcosim", "ecos", "container")
 ROUNDS = 3
 
@@ -26,26 +29,63 @@ class TimedLoop:
     step: float
     stop: float
 
+    def job(self) -> WiredLoop:
+        """What other masters run: the law's ports are wired."""
+        return wired(self.plant, self.controller, self.step, self.stop, law=True, outputs=("x",))
 
-def step_cost(host: str, loop: TimedLoop) -> float:
+
+@dataclass(frozen=True)
+class TimedChain:
+    """So many masses between springs, each an FMU, to be timed; the first is called plant."""
+
+    link: Path
+    size: int
+    step: float
+    stop: float
+
+    @property
+    def names(self) -> list[str]:
+        return ["plant", *(f"m{k}" for k in range(1, self.size))]
+
+    def connections(self) -> list[tuple[tuple[str, str], tuple[str, str]]]:
+        """Each mass feels the one before it and the one after it."""
+        pairs = list(zip(self.names, self.names[1:], strict=False))
+        there = [((a, "x"), (b, "before")) for a, b in pairs]
+        return there + [((b, "x"), (a, "after")) for a, b in pairs]
+
+    def job(self) -> WiredLoop:
+        """What other masters run."""
+        return WiredLoop(
+            {name: str(self.link) for name in self.names},
+            self.connections(),
+            [("plant", "push", 100.0)],
+            ["x"],
+            self.step,
+            round(self.stop / self.step),
+        )
+
+
+Timed = TypeVar("Timed", TimedLoop, TimedChain)
+
+
+def step_cost(host: str, loop: TimedLoop | TimedChain) -> float:
     """Microseconds per communication step of a loop in this host, in a process of its own.
 
-    The law's ports are wired. The steps are taken in one call, so that nothing of the host's Python
+    The steps are taken in one call, so that nothing of the host's Python
     interface is in the figure, and nothing is recorded. The process keeps to one core, which is
     where libcosim and Ecos are fastest: on more, their threads wait for one another at Python's
     lock, and the figure is two to seven times as large and different every time.
     """
-    job = wired(loop.plant, loop.controller, loop.step, loop.stop, law=True, outputs=("x",))
     allowed = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(allowed)})
     try:
-        return float(run_in(host, job, timed=True))
+        return float(run_in(host, loop.job(), timed=True))
     finally:
         os.sched_setaffinity(0, allowed)
 
 
 def side_by_side(
-    ours: Callable[[TimedLoop], float], loops: Mapping[str, TimedLoop]
+    ours: Callable[[Timed], float], loops: Mapping[str, Timed], hosts: Sequence[str] = HOSTS
 ) -> dict[str, dict[str, float]]:
     """Microseconds per communication step, by loop and by master, the best of three rounds.
 
@@ -56,14 +96,15 @@ def side_by_side(
     ----------
     ours : function
         Gives our master's microseconds per step.
-    loops : mapping of str to TimedLoop
+    loops : mapping of str to TimedLoop or TimedChain
+    hosts : sequence of str
 
     Returns
     -------
     dict
         Of loop to {"ours", "libcosim", "ecos", "container"} to microseconds.
     """
-    hosts = [host for host in HOSTS if host != "ecos" or not missing_for_ecos()]
+    hosts = [host for host in hosts if host != "ecos" or not missing_for_ecos()]
     best = {name: dict.fromkeys(("ours", *hosts), math.inf) for name in loops}
     for _ in range(ROUNDS):
         for name, loop in loops.items():

@@ -6,7 +6,7 @@ import math
 import re
 import shutil
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -45,6 +45,8 @@ class NumberVariable:
         Whether it could lie between whole numbers, and is said to change at instants only.
     initially_from : tuple of str, optional
         Inputs that this output depends on in initialization; None where the FMU does not say.
+    items : dict of str to int
+        Of an enumeration: the values by name.
     """
 
     name: str
@@ -57,6 +59,7 @@ class NumberVariable:
     direct: bool
     sampled: bool
     initially_from: tuple[str, ...] | None = None
+    items: dict[str, int] = field(default_factory=dict)
 
     @property
     def is_real(self) -> bool:
@@ -86,6 +89,8 @@ class Description:
         Of its default experiment [s].
     steps_vary : bool
         Whether its communication steps may be of any length.
+    strings : dict of str to int
+        Value references of the parameters that are Strings.
     """
 
     fmi: int
@@ -101,6 +106,7 @@ class Description:
     once_per_process: bool
     step_size: float | None = None
     steps_vary: bool = True
+    strings: dict[str, int] = field(default_factory=dict)
 
     def names(self, causality: str) -> list[str]:
         """Names of the variables of a causality."""
@@ -244,7 +250,7 @@ def _described(path: Path, read: Any) -> Description:
         if u.dependencies is not None
     }
     variables = []
-    message = None
+    message, strings = None, {}
     names = [v.name for v in read.modelVariables]
     if len(set(names)) < len(names):
         twice = next(n for k, n in enumerate(names) if n in names[:k])
@@ -252,6 +258,8 @@ def _described(path: Path, read: Any) -> Description:
     for v in read.modelVariables:
         if v.type == "String" and v.name == "message" and v.causality in ("local", "output"):
             message = int(v.valueReference)
+        if v.type == "String" and v.causality == "parameter" and not v.dimensions:
+            strings[str(v.name)] = int(v.valueReference)
         is_signal = v.causality in ("input", "output")
         if v.type == "Clock" or (v.dimensions and is_signal):
             what = "a clock" if v.type == "Clock" else f"an array and an {v.causality}"
@@ -271,6 +279,7 @@ def _described(path: Path, read: Any) -> Description:
                 v.name in followers or v.name in silent or v.name not in listed,
                 v.type in REAL and v.variability == "discrete",
                 () if v.initial == "exact" else initially.get(v.name),
+                _items(v),
             )
         )
     units = defined_units(read)
@@ -290,7 +299,13 @@ def _described(path: Path, read: Any) -> Description:
         bool(kind.canBeInstantiatedOnlyOncePerProcess),
         _step_size(read.defaultExperiment),
         read.coSimulation is None or bool(kind.canHandleVariableCommunicationStepSize),
+        strings,
     )
+
+
+def _items(variable: Any) -> dict[str, int]:
+    declared = variable.declaredType if variable.type == "Enumeration" else None
+    return {str(i.name): int(i.value) for i in (declared.items if declared else None) or ()}
 
 
 def _start(variable: Any) -> float | None:

@@ -1,4 +1,7 @@
-"""Write a closed loop of FMUs as one .ssp (System Structure and Parameterization 1.0).
+"""Write a closed loop of FMUs as one .ssp (System Structure and Parameterization).
+
+FMUs of FMI 2.0 make an SSP 1.0; with one of FMI 3.0 among them it is an SSP 2.0, which has the same
+namespaces and elements.
 
 Instruments may stand between plant and controller. Both sides carry their feedback-law ports, so
 that any master which connects signals runs the loop with an error of second order. An annotation
@@ -55,6 +58,7 @@ class _Side:
     fmu: bytes
     variables: dict[str, NumberVariable]
     units: _Units
+    fmi: int
 
     def names(self, causality: str) -> list[str]:
         return [n for n, v in self.variables.items() if v.causality == causality]
@@ -81,7 +85,7 @@ def export_system(
     Parameters
     ----------
     plant, controller : path-like
-        FMI 2.0 co-simulation FMUs; they become the elements ``plant`` and ``controller``.
+        FMUs for co-simulation; they become the elements ``plant`` and ``controller``.
     path : path-like
         The .ssp to write; replaced as a whole or not at all.
     name : str
@@ -102,7 +106,7 @@ def export_system(
     Raises
     ------
     FmuError
-        If a file is no FMI 2.0 co-simulation FMU.
+        If a file is no FMU.
     CannotConnect
         If the parts do not meet, or a name or a number makes no sense.
     OSError
@@ -124,11 +128,12 @@ def export_system(
     driven = {port for _, (element, port) in connections if element == CONTROLLER}
     references = [n for n in last.names("input") if n not in driven]
     goals = {n: 0.0 if n in DERIVATIVES else setpoint for n in references}
-    files = {"SystemStructure.ssd": _structure(name, sides, connections, stop)}
+    version = "2.0" if any(side.fmi == 3 for side in sides) else "1.0"
+    files = {"SystemStructure.ssd": _structure(name, version, sides, connections, stop)}
     for side in sides:
         values = goals if side is last else _period(side, last)
         files[f"resources/{side.name}.fmu"] = side.fmu
-        files[f"resources/{side.name}.ssv"] = _parameter_set(side, values)
+        files[f"resources/{side.name}.ssv"] = _parameter_set(side, version, values)
     write_atomically(path, pack(files))
     return path
 
@@ -137,8 +142,6 @@ def _side(name: str, path: Path | str) -> _Side:
     unpacked = unpack(path, runs_here=False)
     unpacked.remove()
     description = unpacked.description
-    if description.fmi != 2:
-        raise CannotConnect(f"{path}: is FMI {description.fmi}, but SSP 1.0 holds FMUs of FMI 2.0")
     # An Integer, a Boolean or a String is no signal of this loop, and SSP wants connectors only
     # where something is connected.
     variables = {
@@ -148,7 +151,7 @@ def _side(name: str, path: Path | str) -> _Side:
     }
     used = {v.unit for v in variables.values()}
     units = {unit: _base_unit(given) for unit, given in description.units.items() if unit in used}
-    return _Side(name, Path(path), Path(path).read_bytes(), variables, units)
+    return _Side(name, Path(path), Path(path).read_bytes(), variables, units, description.fmi)
 
 
 def _base_unit(given: dict[str, str]) -> dict[str, str]:
@@ -238,9 +241,13 @@ def _connections(
 
 
 def _structure(
-    name: str, sides: Sequence[_Side], connections: list[_Connection], stop: float
+    name: str,
+    version: str,
+    sides: Sequence[_Side],
+    connections: list[_Connection],
+    stop: float,
 ) -> bytes:
-    root = _root("ssd:SystemStructureDescription", name, "ssd", "ssc", "oms")
+    root = _root("ssd:SystemStructureDescription", version, name, "ssd", "ssc", "oms")
     # No connectors of the system itself: libcosim and ecos refuse a connection that lacks an
     # element's name on either end. Parameter sets per element: neither reads the system's.
     system = ET.SubElement(root, "ssd:System", name=name)
@@ -296,11 +303,11 @@ def _write_component(parent: ET.Element, side: _Side) -> None:
     ET.SubElement(bindings, "ssd:ParameterBinding", source=f"resources/{side.name}.ssv")
 
 
-def _parameter_set(side: _Side, given: dict[str, float]) -> bytes:
+def _parameter_set(side: _Side, version: str, given: dict[str, float]) -> bytes:
     """Every parameter at its default, and over them the values that are given."""
     values = {n: side.variables[n].start for n in side.names("parameter")}
     values |= {n: float(value) for n, value in given.items()}
-    root = _root("ssv:ParameterSet", PARAMETERS, "ssv", "ssc")
+    root = _root("ssv:ParameterSet", version, PARAMETERS, "ssv", "ssc")
     parameters = ET.SubElement(root, "ssv:Parameters")
     for name, value in values.items():
         if value is None:
@@ -338,10 +345,10 @@ def _write_units(root: ET.Element, tag: str, units: _Units) -> None:
         ET.SubElement(ET.SubElement(listed, "ssc:Unit", name=name), "ssc:BaseUnit", base)
 
 
-def _root(tag: str, name: str, *prefixes: str) -> ET.Element:
+def _root(tag: str, version: str, name: str, *prefixes: str) -> ET.Element:
     """The root element; libcosim and ecos look for these prefixes by their letters."""
     spaces = {f"xmlns:{p}": _NAMESPACES[f"xmlns:{p}"] for p in prefixes}
-    return ET.Element(tag, spaces | {"version": "1.0", "name": name, "generationTool": TOOL})
+    return ET.Element(tag, spaces | {"version": version, "name": name, "generationTool": TOOL})
 
 
 def _text(root: ET.Element) -> bytes:

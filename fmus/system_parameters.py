@@ -30,11 +30,11 @@ _MAPPING = "application/x-ssp-parameter-mapping"
 
 @dataclass(frozen=True)
 class _Parameter:
-    """A value of a parameter set; `value` is None where it is no number."""
+    """A value of a parameter set; text for a String, the item's name for an Enumeration."""
 
     name: str
     type: str
-    value: float | None
+    value: float | str | None  # of a Binary
     unit: Unit | None
 
 
@@ -53,10 +53,10 @@ class Bindings:
 
     def __init__(self, network: Network) -> None:
         self._network = network
-        self.values: dict[str, dict[str, float]] = {
+        self.values: dict[str, dict[str, float | str]] = {
             path: {} for path, place in network.places.items() if isinstance(place, Component)
         }
-        self.starts: dict[str, float] = {}
+        self.starts: dict[str, float | str] = {}
         self.ignored: list[str] = []
 
     def bind(self, place: Component | System) -> None:
@@ -129,7 +129,9 @@ class Bindings:
             return
         where = f"{source}: parameter {parameter.name!r} for {port}"
         if parameter.value is None:
-            raise BadSystem(f"{where} is a {parameter.type}; only numbers can be set here")
+            raise BadSystem(
+                f"{where} is a {parameter.type}; only numbers, truth values and texts can be set"
+            )
         begun = Scaled(1.0, 0.0, parameter.unit)
         value = begun.through(scaling, self._network.connector(port).unit, where)
         for reached, scaled in self._reached(port, value):
@@ -150,7 +152,7 @@ class Bindings:
         wanted = connector.type or parameter.type
         if wanted == "Real" and parameter.type in ("Real", "Integer"):
             text = repr(scaled.factor * float(parameter.value) + scaled.offset)
-            value: float = number(text, where)
+            value: float | str = number(text, where)
         elif wanted == parameter.type and exact:
             value = parameter.value
         else:
@@ -194,6 +196,10 @@ def _parameter(node: ET.Element, prefix: str, units: dict[str, Unit], source: st
             return _Parameter(name, kind, int(value), None)
         if kind == "Boolean":
             return _Parameter(name, kind, truth(text, what), None)
-        if kind in ("String", "Enumeration", "Binary"):
+        if kind in ("String", "Enumeration"):
+            if text is None:
+                break
+            return _Parameter(name, kind, text, None)
+        if kind == "Binary":
             return _Parameter(name, kind, None, None)
     raise BadSystem(f"{what} has no value")

@@ -42,12 +42,13 @@ class SystemElement:
         The file, in the folder that the system was unpacked to.
     start_values : dict of str to float
         What parameter sets say of its variables, in the variables' units: a float for a Real, an
-        int for an Integer, a bool for a Boolean.
+        int for an Integer, a bool for a Boolean, a str for a String and for the name of an
+        Enumeration's item.
     """
 
     name: str
     fmu: Path
-    start_values: dict[str, float]
+    start_values: dict[str, float | str]
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class SystemInput:
 
     name: str
     unit: str
-    start: float | None
+    start: float | str | None
     drives: tuple[SystemConnection, ...]
     defined: Unit | None = None
 

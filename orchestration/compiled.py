@@ -66,6 +66,7 @@ LOOP = np.dtype(
         ("late", VECTOR),
         ("following", VECTOR),
         ("has_following", np.int64),
+        ("following_step", float),  # length of the step that it is of, where that matters [s]
         # the same, kept to come back to
         ("kept_outputs", VECTOR),
         ("kept_late", VECTOR),
@@ -102,7 +103,8 @@ PAIR = np.dtype(
             "parts",
             np.int64,
         ),  # into how many a reference co-run divides each step; 0 if it is not there
-        ("recorded", VECTOR),  # outputs at the end of each step, row by row
+        # outputs of the plant and others of the controller at the end of each step, row by row
+        ("recorded", VECTOR),
         ("rows", np.int64),
         ("failed", float),  # time of the step in which a reference co-run failed [s], NaN before
     ]
@@ -114,7 +116,6 @@ COURSE = np.dtype(
         ("times", VECTOR),
         ("references", VECTOR),
         ("commands", VECTOR),  # row by row
-        ("others", VECTOR),  # the controller's other outputs, row by row
         ("bounds", VECTOR),  # of each output, beyond which the loop diverges
         ("nominal", VECTOR),  # of each output, and its range so far
         ("low", VECTOR),

@@ -225,7 +225,7 @@ class CoupledPair:
     ) -> None:
         self.plant, self.controller = plant, controller
         self.corrected, self.averaged = corrected, averaged
-        self._whole, self.other_names = whole, wiring.others
+        self._whole, self.wiring, self.other_names = whole, wiring, wiring.others
         law = wiring.plant_law() if wiring.accepts_law else []
         names = [*(theirs for _, theirs in wiring.commands), *law]
         calls = self._whole.part("plant")

@@ -1,8 +1,9 @@
 """How compiled code calls a FMU instance.
 
 An FMU of FMI 2.0 in this process whose signals are real is called through the addresses of its
-own functions. Any other FMU instance gets functions of the same shapes that call its Python
-methods, so that there is one text of the coupling for all of them.
+own functions, and a group of such FMUs through those of ``c/group.c``. Any other FMU instance gets
+functions of the same shapes that call its Python methods, so that there is one text of the coupling
+for all of them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ import numpy as np
 from .fmi_status import OK
 from .fmi_versions import STATE, STEP
 from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance, describe_end
-from .structs import VECTOR, Struct, Vector
+from .group import Group
+from .structs import VECTOR, Struct, Vector, struct
 
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # what failed
 _FAILED_IN_PYTHON = 3  # fmi2Error
@@ -51,6 +53,19 @@ CALLS = np.dtype(
 )
 """An FMU instance, see ``c/calls.h``: its functions, and what they take and gave."""
 
+MEMBER = np.dtype([("calls", CALLS), ("sources", VECTOR), ("first", np.int64)])
+GROUP = np.dtype(
+    [
+        ("members", VECTOR),
+        ("there", VECTOR),
+        ("back", VECTOR),
+        ("values", VECTOR),
+        ("flags", VECTOR),
+        ("lags", np.int64),
+    ]
+)
+"""A group of FMUs and a member of it, see ``c/group.c``."""
+
 
 class Bound:
     """A FMU instance with the inputs that will be set and the outputs that will be read.
@@ -79,14 +94,20 @@ class Bound:
         self._calls = calls
         references = [0] * len(inputs), [0] * len(outputs)
         given, taken = np.zeros(len(inputs)), np.zeros(len(outputs))
+        self._fmu: FmuInstance | None = None
+        self._others: _PythonCalls | _GroupCalls | None = None
         if isinstance(instance, FmuInstance) and instance.is_compiled([*inputs, *outputs]):
-            self._fmu: FmuInstance | None = instance
+            self._fmu = instance
             entry_points = instance.entry_points()
             references = instance.references(inputs), instance.references(outputs)
+        elif isinstance(instance, Group) and instance.is_compiled():
+            self._others = _GroupCalls(instance)
+            entry_points = self._others.entry_points()
+            at = instance.place
+            references = [at[n] for n in inputs], [at[n] for n in outputs]
         else:
-            self._fmu = None
-            self._python = _PythonCalls(instance, self._inputs, self._outputs, given, taken)
-            entry_points = self._python.entry_points()
+            self._others = _PythonCalls(instance, self._inputs, self._outputs, given, taken)
+            entry_points = self._others.entry_points()
         calls.set(
             **dict(zip(ENTRY_POINTS, entry_points, strict=True)),
             inputs=np.array(references[0], dtype=np.uint32),
@@ -103,7 +124,7 @@ class Bound:
         if status <= OK:
             return None
         if self._fmu is None:
-            return self._python.error
+            return self._others.error if self._others else None
         said = {
             PUT: f"refuses the values of {', '.join(self._inputs)}",
             TAKE: f"cannot give {', '.join(self._outputs)}",
@@ -126,6 +147,43 @@ def raise_failures(*bound: Bound) -> Iterator[None]:
         yield
     except CallFailed as failed:
         raise (failure_of(*bound) or failed) from None
+
+
+class _GroupCalls:
+    """The functions of a group of FMUs that compiled code calls itself."""
+
+    def __init__(self, group: Group) -> None:
+        from .compiled import library  # whose records hold those of this module
+
+        self._library = library()
+        self._struct = struct(GROUP)
+        self._bound: list[Bound] = []
+        addresses: dict[int, int] = {}
+        for part in group.parts:
+            whole = struct(MEMBER)
+            ports = [f.port for f in part.feeds]
+            calls = whole.part("calls")
+            self._bound.append(Bound(part.instance, ports, part.instance.outputs, 0, calls))
+            whole.set(sources=part.sources.astype(np.int64), first=part.outputs.start)
+            addresses[id(part)] = whole.address
+        self._struct.set(
+            members=np.array([addresses[id(p)] for p in group.parts], dtype=np.int64),
+            there=np.array([addresses[id(p)] for p in group.there], dtype=np.int64),
+            back=np.array([addresses[id(p)] for p in group.back], dtype=np.int64),
+            values=group.values,
+            flags=group.flags,
+            lags=group.lags,
+        )
+
+    @property
+    def error(self) -> BaseException | None:
+        return failure_of(*self._bound)
+
+    def entry_points(self) -> tuple[int, ...]:
+        """Addresses of the group and of its functions."""
+        functions = (getattr(self._library, f"group_{name}") for name in ENTRY_POINTS[1:])
+        addresses = (ctypes.cast(f, ctypes.c_void_p).value or 0 for f in functions)
+        return (self._struct.address, *addresses)
 
 
 class _PythonCalls:

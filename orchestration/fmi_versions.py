@@ -167,6 +167,9 @@ class Fmi2:
         (text,) = self._fmu.getString([reference])
         return str(text.decode("utf-8", "replace"))
 
+    def set_text(self, reference: int, text: str) -> None:
+        self._fmu.setString([reference], [text])
+
     def set_up(self, stop: float) -> None:
         """What comes before start values are set."""
         self._fmu.setupExperiment(startTime=0.0, stopTime=stop)

@@ -9,7 +9,7 @@ import math
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,9 @@ ENTRY_POINTS = (
     "free_state",
 )
 _LOG_NUMBERS = itertools.count(1)
+
+Value: TypeAlias = "float | str"
+"""Of a parameter: a number, or the text of a String."""
 
 SAMPLE_TIME = "sample_time"
 SHORTER = "it asks for shorter steps: use a smaller --step"
@@ -90,7 +93,7 @@ class Instance(Protocol):
     def is_real(self, name: str) -> bool: ...
     def follows_at_once(self, name: str) -> bool: ...
     def initially_from(self, name: str) -> Sequence[str]: ...
-    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None: ...
+    def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None: ...
     def leave_initialization(self) -> None: ...
     def writer(self, names: Sequence[str]) -> Writer: ...
     def reader(self, names: Sequence[str]) -> Reader: ...
@@ -133,12 +136,12 @@ class AnyFmu:
         told = self._variables[name].initially_from
         return self.inputs if told is None else told
 
-    def initialize(self, values: Mapping[str, float], stop: float) -> None:
+    def initialize(self, values: Mapping[str, Value], stop: float) -> None:
         """Go through initialization alone, see `FmuInstance.enter_initialization`."""
         self.enter_initialization(values, stop)
         self.leave_initialization()
 
-    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
+    def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         raise NotImplementedError
 
     def leave_initialization(self) -> None:
@@ -175,7 +178,7 @@ class FmuInstance(AnyFmu):
         self.can_save = description.saves_state
         self.steps_vary = description.steps_vary
         self.sample_time, self.stop = 0.0, math.inf
-        self._given: Mapping[str, float] = {}
+        self._given: Mapping[str, Value] = {}
         self._log = next(_LOG_NUMBERS)
         self._status = 0  # the worst yet
         try:
@@ -190,7 +193,7 @@ class FmuInstance(AnyFmu):
             raise
         self._open = True
 
-    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
+    def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """Set parameters and start values, enter initialization mode, and set inputs there.
 
         Raises
@@ -222,8 +225,11 @@ class FmuInstance(AnyFmu):
         if self.message():
             raise StepFailed(self.message())
 
-    def _set(self, values: Mapping[str, float]) -> None:
+    def _set(self, values: Mapping[str, Value]) -> None:
         for name, value in values.items():
+            if isinstance(value, str):
+                self._fmi.set_text(self.description.strings[name], value)
+                continue
             self.writer([name])(np.array([value], dtype=float))
 
     @contextlib.contextmanager

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .fmu_instance import Instance, Reader, StepFailed, Writer
+from .fmu_instance import FmuInstance, Instance, Reader, StepFailed, Value, Writer
 from .wiring import Wiring
 
 Vector = npt.NDArray[np.float64]
@@ -41,7 +41,17 @@ class Feed:
 
 
 @dataclass(frozen=True)
-class _Member:
+class Member:
+    """An initialized member: what it takes from where, and where its outputs go.
+
+    Attributes
+    ----------
+    sources : ndarray of int
+        Of each feed, a place among the group's values.
+    outputs : slice
+        Its places there.
+    """
+
     instance: Instance
     feeds: Sequence[Feed]
     write: Writer
@@ -54,7 +64,7 @@ def initialize(
     plant: Instance,
     controller: Instance,
     wiring: Wiring,
-    values: tuple[Mapping[str, float], Mapping[str, float]],
+    values: tuple[Mapping[str, Value], Mapping[str, Value]],
     stop: float,
     reference: Vector,
 ) -> None:
@@ -90,8 +100,11 @@ def initialize(
 class Group:
     """FMU instances that feed each other, as one FMU instance.
 
-    They are stepped one after the other in the order of the signals, each with the newest values of
-    those before it. Outputs are named ``member.port``.
+    They are stepped one after the other, each with the newest values of those before it: in the
+    order of the signals, and in every other step the other way round. Values that are held are too
+    early for a member in one of the two steps and too late in the other, so that the first order of
+    that error goes. What answers at once, or samples, comes before what it feeds both ways: it
+    may jump at the start of a step. Outputs are named ``member.port``.
 
     Parameters
     ----------
@@ -101,6 +114,19 @@ class Group:
     feeds : sequence of Feed
     inputs : sequence of str
         The group's own, as the feeds name them.
+    turned : bool
+        Whether the first step goes the other way round.
+
+    Attributes
+    ----------
+    values : ndarray
+        Inputs of the group, then outputs of its members; `place` has their places by name.
+    parts, there, back : list of Member
+        In the order of the signals, and in those of every other step.
+    flags : ndarray of int, shape (2,)
+        Whether inputs were set since outputs were read, and whether the next step goes back.
+    lags : bool
+        Whether a step leaves old answers of what answers at once.
     """
 
     def __init__(
@@ -109,22 +135,38 @@ class Group:
         members: Mapping[str, Instance],
         feeds: Sequence[Feed],
         inputs: Sequence[str],
+        turned: bool = False,
     ) -> None:
         self.name = name
+        self._turned = turned
         self.inputs: Sequence[str] = list(inputs)
         self.can_save = all(p.can_save for p in members.values())
         self.steps_vary = all(getattr(p, "steps_vary", True) for p in members.values())
         self.sample_time, self.stop = 0.0, math.inf
         self._feeds = list(feeds)
-        self._members = {m: members[m] for m in _in_order(list(members), feeds)}
+        at_once = {m for m, p in members.items() if any(map(p.follows_at_once, p.outputs))}
+        order = _in_order(list(members), feeds, at_once)
+        self._members = {m: members[m] for m in order}
         self.outputs: Sequence[str] = [
             f"{m}.{port}" for m, p in self._members.items() for port in p.outputs
         ]
-        self._place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
-        self._values = np.zeros(len(self._place))
-        self._parts: list[_Member] = []
+        self.place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
+        self.values = np.zeros(len(self.place))
+        self.parts: list[Member] = []
+        self.there: list[Member] = []
+        self.back: list[Member] = []
+        self.lags = False
         self._initializing = False
-        self._stale = True
+        self.flags = np.ones(2, dtype=np.int64)
+
+    @property
+    def _stale(self) -> bool:
+        """Whether inputs were set since outputs were read; kept where compiled code sees it."""
+        return bool(self.flags[0])
+
+    @_stale.setter
+    def _stale(self, value: bool) -> None:
+        self.flags[0] = value
 
     def nominal(self, name: str) -> float:
         if name in self.inputs:
@@ -167,23 +209,23 @@ class Group:
                     waiting.append(before)
         return sorted(found)
 
-    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
+    def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """Let every member enter the mode; values are named ``member.variable``."""
-        self._parts, self.stop = [], stop
-        self._values[:] = np.nan  # not known yet
+        self.parts, self.stop = [], stop
+        self.values[:] = np.nan  # not known yet
         begin = len(self.inputs)
         for name, instance in self._members.items():
             own = {k[len(name) + 1 :]: v for k, v in values.items() if k.startswith(name + ".")}
             instance.enter_initialization(own, stop)
             feeds = [f for f in self._feeds if f.member == name]
             end = begin + len(instance.outputs)
-            self._parts.append(
-                _Member(
+            self.parts.append(
+                Member(
                     instance,
                     feeds,
                     instance.writer([f.port for f in feeds]),
                     instance.reader(instance.outputs),
-                    np.array([self._place[f.source] for f in feeds], dtype=np.intp),
+                    np.array([self.place[f.source] for f in feeds], dtype=np.intp),
                     slice(begin, end),
                 )
             )
@@ -193,16 +235,35 @@ class Group:
     def leave_initialization(self) -> None:
         """Let one member after the other leave the mode."""
         self._settle()
-        for part in self._parts:
+        for part in self.parts:
             self._feed(part)
             part.instance.leave_initialization()
-            self._values[part.outputs] = part.read()
+            self.values[part.outputs] = part.read()
         self._initializing = False
         self._iterate()
         self._stale = False
+        self._choose_steps()
         # the shortest: every communication step then ends at samples of the fastest member
         self.sample_time = min(
             (p.sample_time for p in self._members.values() if p.sample_time > 0), default=0.0
+        )
+
+    def _choose_steps(self) -> None:
+        """Put the members in the order in which they are stepped; now it is known who samples."""
+        at_once = {m for m, p in self._members.items() if any(map(p.follows_at_once, p.outputs))}
+        hard = at_once | {m for m, p in self._members.items() if p.sample_time > 0}
+        order = _in_order(list(self._members), self._feeds, hard)
+        back = _reversed(order, self._feeds, hard)
+        parts = dict(self._named_parts())
+        self.there, self.back = [parts[m] for m in order], [parts[m] for m in back]
+        self.flags[1] = self._turned
+        # what answers at once and is stepped before one that feeds it shows an old answer
+        self.lags = any(
+            f.member in at_once
+            and f.source not in self.inputs
+            and way.index(self._split(f.source)[0]) > way.index(f.member)
+            for f in self._feeds
+            for way in (order, back)
         )
 
     def _settle(self) -> None:
@@ -218,10 +279,10 @@ class Group:
         if ring:
             self._iterate()
 
-    def _named_parts(self) -> Iterable[tuple[str, _Member]]:
-        return zip(self._members, self._parts, strict=True)
+    def _named_parts(self) -> Iterable[tuple[str, Member]]:
+        return zip(self._members, self.parts, strict=True)
 
-    def _read(self, name: str, part: _Member, missing: dict[str, list[str]], all_: bool) -> bool:
+    def _read(self, name: str, part: Member, missing: dict[str, list[str]], all_: bool) -> bool:
         """Read a member's missing outputs that wait for no others, or all; whether any was."""
         waits = {f.port for f in part.feeds if not self._is_known(f.source, missing)}
         ready = [
@@ -232,13 +293,13 @@ class Group:
         if ready:
             self._feed(part)
             values = part.instance.reader(ready)()
-            self._values[[self._place[f"{name}.{port}"] for port in ready]] = values
+            self.values[[self.place[f"{name}.{port}"] for port in ready]] = values
             missing[name] = [port for port in missing[name] if port not in ready]
         return bool(ready)
 
     def _is_known(self, source: str, missing: Mapping[str, Sequence[str]]) -> bool:
         if source in self.inputs:
-            return bool(np.isfinite(self._values[self._place[source]]))
+            return bool(np.isfinite(self.values[self.place[source]]))
         member, port = self._split(source)
         return port not in missing[member]
 
@@ -252,18 +313,18 @@ class Group:
         """
         ring = self._ring()
         for _ in range(SWEEPS):
-            before = self._values[ring]
+            before = self.values[ring]
             self._sweep()
             if self._agree(before, ring):
                 return
-        before = self._values[ring]
-        names = [n for n, place in self._place.items() if place in ring]
+        before = self.values[ring]
+        names = [n for n, place in self.place.items() if place in ring]
         if np.isfinite(before).all() and all(map(self.is_real, names)):
             self._solve(ring)
-            before = self._values[ring]
+            before = self.values[ring]
             self._sweep()
         if not self._agree(before, ring):
-            missed = np.max(np.abs(self._values[ring] - before))
+            missed = np.max(np.abs(self.values[ring] - before))
             raise StepFailed(
                 f"the algebraic loop through {', '.join(names)} has no solution at the start: what "
                 f"goes in and what comes out are {missed:.3g} apart",
@@ -275,7 +336,7 @@ class Group:
         """Places of the outputs that feed a member before theirs, or their own."""
         order = list(self._members)
         back = {
-            self._place[f.source]
+            self.place[f.source]
             for f in self._feeds
             if f.source not in self.inputs
             and order.index(self._split(f.source)[0]) >= order.index(f.member)
@@ -283,7 +344,7 @@ class Group:
         return sorted(back)
 
     def _agree(self, before: Vector, ring: Sequence[int]) -> bool:
-        after = self._values[ring]
+        after = self.values[ring]
         names = [*self.inputs, *self.outputs]
         size = np.maximum(np.abs(after), [self.nominal(names[place]) for place in ring])
         same = np.abs(after - before) <= SETTLED * size
@@ -293,22 +354,22 @@ class Group:
         from scipy.optimize import root
 
         def missed(values: Vector) -> Vector:
-            self._values[ring] = values
+            self.values[ring] = values
             self._sweep()
-            change: Vector = self._values[ring] - values
+            change: Vector = self.values[ring] - values
             return change
 
         with np.errstate(all="ignore"):
-            self._values[ring] = root(missed, self._values[ring], options={"xtol": 1e-14}).x
+            self.values[ring] = root(missed, self.values[ring], options={"xtol": 1e-14}).x
 
     def _sweep(self) -> None:
         """Feed one member after the other, and read what follows."""
-        for part in self._parts:
+        for part in self.parts:
             self._feed(part)
-            self._values[part.outputs] = part.read()
+            self.values[part.outputs] = part.read()
 
-    def _feed(self, part: _Member) -> None:
-        values = self._values[part.sources]
+    def _feed(self, part: Member) -> None:
+        values = self.values[part.sources]
         if self._initializing and not np.isfinite(values).all():  # what is not known yet
             known = np.isfinite(values)
             ports = [f.port for f, k in zip(part.feeds, known, strict=True) if k]
@@ -317,64 +378,88 @@ class Group:
             part.write(values)
 
     def writer(self, names: Sequence[str]) -> Writer:
-        at = np.array([self._place[n] for n in names], dtype=np.intp)
+        at = np.array([self.place[n] for n in names], dtype=np.intp)
 
         def write(values: Vector) -> None:
-            self._values[at] = values
+            self.values[at] = values
             self._stale = True
 
         return write
 
     def reader(self, names: Sequence[str]) -> Reader:
-        at = np.array([self._place[n] for n in names], dtype=np.intp)
+        at = np.array([self.place[n] for n in names], dtype=np.intp)
 
         def read() -> Vector:
             if self._stale:
                 self._settle() if self._initializing else self._sweep()
                 self._stale = False
-            values: Vector = self._values[at]
+            values: Vector = self.values[at]
             return values
 
         return read
 
     def step(self, t: float, h: float) -> None:
-        for part in self._parts:
+        for part in self.back if self.flags[1] else self.there:
             self._feed(part)
             part.instance.step(t, h)
-            self._values[part.outputs] = part.read()
-        self._stale = False
+            self.values[part.outputs] = part.read()
+        self.flags[:] = self.lags, not self.flags[1]
+
+    def is_compiled(self) -> bool:
+        """Whether compiled code can call its members itself; see `c/group.c`."""
+        return all(
+            isinstance(p.instance, FmuInstance)
+            and p.instance.is_compiled([*(f.port for f in p.feeds), *p.instance.outputs])
+            for p in self.parts
+        )
 
     def save(self) -> Any:
-        states = [p.instance.save() for p in self._parts]
-        return states, self._values.copy(), self._stale
+        states = [p.instance.save() for p in self.parts]
+        return states, self.values.copy(), self.flags.copy()
 
     def restore(self, state: Any) -> None:
-        states, values, self._stale = state
-        self._values[:] = values
-        for part, saved in zip(self._parts, states, strict=True):
+        states, values, flags = state
+        self.values[:], self.flags[:] = values, flags
+        for part, saved in zip(self.parts, states, strict=True):
             part.instance.restore(saved)
 
     def release(self, state: Any) -> None:
-        for part, saved in zip(self._parts, state[0], strict=True):
+        for part, saved in zip(self.parts, state[0], strict=True):
             part.instance.release(saved)
 
-    def reopened(self) -> Group:
+    def reopened(self, turned: bool = False) -> Group:
         members = {name: p.reopened() for name, p in self._members.items()}
-        return Group(self.name, members, self._feeds, self.inputs)
+        return Group(self.name, members, self._feeds, self.inputs, turned)
 
     def close(self) -> None:
         for instance in self._members.values():
             instance.close()
 
 
-def _in_order(members: list[str], feeds: Sequence[Feed]) -> list[str]:
-    """Members so that each comes after those that feed it; a ring is cut at the first listed."""
+def _in_order(members: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
+    """Members so that each comes after those that feed it.
+
+    A ring is cut at the first listed that is not fed by one of the `hard`.
+    """
     waiting = {m: _feeders(m, members, feeds) for m in members}
     ordered: list[str] = []
     while waiting:
-        ready = next((m for m, needs in waiting.items() if needs <= set(ordered)), None)
-        ordered.append(ready or next(iter(waiting)))
+        done = set(ordered)
+        ready = [m for m, needs in waiting.items() if needs <= done]
+        ready += [m for m, needs in waiting.items() if needs & hard <= done]
+        ordered.append(ready[0] if ready else next(iter(waiting)))
         del waiting[ordered[-1]]
+    return ordered
+
+
+def _reversed(order: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
+    """The order from its end, but each behind those of the `hard` that feed it."""
+    left, ordered = order[::-1], list[str]()
+    while left:
+        needs = {m: _feeders(m, order, feeds) & hard for m in left}
+        ready = [m for m in left if needs[m] <= set(ordered)]
+        ordered.append(ready[0] if ready else left[-1])
+        left.remove(ordered[-1])
     return ordered
 
 

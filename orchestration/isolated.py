@@ -32,6 +32,7 @@ from .fmu_instance import (
     FmuInstance,
     Reader,
     StepFailed,
+    Value,
     Writer,
     inputs_of,
     open_source,
@@ -110,7 +111,7 @@ class IsolatedInstance(AnyFmu):
             self._clean()
             raise
 
-    def enter_initialization(self, values: Mapping[str, float], stop: float) -> None:
+    def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """As `FmuInstance.enter_initialization`.
 
         Raises

@@ -34,6 +34,7 @@ STOP = 20.0  # [s]
 
 ReferenceLike: TypeAlias = "float | str | Path | Reference"
 Values: TypeAlias = "Mapping[str, float]"
+SystemValues: TypeAlias = "Mapping[str, float | str]"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,7 +249,8 @@ class SystemLoop(HowCoupled):
     stop : float, optional
         [s] Default: the file's own, else 20 s.
     values : mapping of str to float
-        Parameters and start values as ``element.variable``, over those of the file.
+        Parameters and start values as ``element.variable``, over those of the file. Text is for a
+        String, an Enumeration's item by name, or a number.
     step, coupling, corrections, adaptive, isolate, time_limit
         As in `Loop`. With ``jacobi`` and ``gauss-seidel`` wired feedback-law ports are signals like
         any others, as other masters have them.
@@ -257,7 +259,7 @@ class SystemLoop(HowCoupled):
     system: Path | str
     reference: Reference | None = None
     stop: float | None = None
-    values: Values = field(default_factory=dict)
+    values: SystemValues = field(default_factory=dict)
 
     if TYPE_CHECKING:
 
@@ -266,7 +268,7 @@ class SystemLoop(HowCoupled):
             system: Path | str,
             reference: ReferenceLike | None = ...,
             stop: float | None = ...,
-            values: Values | None = ...,
+            values: SystemValues | None = ...,
             *,
             step: float | None = ...,
             coupling: str | Coupling | None = ...,
@@ -277,7 +279,9 @@ class SystemLoop(HowCoupled):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        self._resolve(values=_numbers("values", self.values))
+        texts = {n: v for n, v in (self.values or {}).items() if isinstance(v, str)}
+        numbers = {n: v for n, v in (self.values or {}).items() if not isinstance(v, str)}
+        self._resolve(values=_numbers("values", numbers) | texts)
         if self.reference is not None:
             self._resolve(reference=as_reference(self.reference))
         if self.stop is not None:

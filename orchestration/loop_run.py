@@ -71,6 +71,8 @@ class LoopRun:
         Factor and offset from the set-point's SI unit to the unit of `reference` and the position.
     played : bool
         Whether compiled code has played the FMUs, see `run_loop`.
+    network : bool
+        Whether `others` are judged, too, see `Wiring`.
     """
 
     time: Vector
@@ -92,6 +94,12 @@ class LoopRun:
     sampling_period: float = 0.0
     scale: tuple[float, float] = (1.0, 0.0)
     played: bool = False
+    network: bool = False
+
+    @property
+    def judged(self) -> dict[str, Vector]:
+        """The outputs that the verdict is on."""
+        return self.outputs | (self.others if self.network else {})
 
     @property
     def alone(self) -> bool:
@@ -104,10 +112,14 @@ class RecordedLoop:
 
     def __init__(self, whole: Struct, loop: CoupledPair, parts: int) -> None:
         self.loop, self._whole = loop, whole
-        self._room = np.empty((CHUNK, len(loop.outputs)))
+        self._room = np.empty((CHUNK, len(loop.outputs) + len(loop.other_names)))
         whole.set(parts=parts, recorded=self._room, failed=math.nan)
-        self.outputs = [loop.outputs[None].copy()]
+        self.outputs = [np.concatenate([loop.outputs, loop.others()])[None]]
         self.failure = ""
+
+    def begin(self) -> None:
+        """Take the controller's other outputs at the start anew."""
+        self.outputs[0][0, len(self.loop.outputs) :] = self.loop.others()
 
     @property
     def record(self) -> Any:
@@ -178,8 +190,6 @@ class RunLog:
         Number of commands.
     keeps_commands : bool
         Whether the commands at the end of each step are asked for and kept.
-    others : int
-        Number of the controller's other outputs that are kept.
     """
 
     def __init__(
@@ -190,14 +200,12 @@ class RunLog:
         nominal: Vector,
         m: int,
         keeps_commands: bool = True,
-        others: int = 0,
     ) -> None:
         self._whole = struct(COURSE)
         self._rows = (
             np.empty(CHUNK),
             np.empty(CHUNK),
             np.empty((CHUNK, m * keeps_commands)),
-            np.empty((CHUNK, others)),
         )
         self.bounds = bounds(nominal, outputs)
         self.residual, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
@@ -205,7 +213,6 @@ class RunLog:
             times=self._rows[0],
             references=self._rows[1],
             commands=self._rows[2],
-            others=self._rows[3],
             nominal=nominal,
             bounds=self.bounds,
             low=outputs.copy(),
@@ -222,7 +229,6 @@ class RunLog:
         self.start = reference.at(0.0)
         self.times, self.references = [np.zeros(1)], [np.array([self.start])]
         self.commands: list[Vector] = []
-        self.others: list[Vector] = []
 
     @property
     def address(self) -> int:
@@ -231,7 +237,7 @@ class RunLog:
     def collect(self, rows: int) -> None:
         """Keep what the last chunk recorded."""
         for kept, room in zip(
-            (self.times, self.references, self.commands, self.others), self._rows, strict=True
+            (self.times, self.references, self.commands), self._rows, strict=True
         ):
             kept.append(room[:rows].copy())
 

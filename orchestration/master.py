@@ -25,8 +25,8 @@ from .compiled import (
 from .coupling import Answer, CoupledPair
 from .coupling_choice import choose_coupling, late_start, tangent_reason
 from .couplings import Coupling
-from .fmu_instance import Instance
-from .group import initialize
+from .fmu_instance import Instance, Value
+from .group import Group, initialize
 from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
 from .played import can_be_played, reopened_to_judge
 from .reference_signal import Reference
@@ -51,8 +51,8 @@ def run_loop(  # noqa: PLR0913
     coupling: Coupling | None = None,
     corrections: int | None = None,
     adaptive: bool = False,
-    plant_values: Mapping[str, float] | None = None,
-    controller_values: Mapping[str, float] | None = None,
+    plant_values: Mapping[str, Value] | None = None,
+    controller_values: Mapping[str, Value] | None = None,
     mapping: Mapping[str, str] | None = None,
     wiring: Wiring | None = None,
     progress: Progress | None = None,
@@ -117,12 +117,12 @@ def run_loop(  # noqa: PLR0913
     step, reason = _meet_samples(main.loop, step, reason)
     varies = all(getattr(side, "steps_vary", True) for side in (plant, controller))
     breaks = reference.jumps(wiring.orders) if varies else np.zeros(0)
-    curved = not missing and reference.bends_within(step, stop, wiring.orders, breaks)
+    curved = reference.bends_within(step, stop, wiring.orders, breaks) or wiring.network
+    curved = not missing and curved
     co_runs = parts.co_runs(main.loop, not missing, curved)
     check_room(len(names), len(commands) + len(wiring.others), len(co_runs), stop / step)
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
-    m, others = len(commands), len(wiring.others)
-    course = RunLog(reference, wiring.orders, main.loop.outputs, nominal, m, others=others)
+    course = RunLog(reference, wiring.orders, main.loop.outputs, nominal, len(commands))
     try:
         time = Clock(stop, step, adaptive, breaks)
         why = march_on(main, co_runs, time, course, start, progress)
@@ -149,7 +149,10 @@ def run_loop(  # noqa: PLR0913
         step,
     )
     compared = co_runs[:1] if not missing else co_runs
-    outputs, *finer = (np.concatenate(pair.outputs) for pair in (main, *compared))
+    if wiring.network and not missing:  # the other way round may be far off where the run is right
+        compared = co_runs[-1:]
+    width = len(first.verdict.error_estimate)
+    outputs, *finer = (np.concatenate(pair.outputs)[:, :width] for pair in (main, *compared))
     late = parts.late(main, bool(missing))
     judged = with_second_look(first, outputs, finer, _safety(main.loop), setting, late)
     return with_ring_named(judged, main.loop, parts.opened, wiring, start, step)
@@ -162,15 +165,19 @@ class _Parts:
     plant: Instance
     controller: Instance
     wiring: Wiring
-    values: tuple[dict[str, float], dict[str, float]]
+    values: tuple[dict[str, Value], dict[str, Value]]
     stop: float
     start: Vector
     coupling: Coupling
 
-    def opened(self, fresh: bool = True, judges: bool = False) -> tuple[Instance, Instance]:
+    def opened(
+        self, fresh: bool = True, judges: bool = False, turned: bool = False
+    ) -> tuple[Instance, Instance]:
         """Plant and controller, initialized together; see `loop`."""
         p, c = self.plant, self.controller
-        if judges:
+        if turned:
+            p, c = (s.reopened(True) if isinstance(s, Group) else s.reopened() for s in (p, c))
+        elif judges:
             p, c = reopened_to_judge(p), reopened_to_judge(c)
         elif fresh:
             p, c = p.reopened(), c.reopened()
@@ -185,16 +192,21 @@ class _Parts:
         fresh: bool = True,
         other: Coupling | None = None,
         judges: bool = False,
+        turned: bool = False,
     ) -> RecordedLoop:
         """A loop at its start, of instances of its own if `fresh`; `cut` as in `PAIR`.
 
-        One that `judges` may be played by compiled code, see `played.py`.
+        One that `judges` may be played by compiled code, see `played.py`; one that is `turned` has
+        its groups step the other way round.
         """
-        p, c = self.opened(fresh, judges)
+        p, c = self.opened(fresh, judges, turned)
         whole = struct(PAIR)
         part = whole.part("loop")
+        wiring = self.wiring
+        if fresh and not wiring.network:  # a run is not judged by them
+            wiring = replace(wiring, others=())
         loop = CoupledPair(
-            p, c, self.wiring, other or self.coupling, corrected, averaged, self.start, part
+            p, c, wiring, other or self.coupling, corrected, averaged, self.start, part
         )
         return RecordedLoop(whole, loop, cut)
 
@@ -202,11 +214,11 @@ class _Parts:
         """What the run is judged by: the other scheme, or shorter steps where none is saved.
 
         The other scheme sees a set-point that is `curved` within the steps no better; half of the
-        step does, beside it.
+        step does, beside it. Of a network it goes through the parts the other way round, too.
         """
-        tangent = self.coupling.law
+        tangent, turned = self.coupling.law, self.wiring.network
         if reversible:
-            other = self.loop(not main.corrected, averaged=not tangent, judges=True)
+            other = self.loop(not main.corrected, not tangent, judges=True, turned=turned)
             if not curved:
                 return [other]
             return [other, self.loop(main.corrected, main.averaged, 2, judges=True)]
@@ -302,8 +314,9 @@ def march_on(
         If a loop cannot go back to a state it had saved; other failures end the run.
     """
     course.commands.append(main.loop.command(0.0, clock.step_to_come, start)[None])
-    course.others.append(main.loop.others()[None])
     pairs = main, *co_runs
+    for pair in pairs:
+        pair.begin()
     nobody = struct(PAIR)
     first, second = [*(p.address for p in co_runs), nobody.address, nobody.address][:2]
     why, most = GOES_ON, 1
@@ -351,8 +364,8 @@ class _Ended:
     reversible: bool
 
     def verdict(self, names: list[str], ours: list[str], coupling: Coupling) -> Verdict:
-        outputs = np.concatenate(self.main.outputs)
-        others = [np.concatenate(pair.outputs) for pair in self.co_runs]
+        outputs = np.concatenate(self.main.outputs)[:, : len(names)]
+        others = [np.concatenate(pair.outputs)[:, : len(names)] for pair in self.co_runs]
         contraction = self.course.contraction
         if not self.reversible:
             contraction, others = _grid_contraction(outputs, *others), others[:1]
@@ -379,8 +392,10 @@ def _concluded(
     ended: _Ended, names: list[str], ours: list[str], coupling: Coupling, reason: str
 ) -> LoopRun:
     main, course = ended.main, ended.course
-    outputs = np.concatenate(main.outputs)
-    commands, others = np.concatenate(course.commands), np.concatenate(course.others)
+    table, commands = np.concatenate(main.outputs), np.concatenate(course.commands)
+    outputs, others = np.split(table, [len(names)], axis=1)
+    network = main.loop.wiring.network
+    judged = [*names, *(main.loop.other_names if network else ())]
     return LoopRun(
         time=np.concatenate(course.times),
         outputs={n: outputs[:, k] for k, n in enumerate(names)},
@@ -395,11 +410,15 @@ def _concluded(
         ),
         macro_steps=len(commands) - 1,
         step_range=ended.clock.used,
-        verdict=ended.verdict(names, ours, coupling),
+        verdict=ended.verdict(judged, ours, coupling),
         stopped=ended.why.reason,
         diverged=ended.why.diverged,
-        others={f"{CONTROLLER}.{n}": others[:, k] for k, n in enumerate(main.loop.other_names)},
+        others={
+            n if network else f"{CONTROLLER}.{n}": others[:, k]
+            for k, n in enumerate(main.loop.other_names)
+        },
         sampling_period=main.loop.controller.sample_time,
+        network=network,
     )
 
 

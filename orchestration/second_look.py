@@ -88,7 +88,8 @@ def with_second_look(
     opened_late: Callable[[], RecordedLoop] | None,
 ) -> LoopRun:
     """The run with the verdict of a second look, where the first left it open."""
-    blind = len(others) > 1 or bool(jumps(outputs).any())
+    n = len(setting.nominal)  # what others of the controller sample jumps in time
+    blind = len(others) > 1 or bool(jumps(outputs[:, :n]).any())
     if not asks_again(first.verdict, outputs, others[0], safety, blind):
         return first
     found = (others[0], others[1]) if len(others) > 1 else finer(setting, first.time)
@@ -96,7 +97,9 @@ def with_second_look(
         return first
     half, quarter = found
     late = delayed(setting, first.time, opened_late()) if opened_late else None
-    around = around_jumps(setting, outputs, np.abs(outputs - quarter) + np.abs(half - quarter))
+    apart = np.abs(outputs - quarter) + np.abs(half - quarter)
+    around = np.zeros_like(outputs)
+    around[:, :n] = around_jumps(setting, outputs[:, :n], apart[:, :n])
     verdict = second_verdict(first.verdict, outputs, half, quarter, late, around)
     return replace(first, verdict=verdict)
 
@@ -225,7 +228,7 @@ def _seen_within(
             if why != GOES_ON:
                 return {}
             left -= loop.record.rows
-    table = np.concatenate(loop.outputs)
+    table = np.concatenate(loop.outputs)[:, : len(setting.nominal)]
     return {k: table[np.searchsorted(all_rows, within)] for k, within in rows.items()}
 
 

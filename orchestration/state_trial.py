@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
 from ..fmus.reading import FmuError
-from .fmu_instance import FmuInstance, StepFailed
+from .fmu_instance import FmuInstance, StepFailed, Value
 from .isolated import IsolatedInstance
 
 Vector = npt.NDArray[np.float64]
@@ -20,7 +20,7 @@ _TRIED: dict[tuple[str, int, int], bool] = {}  # by path, time and size of the f
 
 
 def check_state(
-    fmu: FmuInstance | IsolatedInstance, values: Mapping[str, float], stop: float, step: float
+    fmu: FmuInstance | IsolatedInstance, values: Mapping[str, Value], stop: float, step: float
 ) -> tuple[str, ...]:
     """Let an FMU do without saved states where it does not come back to them; a note of it.
 
@@ -50,7 +50,7 @@ def check_state(
 
 
 def _comes_back(
-    fmu: FmuInstance | IsolatedInstance, values: Mapping[str, float], stop: float, step: float
+    fmu: FmuInstance | IsolatedInstance, values: Mapping[str, Value], stop: float, step: float
 ) -> bool:
     """Whether steps from a saved state come out the same twice; True where they cannot be done."""
     about = fmu.description

@@ -173,7 +173,7 @@ def _first_near(
     for number, run in enumerate(runs[:-1]):
         apart = _differences(run, runs[-1])
         estimate = {name: size + bound[name] for name, (size, _) in apart.items()}
-        shares = {n: size / float(scales(runs[-1].outputs[n])) for n, size in estimate.items()}
+        shares = {n: size / float(scales(runs[-1].judged[n])) for n, size in estimate.items()}
         worst = max(shares, key=lambda name: shares[name])
         if shares[worst] <= ACCURACY and not _jumps(run):
             text = (
@@ -204,10 +204,10 @@ def _differences(coarse: LoopRun, fine: LoopRun) -> Mapping[str, tuple[float, fl
     end = min(coarse.time[-1], fine.time[-1])
     times = coarse.time[coarse.time <= end]
     found = {}
-    for name, values in fine.outputs.items():
+    for name, values in fine.judged.items():
         there = np.interp(times, fine.time, values)
         with np.errstate(invalid="ignore", over="ignore"):
-            apart = float(np.max(np.abs(there - coarse.outputs[name][: len(times)])))
+            apart = float(np.max(np.abs(there - coarse.judged[name][: len(times)])))
         share = apart / float(scales(there))
         found[name] = apart, share if np.isfinite(share) else np.inf
     return found

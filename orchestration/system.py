@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.law_ports import gain_port
+from ..fmus.reading import Description
 from ..fmus.system_reading import (
     BadSystem,
     SystemConnection,
@@ -23,10 +24,10 @@ from .closed_loop import LIMIT, amplifier_notes, fixed_step_notes, own_step, run
 from .closed_loop_result import ClosedLoopResult
 from .converted import AS_IS, Scale, converted
 from .couplings import Coupling
-from .fmu_instance import Instance
+from .fmu_instance import SAMPLE_TIME, Instance, Value
 from .group import Feed, Group
 from .isolated import open_fmu
-from .limits import FIRST_STEP, BadParameter, check_step
+from .limits import FIRST_STEP, BadParameter, as_number, check_step
 from .loop import STOP, SystemLoop
 from .loop_run import LoopRun
 from .master import Progress, run_loop
@@ -45,7 +46,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
     """Run an .ssp: one of its elements as the plant, the others as what commands it.
 
     The plant is the element with feedback-law inputs, else the one called ``plant``, else the one
-    whose outputs do not follow its inputs at once, else the first.
+    whose outputs do not follow its inputs at once and that is not sampled, else the first.
 
     Raises
     ------
@@ -106,22 +107,23 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
         run, choice = run_by_steps(asked, run_at, own, stop)
         run = loop.in_units(run)
         limit = f"--set {loop.plant_name}.{LIMIT}="
-        amplifier = amplifier_notes(
-            run, fmus[loop.plant_name].parameters, values[loop.plant_name], limit
-        )
+        of_plant = {n: v for n, v in values[loop.plant_name].items() if not isinstance(v, str)}
+        amplifier = amplifier_notes(run, fmus[loop.plant_name].parameters, of_plant, limit)
     notes = [f"{name} names nothing in the system and was ignored" for name in system.ignored]
     fixed = fixed_step_notes(first, *fmus.values()) if own or choice is None else ()
     found = (note for state in states for note in state)
     return ClosedLoopResult(asked, run, (*notes, *found, *fixed, *amplifier), choice)
 
 
-def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> dict[str, dict[str, float]]:
+def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> dict[str, dict[str, Value]]:
     """Start values by element: the file's, and the study's over them."""
     values = {e.name: dict(e.start_values) for e in system.elements}
     for given in system.inputs:
         if given.start is not None:
             for c in given.drives:
-                start = c.factor * given.start + c.offset
+                start = given.start
+                if not isinstance(start, str):
+                    start = c.factor * start + c.offset
                 values[c.target.element].setdefault(c.target.connector, start)
     for name, value in asked.values.items():
         element = max((e for e in values if name.startswith(e + ".")), key=len, default="")
@@ -134,18 +136,34 @@ def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> dict[str,
         variable = name[len(element) + 1 :]
         described = fmus[element].description.variables
         known = [v.name for v in described if v.causality in ("parameter", "input")]
+        known += fmus[element].description.strings
         check_names(element, [variable], known)
         values[element][variable] = value
     for element, own in values.items():
         for name, value in own.items():
-            if not math.isfinite(value):
-                raise BadParameter(f"{element}: {name} = {value}, expected a finite number")
+            own[name] = _taken(element, fmus[element].description, name, value)
     return values
 
 
+def _taken(element: str, description: Description, name: str, value: Value) -> Value:
+    """A value as its variable takes it: text for a String, else a finite number."""
+    if name in description.strings:
+        if not isinstance(value, str):
+            raise BadParameter(f"{element}.{name} is {value!r}, expected text: it is a String")
+        return value
+    items = next((v.items for v in description.variables if v.name == name), {})
+    if isinstance(value, str) and value in items:
+        return items[value]
+    try:
+        return as_number(f"{element}.{name}", value)
+    except BadParameter as error:
+        one_of = f", or one of {', '.join(items)}{nearest(str(value), items)}" if items else ""
+        raise BadParameter(f"{error}{one_of}") from None
+
+
 def _of_side(
-    side: Instance, elements: Sequence[str], values: Mapping[str, Mapping[str, float]]
-) -> dict[str, float]:
+    side: Instance, elements: Sequence[str], values: Mapping[str, Mapping[str, Value]]
+) -> dict[str, Value]:
     if isinstance(side, Group):
         return {f"{e}.{name}": v for e in elements for name, v in values[e].items()}
     return dict(values[elements[0]])
@@ -182,14 +200,18 @@ class _Loop:
         plant = self.fmus[self.plant_name].description
         units = {v.name: v.unit for v in plant.variables}
         commands, residual = dict(run.commands), dict(run.residual_max)
+        given = self._given(run)
         for c in self.commands:
-            name = c.target.connector
+            name, source = c.target.connector, str(c.source)
+            if source in given and not self.fmus[c.source.element].sample_time:
+                # the commands of a group that samples are those of the end of the step to come
+                commands[name] = given[source]
             if isinstance(self.plant, Group):
                 commands[name] = c.factor * commands[name] + c.offset
                 residual[name] *= abs(c.factor)
             if not units[name] and (c.factor, c.offset) == AS_IS:
-                given = self.fmus[c.source.element].description.variables
-                units[name] = next(v.unit for v in given if v.name == c.source.connector)
+                variables = self.fmus[c.source.element].description.variables
+                units[name] = next(v.unit for v in variables if v.name == c.source.connector)
         measured = plant.unit(POSITION) if POSITION in run.outputs else None
         goal = self.goal[0][0].target if self.goal else None
         taken = self.fmus[goal.element].description.unit(goal.connector) if goal else None
@@ -206,12 +228,18 @@ class _Loop:
 
     def _others(self, run: LoopRun) -> dict[str, Vector]:
         """The other outputs, as ``element.NAME``."""
+        named = self._given(run)
+        commands = {str(c.source) for c in self.commands}
+        return {name: v for name, v in named.items() if name not in commands}
+
+    def _given(self, run: LoopRun) -> dict[str, Vector]:
+        """All recorded outputs of the elements beside the plant, as ``element.NAME``."""
         own = next(e for e in self.fmus if e != self.plant_name)
         by = "" if isinstance(self.controller, Group) else f"{own}."
         return {by + name.removeprefix(f"{CONTROLLER}."): v for name, v in run.others.items()}
 
     def set_point(
-        self, system: SystemStructure, values: Mapping[str, Mapping[str, float]], fmus: Fmus
+        self, system: SystemStructure, values: Mapping[str, Mapping[str, Value]], fmus: Fmus
     ) -> float:
         """The set-point's start value in SI units; not a number where there is none."""
         if not self.goal:
@@ -222,7 +250,7 @@ class _Loop:
         if given is None:
             variables = fmus[target.element].description.variables
             given = next(v.start for v in variables if v.name == target.connector) or 0.0
-        return (given - goal.offset) / (goal.factor or math.nan)
+        return (float(given) - goal.offset) / (goal.factor or math.nan)
 
 
 def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
@@ -271,6 +299,7 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
     accepts = law and accepts_law(fmus[plant], main, measured)
     if not accepts:
         main = commands
+    network = bool(len(rest) > 1 or own)
     wiring = Wiring(
         commands=tuple(
             (theirs(c.source), c.target.connector if alone else str(c.source)) for c in main
@@ -283,8 +312,9 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
         others=tuple(
             theirs(port)
             for port in (SystemPort(e, n) for e in rest for n in plain_outputs(fmus[e]))
-            if port not in {c.source for c in commands}
+            if network or port not in {c.source for c in commands}
         ),
+        network=network,
     )
     names = {f"{plant}.{port}": port for port in fmus[plant].outputs}
     names |= {str(c.source): c.target.connector for c in main} if not alone else {}
@@ -296,7 +326,7 @@ def _plant(fmus: Fmus) -> str:
         fmu = fmus[name]
         law = any(gain_port(u, y) in fmu.inputs for u in fmu.inputs for y in fmu.outputs)
         silent = bool(fmu.outputs) and not any(fmu.follows_at_once(y) for y in fmu.outputs)
-        return law, name == "plant", silent
+        return law, name == "plant", silent and SAMPLE_TIME not in fmu.parameters
 
     return max(fmus, key=rank)  # the first of equals
 

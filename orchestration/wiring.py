@@ -38,6 +38,9 @@ class Wiring:
         values, or at values that they are given.
     others : tuple of str
         Outputs of the controller that are only recorded.
+    network : bool
+        Whether there are parts that feed each other within a side: what they exchange and what all
+        of them give is judged, too.
     """
 
     commands: tuple[tuple[str, str], ...]
@@ -49,6 +52,7 @@ class Wiring:
     orders: tuple[int, ...] = ()
     of_plant: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+    network: bool = False
 
     def __post_init__(self) -> None:
         if not self.orders:

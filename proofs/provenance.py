@@ -24,6 +24,10 @@ DEPENDS_ON = {
         "orchestration solver plant/classical.py plant/lugre.py fmus/feedback_law.py "
         "proofs/linear_loops.py proofs/nonlinear_loops.py"
     ).split(),
+    "networks": (
+        "orchestration solver fmus/native fmus/feedback_law.py fmus/system_reading.py "
+        "fmus/system_network.py fmus/system_parameters.py proofs/networks.py"
+    ).split(),
     "fuzz": ("ballscrew", *LOOP, "proofs/mutations.py", "proofs/fuzz.py"),
     "identification": (
         "solver",
@@ -93,6 +97,7 @@ DEPENDS_ON = {
 }
 SHOWS = {
     "trusted_loops": "random loops, linear and not: no wrong result is called trusted",
+    "networks": "random networks of 3 to 20 FMUs: no wrong result is called trusted",
     "fuzz": "damaged and hostile files: one line and an exit code, nothing else",
     "identification": "intervals of identified parameters hold the truth",
     "criteria": "the features of made-up friction laws are found",

@@ -51,6 +51,7 @@ typedef struct {
      * which is where the next begins */
     Vector outputs, late, following;
     int64_t has_following;
+    double following_step; /* length of the step that it is of, where that matters [s] */
     /* the same, kept to come back to */
     Vector kept_outputs, kept_late, kept_following;
     int64_t kept_has_following;
@@ -324,6 +325,12 @@ static int settle(Loop *l, double t, double h, const double *reference, double *
     return law_at(c, t, h, signals, reference, (int)l->tangent, law);
 }
 
+/* Whether the law of the step to come is known from the end of the last one. */
+static int is_known(const Loop *l, double h)
+{
+    return l->has_following && (l->controller.answer == DIRECT || l->following_step == h);
+}
+
 /* The controller's true commands at the present signals. With `last`, no step beyond t is tried: a
  * controller that answers in its step then gives the command that it ended with. */
 static int command_now(Loop *l, double t, double h, const double *reference, int last,
@@ -332,7 +339,7 @@ static int command_now(Loop *l, double t, double h, const double *reference, int
     Controller *const c = &l->controller;
     if (last && c->answer != DIRECT)
         return read_commands(c, commands);
-    if (l->has_following) {
+    if (is_known(l, h)) {
         copy(l->following.at, commands, c->m);
         return 1;
     }
@@ -362,7 +369,7 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
     Controller *const c = &l->controller;
     double *const law = l->law.at;
     const int tangent = (int)l->tangent;
-    if (l->has_following)
+    if (is_known(l, h))
         copy(l->following.at, law, l->law.size);
     else
         TRY(law_at(c, t, h, l->start.at, before, tangent, law));
@@ -409,6 +416,11 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
         if (c->answer == STEPPED && c->saves) {
             TRY(law_at(c, t + h, h, end, after, 0, l->stepped.at));
             copy(l->stepped.at, l->command.at, c->m);
+            if (!l->tangent) { /* the next step begins with it: to ask twice takes the step twice */
+                copy(l->stepped.at, l->following.at, l->following.size);
+                l->following_step = h;
+                l->has_following = 1;
+            }
         }
         return 1;
     }

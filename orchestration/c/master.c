@@ -9,12 +9,13 @@ enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED }
 
 #include "joint_step.c"
 #include "played.c"
+#include "group.c"
 
 /* A loop with what it records. */
 typedef struct {
     Loop loop;
     int64_t parts;   /* into how many a reference co-run divides each step; 0 if it is not there */
-    Vector recorded; /* outputs at the end of each step, row by row */
+    Vector recorded; /* outputs of the plant and others of the controller at the end of each step */
     int64_t rows;
     double failed; /* time of the step in which a reference co-run failed [s], NaN before */
 } Pair;
@@ -23,7 +24,6 @@ typedef struct {
 typedef struct {
     Vector times, references;
     Vector commands;             /* row by row */
-    Vector others;               /* the controller's other outputs, row by row */
     Vector bounds;               /* of each output, beyond which the loop diverges */
     Vector nominal, low, high;   /* of each output, and its range so far */
     Vector residual, effect_rate;  /* largest of each command, and its effect on each output, per second */
@@ -73,11 +73,18 @@ static int runs(const Pair *co_run)
     return co_run->parts > 0 && isnan(co_run->failed);
 }
 
-static void record_outputs(Pair *pair)
+static int record_outputs(Pair *pair)
 {
-    const int64_t n = pair->loop.outputs.size;
-    copy(pair->loop.outputs.at, pair->recorded.at + pair->rows * n, n);
+    Controller *const c = &pair->loop.controller;
+    const int64_t n = pair->loop.outputs.size, all = c->calls.taken.size;
+    double *const row = pair->recorded.at + pair->rows * (n + c->others);
+    copy(pair->loop.outputs.at, row, n);
+    if (c->others) {
+        TRY(take(&c->calls, all));
+        copy(c->calls.taken.at + all - c->others, row + n, c->others);
+    }
     pair->rows++;
+    return 1;
 }
 
 /* Put what the set-points are after a time into `before`; what a loop has from before a jump of them
@@ -90,17 +97,6 @@ static void begin_step_at(Loop *l, Course *course, double t, double close)
     for (int64_t k = 0; k < course->before.size; k++)
         if (before[k] != after[k])
             l->has_following = 0;
-}
-
-/* The controller's outputs beside its commands. */
-static int record_others(Controller *c, Course *course, int64_t row)
-{
-    if (!course->others.size)
-        return 1;
-    const int64_t all = c->calls.taken.size, count = c->others;
-    TRY(take(&c->calls, all));
-    copy(c->calls.taken.at + all - count, course->others.at + row * count, count);
-    return 1;
 }
 
 /* Move a loop over a step of a length and to an end, in as many parts as it has. */
@@ -129,8 +125,8 @@ static void end_co_run_step(Pair *pair, Course *course, const Clock *clock, doub
                     clock_done(clock))) {
         release_both(&pair->loop, PROBE);
         pair->failed = t;
-    } else if (!clock->broken) {
-        record_outputs(pair);
+    } else if (!clock->broken && !record_outputs(pair)) {
+        pair->failed = t;
     }
 }
 
@@ -251,7 +247,7 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
             why = STEP_FAILED;
             break;
         }
-        if (!clock->broken && !record_others(&loop->controller, course, row)) {
+        if (!clock->broken && !record_outputs(main)) {
             why = COMMAND_FAILED;
             break;
         }
@@ -262,7 +258,6 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
         course->times.at[row] = end;
         course->references.at[row] =
             set_points(course, end, FROM_THEN_ON, close, course->before.at);
-        record_outputs(main);
         for (int64_t k = 0; k < n; k++) {
             if (!isfinite(outputs[k]))
                 why = NOT_FINITE;

@@ -224,6 +224,18 @@ def test_a_gain_is_left_out_where_its_reference_is_missing(fmus, tmp_path):
 # other readers
 
 
+def test_fmus_of_fmi_3_make_an_ssp_2_that_pyssp_standard_finds_right(native, tmp_path):
+    pyssp = pytest.importorskip("pyssp_standard.ssp", reason="needs pyssp_standard")
+    path = export_system(native("plant", 3), native("pid", 3), tmp_path / "three.ssp", name="three")
+    with pyssp.SSP(path, mode="r") as system:
+        with system.system_structure as ssd:
+            assert ssd.version == "2.0"
+            ssd.__check_compliance__()
+            assert ssd.check_connections(connector_not_in_system=True) == []
+        for parameters in system.ssv:
+            parameters.__check_compliance__()
+
+
 @pytest.mark.parametrize("name", EVERY_CONTROLLER)
 def test_pyssp_standard_opens_it_and_finds_nothing_to_complain_of(systems, name):
     pyssp = pytest.importorskip("pyssp_standard.ssp", reason="needs pyssp_standard")

@@ -326,10 +326,11 @@ def test_integers_and_booleans_keep_their_kind(read):
         '<ssv:Parameter name="a.n"><ssv:Integer value="3"/></ssv:Parameter>'
         '<ssv:Parameter name="a.on"><ssv:Boolean value="true"/></ssv:Parameter>'
         '<ssv:Parameter name="a.gain"><ssv:Integer value="4"/></ssv:Parameter>'
+        '<ssv:Parameter name="a.file"><ssv:String value="table 1.csv"/></ssv:Parameter>'
     )
     found = values(read(parameters(content) + ELEMENTS), "a")
-    assert found == {"n": 3, "on": True, "gain": 4.0}
-    assert [type(v) for v in found.values()] == [int, bool, float]
+    assert found == {"n": 3, "on": True, "gain": 4.0, "file": "table 1.csv"}
+    assert [type(v) for v in found.values()] == [int, bool, float, str]
 
 
 def test_a_set_for_several_systems_is_read_and_says_what_it_did_not_use(read):
@@ -560,8 +561,12 @@ def test_units_that_cannot_be_converted_are_refused(tmp_path, unit, text):
         (real("a.n", 1.5), "is a Real, but a.n is a Integer"),
         (real("b.length", 1, "N"), "'N' cannot be converted to 'm'"),
         (
-            '<ssv:Parameter name="a.file"><ssv:String value="x"/></ssv:Parameter>',
-            "is a String; only numbers can be set here",
+            '<ssv:Parameter name="a.file"><ssv:Binary value="00"/></ssv:Parameter>',
+            "is a Binary; only numbers, truth values and texts can be set",
+        ),
+        (
+            '<ssv:Parameter name="a.gain"><ssv:String value="x"/></ssv:Parameter>',
+            "is a String, but a.gain is a Real",
         ),
         ('<ssv:Parameter name="a.on"><ssv:Boolean value="on"/></ssv:Parameter>', "true or false"),
         ('<ssv:Parameter name="a.n"><ssv:Integer value="1.5"/></ssv:Parameter>', "an integer"),

@@ -32,6 +32,9 @@ class Static:
     def is_real(self, name):
         return True
 
+    def follows_at_once(self, name):
+        return not self.late
+
     def initially_from(self, name):
         if not self.told:
             return self.inputs

@@ -100,7 +100,6 @@ def test_a_compiler_that_fails_is_quoted_in_one_block_and_nothing_is_written(
         (["--fmi", "1"], "--fmi is '1', expected one of 2, 3"),
         (["--platforms", "linux64,amiga"], "--platforms: no platform 'amiga'; there are linux64"),
         (["--platforms", ""], "--platforms: no platform ''"),
-        (["--ssp", "--fmi", "3"], "--fmi 3 and --ssp: a system of SSP 1.0 holds FMUs of FMI 2.0"),
         (["--only", "plant_classical", "--variational"], "plant_classical has modes"),
     ],
 )

@@ -1,0 +1,130 @@
+/* FMU instances that feed each other, as one with functions of FMI's shapes, see `group.py`. */
+#include <stdlib.h>
+
+typedef struct {
+    Calls calls;
+    Places sources; /* of each of its inputs, among the group's values */
+    int64_t first;  /* place of its first output there */
+} Member;
+
+typedef struct {
+    Slots members;        /* in the order of the signals */
+    Slots there, back;    /* in the orders of every other step */
+    Vector values;        /* inputs of the group, then outputs of the members */
+    Places flags;         /* whether what answers at once shows an old answer, and which step is next */
+    int64_t lags;         /* whether answers are old after every step */
+} Group;
+
+#define GROUP_FAILED 3 /* fmi2Error */
+
+enum { STALE, BACK };
+
+static int feed_member(Group *g, Member *m)
+{
+    for (int64_t k = 0; k < m->sources.size; k++)
+        m->calls.given.at[k] = g->values.at[m->sources.at[k]];
+    return put(&m->calls, m->sources.size);
+}
+
+static int read_member(Group *g, Member *m)
+{
+    TRY(take(&m->calls, m->calls.taken.size));
+    copy(m->calls.taken.at, g->values.at + m->first, m->calls.taken.size);
+    return 1;
+}
+
+static int swept(Group *g)
+{
+    for (int64_t k = 0; k < g->members.size; k++) {
+        Member *const m = g->members.at[k];
+        TRY(feed_member(g, m));
+        TRY(read_member(g, m));
+    }
+    g->flags.at[STALE] = 0;
+    return 1;
+}
+
+API int group_set_real(Group *g, const uint32_t *places, size_t count, const double *values)
+{
+    for (size_t k = 0; k < count; k++)
+        g->values.at[places[k]] = values[k];
+    g->flags.at[STALE] = 1;
+    return 0;
+}
+
+API int group_get_real(Group *g, const uint32_t *places, size_t count, double *values)
+{
+    if (g->flags.at[STALE] && !swept(g))
+        return GROUP_FAILED;
+    for (size_t k = 0; k < count; k++)
+        values[k] = g->values.at[places[k]];
+    return 0;
+}
+
+API int group_do_step(Group *g, double t, double h, int no_way_back)
+{
+    (void)no_way_back;
+    const Slots *const order = g->flags.at[BACK] ? &g->back : &g->there;
+    for (int64_t k = 0; k < order->size; k++) {
+        Member *const m = order->at[k];
+        if (!feed_member(g, m) || !move(&m->calls, t, h) || !read_member(g, m))
+            return GROUP_FAILED;
+    }
+    g->flags.at[BACK] = !g->flags.at[BACK];
+    g->flags.at[STALE] = g->lags;
+    return 0;
+}
+
+/* A saved state: flags, states of the members, and the values. */
+typedef struct {
+    int64_t flags[2];
+    void *of_members[];
+} GroupState;
+
+static double *values_of(const Group *g, GroupState *s)
+{
+    return (double *)(s->of_members + g->members.size);
+}
+
+API int group_get_state(Group *g, void **state)
+{
+    const size_t count = (size_t)g->members.size;
+    if (!*state && !(*state = calloc(1, sizeof(GroupState) + count * sizeof(void *) +
+                                            (size_t)g->values.size * sizeof(double))))
+        return GROUP_FAILED;
+    GroupState *const s = *state;
+    for (size_t k = 0; k < count; k++) {
+        Calls *const c = &((Member *)g->members.at[k])->calls;
+        if (!checked(c, c->get_state(c->component, s->of_members + k), SAVE))
+            return GROUP_FAILED;
+    }
+    memcpy(s->flags, g->flags.at, sizeof s->flags);
+    copy(g->values.at, values_of(g, s), g->values.size);
+    return 0;
+}
+
+API int group_set_state(Group *g, void *state)
+{
+    GroupState *const s = state;
+    for (int64_t k = 0; k < g->members.size; k++) {
+        Calls *const c = &((Member *)g->members.at[k])->calls;
+        if (!checked(c, c->set_state(c->component, s->of_members[k]), RESTORE))
+            return GROUP_FAILED;
+    }
+    memcpy(g->flags.at, s->flags, sizeof s->flags);
+    copy(values_of(g, s), g->values.at, g->values.size);
+    return 0;
+}
+
+API int group_free_state(Group *g, void **state)
+{
+    GroupState *const s = *state;
+    for (int64_t k = 0; s && k < g->members.size; k++) {
+        Calls *const c = &((Member *)g->members.at[k])->calls;
+        if (s->of_members[k])
+            c->free_state(c->component, s->of_members + k);
+    }
+    free(s);
+    *state = NULL;
+    return 0;
+}
