@@ -38,9 +38,9 @@ def make(gains, scratch: Path, target: Path):
     )
     body = held(gains).replace("return True", "return Fmi2Status.ok")
     (folder / "resources" / "model.py").write_text(MODEL + body, encoding="utf-8")
-    launch = f'[zmq]\nlinux = ["{sys.executable}", "backend_schemaless_rpc.py"]\n'
-    launch += 'serialization_format = "Pickle"\n'
-    (folder / "resources" / "launch.toml").write_text('backend = "zmq"\n\n' + launch)
+    launch = folder / "resources" / "launch.toml"
+    text = launch.read_text(encoding="utf-8").replace('backend = "grpc"', 'backend = "zmq"')
+    launch.write_text(text.replace('"python3"', f'"{sys.executable}"'), encoding="utf-8")
     description = folder / "modelDescription.xml"
     text = description.read_text(encoding="utf-8")
     variables, outputs = [], ""
