@@ -5,7 +5,8 @@ of the equations of `pid` with the nominal gains (``makers/``). All run in one `
 Each position is compared with the whole loop of `pid` in SciPy's Radau solver. Writes
 ``docs/proof/made_by_others.json`` and the table in ``docs/systems.md``. It fails where an FMU does
 not run, is not trusted, or is off by twice as much as is allowed. A program whose environment
-cannot be made is listed at the end.
+cannot be made is listed at the end. ``--quick`` leaves out jaxonomy, which is large, and
+writes nothing.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ KINDS = {
 }
 MAPS = {"qfmu": {"u1": "x_d", "u2": "x", "u3": "v", "y1": "u"}}
 STEP, STOP = 1e-3, 0.3  # [s]
-ALLOWED = dict.fromkeys(["pid", *KINDS], 1e-4)
+ALLOWED = {"pid": 1.5e-9, "pythonfmu": 9.8e-6, "qfmu": 5e-6, "casadi": 5e-6}
+HELD = 2.8e-5  # of the others: their inputs are held over a step
 
 
 def made(name: str, folder: Path, environments: Path) -> Path:
@@ -122,9 +124,12 @@ def table(rows: list[dict[str, Any]], not_made: Mapping[str, str]) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="+", default=list(KINDS), choices=list(KINDS))
+    parser.add_argument("--only", nargs="+", default=[*KINDS], choices=list(KINDS))
     parser.add_argument("--environments", type=Path, default=ROOT / "out" / "tools")
+    parser.add_argument("--quick", action="store_true", help="what CI runs: not jaxonomy")
     options = parser.parse_args()
+    if options.quick:
+        options.only.remove("jaxonomy")
     fmus, not_made = {}, {}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -152,13 +157,15 @@ def main() -> int:
         print(f"wrong: {json.dumps(row)}", file=sys.stderr)
     for name, why in not_made.items():
         print(f"not made: {name}: {why}", file=sys.stderr)
+    if options.quick:
+        print("not asked for by --quick: jaxonomy", file=sys.stderr)
     return 1 if wrong or missing or not_made else 0
 
 
 def good(row: Mapping[str, Any]) -> bool:
     """Whether it got to the end, is trusted, and as exact as it was."""
     whole = row["verdict"] == "trusted" and row["end"] > STOP - 0.5 * STEP
-    return bool(whole and row["error"] <= 2.0 * ALLOWED[row["made_by"]])
+    return bool(whole and row["error"] <= 2.0 * ALLOWED.get(row["made_by"], HELD))
 
 
 if __name__ == "__main__":
