@@ -52,7 +52,7 @@ PACKAGES = {
 }
 CONTROLLERS = "iol", "nctf"
 FMPY = {"iol": {1e-6: 6.2e-7, 1e-8: 2.9e-8}, "nctf": {1e-6: 3.4e-9, 1e-8: 2.3e-10}}
-QUICK = ("pathsim", "fmuloader", "fmucontainer", "fmpy", "libcosim", "ecos", "sofirpy")
+QUICK = ("pathsim", "fmuloader", "fmucontainer", "fmpy", "libcosim", "ecos")
 _KINDS = "outputs", "inputs"
 REFERENCE_TOLERANCE = 1e-11
 GRID = 1e-3  # [s]
@@ -88,7 +88,8 @@ def jobs() -> Iterator[Job]:
                 more = {"kind": "ModelExchange", "tolerance": tolerance}
                 yield Job("fmpy", f"loop {fmi}", c, FMPY[c][tolerance], more=more)
             more = {"kind": "ModelExchange", "tolerance": 1e-8}
-            yield Job("jaxonomy", f"loop {fmi}", c, solved[c][1e-8], stop=0.2, more=more)
+            off = 3.8e-9 if c == "iol" else 1e-11
+            yield Job("jaxonomy", f"loop {fmi}", c, off, stop=0.2, more=more)
             for tool in ("pathsim", "gemseo", "fmuloader", "estim8", "fmpy", "jaxonomy"):
                 yield Job(tool, f"loop {fmi}", c, exact, more={"kind": "CoSimulation"})
         for tool in ("pathsim", "gemseo", "estim8", "fmpy", "sofirpy", "jaxonomy"):
@@ -240,7 +241,7 @@ def runs_of(tool: str, asked: Sequence[Job], folder: Path, environments: Path) -
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="+", default=list(PACKAGES), choices=list(PACKAGES))
-    parser.add_argument("--quick", action="store_true", help="what CI runs: seven tools, iol")
+    parser.add_argument("--quick", action="store_true", help="what CI runs: six tools, iol")
     parser.add_argument("--environments", type=Path, default=ROOT / "out" / "tools")
     options = parser.parse_args()
     asked = [j for j in jobs() if j.tool in options.only and (j.quick or not options.quick)]
