@@ -169,7 +169,7 @@ def of_howto(python: Path, compiler: str) -> list[dict[str, Any]]:
     """The how-to's model with Modelica for its FMUs, whose ports of the law do nothing."""
     if compiler != "rumoca":  # pymoca's host takes one flat model
         return []
-    ports = [i.name for i in fmu_kernel("plant").inputs if i.name != "u"]
+    ports = [i.name for i in fmu_kernel("plant").inputs if i.name.startswith("u_")]
     text = (HOWTO / "axis_openmodelica.mo").read_text(encoding="utf-8")
     for name in ("plant", "iol"):
         whole = modelica(component(name))
