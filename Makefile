@@ -62,10 +62,11 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/practice.py
 	$(BIN)/python proofs/swap_study.py
 
-# Tools of others, each in an environment of its own that pip fills.
+# Tools of others, each in an environment of its own that pip fills. FLAGS=--quick is what CI runs.
 tools: $(VENV)/installed
-	$(BIN)/python proofs/tools.py
-	$(BIN)/python proofs/modelica.py
+	$(BIN)/python proofs/tools.py $(FLAGS)
+	$(BIN)/python proofs/made_by_others.py $(FLAGS)
+	$(BIN)/python proofs/modelica.py $(FLAGS)
 
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/start.py

@@ -88,6 +88,7 @@ DEPENDS_ON = {
         "tests/support/exchange_courses.py",
     ),
     "tools": (*LOOP, "proofs/tools.py", "proofs/hosts"),
+    "made_by_others": (*LOOP, "proofs/made_by_others.py", "proofs/makers"),
     "modelica": ("solver", "plant", "controllers", "fmus/modelica.py", "proofs/modelica.py"),
     "interrupts": (
         "ballscrew orchestration/run_folder.py orchestration/operating_system.py "
@@ -115,7 +116,8 @@ SHOWS = {
     "practice": "longest sampling periods and delays of the controllers; where they hunt",
     "swap_study": "equal controllers are seldom called different, one a tenth worse mostly is",
     "exchange": "plants that stick and slide, as model exchange, stand what hosts do",
-    "tools": "eight tools of others run the exported files as they are",
+    "tools": "thirteen tools of others run the exported files as they are",
+    "made_by_others": "controllers made by seven programs of others run here and are trusted",
     "modelica": "two compilers of others solve the written Modelica as our solver does",
     "interrupts": "interrupted and killed commands end in time and leave the run before whole",
 }

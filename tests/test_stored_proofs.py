@@ -7,11 +7,13 @@ from dataclasses import asdict
 
 import diagnosis_loop
 import diagnosis_page
+import made_by_others
 import numpy as np
 import own_records
 import provenance
 import pytest
 import swap_study
+import tools
 import variational
 from scipy.stats import binomtest
 from synthetic.rigs import identify_closed_loop_rig
@@ -105,3 +107,25 @@ def test_exponents_over_fmus_at_the_stored_steps_are_as_far_off_as_stored():
 
 def test_the_page_of_the_diagnosis_has_the_figures_as_they_are_stored():
     assert diagnosis_page.page() == diagnosis_page.PAGE.read_text(encoding="utf-8")
+
+
+def test_the_page_has_the_table_of_controllers_made_by_others_as_it_is_stored():
+    report = provenance.stored("made_by_others")
+    text = made_by_others.PAGE.read_text(encoding="utf-8")
+    assert made_by_others.table(report["rows"], report["not_made"]) in text
+    assert report["wrong"] == 0
+    assert {row["made_by"] for row in report["rows"]} == {"pid", *made_by_others.KINDS}
+    assert all(made_by_others.good(row) for row in report["rows"])
+    assert all(row["error"] <= row["estimate"] for row in report["rows"])  # as the page says
+
+
+def test_the_stored_errors_of_tools_are_those_that_are_allowed():
+    report = provenance.stored("tools")
+    asked = {
+        (j.tool, j.what, j.controller, *sorted(map(str, j.more.values()))): j for j in tools.jobs()
+    }
+    for row in report["rows"]:
+        more = [str(row[n]) for n in ("kind", "tolerance", "method") if n in row]
+        job = asked.pop((row["tool"], row["file"], row["controller"], *sorted(more)))
+        assert row["error"] <= 2.0 * job.allowed
+    assert {job.tool for job in asked.values()} == set(report["not_made"])

@@ -34,3 +34,17 @@ def answer_models(run: Callable[..., tuple[list[float], dict[str, list[float]]]]
 def steps(job: dict[str, Any]) -> int:
     """How many communication steps the run has."""
     return round(job["stop"] / job["step"])
+
+
+def first_outputs(path: str) -> dict[str, float]:
+    """What a controller puts out at first: the master begins with zeros if nobody tells it."""
+    import fmpy  # not every environment has it
+
+    described = fmpy.read_model_description(path)
+    at = {v.name: v.valueReference for v in described.modelVariables if v.causality != "parameter"}
+    fmu = fmpy.instantiate_fmu(fmpy.extract(path), described, "CoSimulation")
+    fmu.setupExperiment(startTime=0.0)
+    fmu.setReal([at["x_d"]], [GOAL])
+    fmu.enterInitializationMode()
+    names = [v.name for v in described.modelVariables if v.causality == "output"]
+    return dict(zip(names, fmu.getReal([at[n] for n in names]), strict=True))
