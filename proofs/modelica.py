@@ -136,7 +136,7 @@ def main() -> int:
     print(json.dumps({"runs": len(rows), "wrong": wrong}))
     for compiler, why in not_made.items():
         print(f"no environment: {compiler}: {why}", file=sys.stderr)
-    return 1 if wrong or not_made else 0
+    return 1 if wrong or (not_made and not options.quick) else 0  # a package index may be down
 
 
 def by_hand(python: Path, compiler: str) -> list[dict[str, Any]]:
