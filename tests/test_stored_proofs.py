@@ -16,7 +16,7 @@ import swap_study
 import tools
 import variational
 from scipy.stats import binomtest
-from synthetic.rigs import identify_closed_loop_rig
+from synthetic.rigs import identify_accelerated_rig, identify_closed_loop_rig
 from worlds_trials import Trial
 
 
@@ -79,11 +79,19 @@ def test_a_record_of_this_program_made_again_gets_the_stored_verdict_and_no_name
     assert again.verdict == rows[again.record]["verdict"]
 
 
-def test_a_rig_whose_interval_missed_the_truth_misses_it_again_by_the_same_bounds():
-    law = "dahl"
-    misses = provenance.stored("identification")["closed_loop"][law]["misses"]
+@pytest.mark.parametrize(
+    ("group", "law", "identified"),
+    [
+        ("closed_loop", "dahl", identify_closed_loop_rig),
+        ("mass_fitted", "lugre", identify_accelerated_rig),
+    ],
+)
+def test_a_rig_whose_interval_missed_the_truth_misses_it_again_by_the_same_bounds(
+    group, law, identified
+):
+    misses = provenance.stored("identification")[group][law]["misses"]
     stored = {miss["parameter"]: miss for miss in misses if miss["seed"] == misses[0]["seed"]}
-    again = {o.parameter: o for o in identify_closed_loop_rig(law, misses[0]["seed"])}
+    again = {o.parameter: o for o in identified(law, misses[0]["seed"])}
     assert {name for name, o in again.items() if not o.covered} == set(stored)
     for name, miss in stored.items():
         for field in ("truth", "value", "low", "high"):
