@@ -135,7 +135,7 @@ def _diagnose(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(result.to_dict()))
     else:
-        from .records.turning_words import words_for
+        from .orchestration.turning_words import words_for
 
         print(words_for(result.notes)(_diagnosis_table(result, extension, section, options.out)))
     notes = [*result.notes, *([extension.because] if extension.because else [])]

@@ -135,7 +135,7 @@ def _identify(options: argparse.Namespace) -> int:
         )
     except BadRecord as error:
         raise BadRequest(str(error)) from error
-    from .records.turning_words import words_for
+    from .orchestration.turning_words import words_for
     from .results.identified_law import IdentifiedLaw
 
     prepare_folder(options.out, [*options.data, options.params])

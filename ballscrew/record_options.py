@@ -89,7 +89,7 @@ def read_record_options(options: argparse.Namespace) -> RecordOptions:
 def print_notes(notes: Sequence[str], as_json: bool) -> None:
     """Notes for the user; what stands for what in a body that turns is for readers of JSON."""
     from .orchestration.parameter_file import TURNS
-    from .records.turning_words import words_for
+    from .orchestration.turning_words import words_for
 
     words = words_for(notes)
     for note in notes:

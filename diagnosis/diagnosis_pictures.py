@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..orchestration.pictures import COLOURS, STYLE, drawing, in_words, new_figure, write_figure
-from ..records.turning_words import words_for
+from ..orchestration.turning_words import words_for
 from .closed_loop_effect import SETPOINT, ClosedLoopEffect
 from .diagnosis import Curves, Diagnosis
 from .page_pictures import Line, Picture, level, thinned

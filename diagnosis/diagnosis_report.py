@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from ..records.turning_words import page_in_turning_units, words_for
+from ..orchestration.turning_words import page_in_turning_units, words_for
 from ..solver.files import write_atomically
 from . import report_words as words
 from .causes import CAUSES

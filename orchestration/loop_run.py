@@ -71,8 +71,6 @@ class LoopRun:
         Factor and offset from the set-point's SI unit to the unit of `reference` and the position.
     played : bool
         Whether compiled code has played the FMUs, see `run_loop`.
-    network : bool
-        Whether `others` are judged, too, see `Wiring`.
     """
 
     time: Vector
@@ -94,12 +92,12 @@ class LoopRun:
     sampling_period: float = 0.0
     scale: tuple[float, float] = (1.0, 0.0)
     played: bool = False
-    network: bool = False
 
     @property
     def judged(self) -> dict[str, Vector]:
         """The outputs that the verdict is on."""
-        return self.outputs | (self.others if self.network else {})
+        judged = self.verdict.error_estimate
+        return self.outputs | {n: values for n, values in self.others.items() if n in judged}
 
     @property
     def alone(self) -> bool:

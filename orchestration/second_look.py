@@ -95,8 +95,10 @@ def with_second_look(
     found = (others[0], others[1]) if len(others) > 1 else finer(setting, first.time)
     if found is None:
         return first
-    half, quarter = found
+    judged = outputs.shape[1]  # further columns are recorded alone
+    half, quarter = (table[:, :judged] for table in found)
     late = delayed(setting, first.time, opened_late()) if opened_late else None
+    late = None if late is None else late[:, :judged]
     apart = np.abs(outputs - quarter) + np.abs(half - quarter)
     around = np.zeros_like(outputs)
     around[:, :n] = around_jumps(setting, outputs[:, :n], apart[:, :n])

@@ -37,10 +37,13 @@ class Wiring:
         Inputs of the controller and of the plant that nothing drives: they stay at their start
         values, or at values that they are given.
     others : tuple of str
-        Outputs of the controller that are only recorded.
+        Outputs of the controller that are recorded beside.
+    judged : int
+        How many of the first of `others` are judged, too. What a part samples, or answers at once,
+        is not: it may be an instant old or new at a communication point, and jump there. What the
+        part reads is judged, and what it moves.
     network : bool
-        Whether there are parts that feed each other within a side: what they exchange and what all
-        of them give is judged, too.
+        Whether there are parts that feed each other within a side.
     """
 
     commands: tuple[tuple[str, str], ...]
@@ -52,6 +55,7 @@ class Wiring:
     orders: tuple[int, ...] = ()
     of_plant: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+    judged: int = 0
     network: bool = False
 
     def __post_init__(self) -> None:
@@ -183,7 +187,10 @@ def plain_outputs(instance: Instance) -> list[str]:
     law = {
         port
         for u in instance.outputs
-        for port in (rate_port(u), *(gain_port(u, y) for y in instance.inputs))
+        for port in (
+            rate_port(u),
+            *(of(u, y) for y in instance.inputs for of in (gain_port, reference_port)),
+        )
     }
     return [n for n in instance.outputs if n not in law]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..orchestration.pictures import drawing, in_words, write_figure
-from ..records.turning_words import words_for
+from ..orchestration.turning_words import words_for
 
 
 class Result:

@@ -78,7 +78,7 @@ def test_a_sampled_pid_is_its_difference_equation_on_the_held_plant():
 
 def test_a_sampled_cascade_integrates_what_it_has_read():
     gains = {"Kx": 20.0, "Kp": 2e3, "Ki": 3e4, "u_max": 1e6, "sample_time": PERIOD}
-    loop = open_loop(sliding(), law("p_pi+sampled", gains, 3), PERIOD)
+    loop = open_loop(sliding(), law("p_pi+sampled", gains, 6), PERIOD)  # reads five, holds one
     z = np.exp(1j * np.array([1.0, 10.0, 100.0, 1000.0]) * PERIOD)
     position, velocity = held_plant(z)
     control = gains["Kp"] + gains["Ki"] * PERIOD / (z - 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ballscrew.orchestration.parameter_file import TURNS
-from ballscrew.records.turning_words import in_turning_units, page_in_turning_units, words_for
+from ballscrew.orchestration.turning_words import in_turning_units, page_in_turning_units, words_for
 
 
 @pytest.mark.parametrize(

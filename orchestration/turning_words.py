@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
-from ..orchestration.parameter_file import TURNS
+from .parameter_file import TURNS
 
 _WORDS = {
     "N": "N*m",
