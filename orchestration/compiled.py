@@ -32,6 +32,7 @@ CONTROLLER = np.dtype(
         ("m", np.int64),
         ("n", np.int64),
         ("others", np.int64),
+        ("group", np.int64),  # whether it is asked for others with the signals of then
         ("answer", np.int64),
         ("reports", np.int64),
         ("saves", np.int64),

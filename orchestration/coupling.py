@@ -130,6 +130,7 @@ class ControllerSide:
             m=self.m,
             n=self.n,
             others=len(wiring.others),
+            group=wiring.network,
             answer=_ANSWERS[self.answer],
             reports=wiring.reports_law,
             saves=instance.can_save,

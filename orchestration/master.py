@@ -204,7 +204,7 @@ class _Parts:
         part = whole.part("loop")
         wiring = self.wiring
         if fresh and not wiring.network:  # a run is not judged by them
-            wiring = replace(wiring, others=(), judged=0)
+            wiring = replace(wiring, others=())
         loop = CoupledPair(
             p, c, wiring, other or self.coupling, corrected, averaged, self.start, part
         )
@@ -395,7 +395,7 @@ def _concluded(
     table, commands = np.concatenate(main.outputs), np.concatenate(course.commands)
     outputs, others = np.split(table, [len(names)], axis=1)
     network = main.loop.wiring.network
-    judged = [*names, *main.loop.other_names[: main.loop.wiring.judged]]
+    judged = [*names, *(main.loop.other_names if network else ())]
     return LoopRun(
         time=np.concatenate(course.times),
         outputs={n: outputs[:, k] for k, n in enumerate(names)},

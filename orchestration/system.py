@@ -305,13 +305,6 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
         for port in (SystemPort(e, n) for e in rest for n in plain_outputs(fmus[e]))
         if network or port not in {c.source for c in commands}
     ]
-    follows = [
-        p
-        for p in others
-        if SAMPLE_TIME in fmus[p.element].parameters
-        or fmus[p.element].follows_at_once(p.connector)
-    ]
-    judged = [p for p in others if p not in follows]
     wiring = Wiring(
         commands=tuple(
             (theirs(c.source), c.target.connector if alone else str(c.source)) for c in main
@@ -321,8 +314,7 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
         orders=tuple(fed.values()),
         accepts_law=accepts,
         reports_law=accepts and plain and reports_law(main, measured, commands),
-        others=tuple(map(theirs, (*judged, *follows))),
-        judged=len(judged) if network else 0,
+        others=tuple(map(theirs, others)),
         network=network,
     )
     names = {f"{plant}.{port}": port for port in fmus[plant].outputs}

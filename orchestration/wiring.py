@@ -38,12 +38,9 @@ class Wiring:
         values, or at values that they are given.
     others : tuple of str
         Outputs of the controller that are recorded beside.
-    judged : int
-        How many of the first of `others` are judged, too. What a part samples, or answers at once,
-        is not: it may be an instant old or new at a communication point, and jump there. What the
-        part reads is judged, and what it moves.
     network : bool
-        Whether there are parts that feed each other within a side.
+        Whether there are parts that feed each other within a side: what they exchange and what all
+        of them give is judged, too.
     """
 
     commands: tuple[tuple[str, str], ...]
@@ -55,7 +52,6 @@ class Wiring:
     orders: tuple[int, ...] = ()
     of_plant: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
-    judged: int = 0
     network: bool = False
 
     def __post_init__(self) -> None:

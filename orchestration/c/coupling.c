@@ -22,10 +22,10 @@ enum { CHECKPOINT, CORRECTION, PROBE }; /* what states are saved for */
 /* A controller behind one question: what would you command at these signals?
  *
  * Inputs: n signals, references; outputs: m commands, then gains and rates if it reports, and others
- * that are only recorded. */
+ * that are only recorded. A group is asked for these with the signals of then. */
 typedef struct {
     Calls calls;
-    int64_t m, n, others, answer, reports, saves, varies;
+    int64_t m, n, others, group, answer, reports, saves, varies;
     Vector nominal;    /* of the signals */
     Vector real;       /* of signals and references: whether they may be between whole numbers */
     Vector ahead;      /* commands after a step that cannot be taken back, */

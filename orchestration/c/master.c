@@ -73,13 +73,17 @@ static int runs(const Pair *co_run)
     return co_run->parts > 0 && isnan(co_run->failed);
 }
 
-static int record_outputs(Pair *pair)
+static int record_outputs(Pair *pair, const double *reference)
 {
     Controller *const c = &pair->loop.controller;
     const int64_t n = pair->loop.outputs.size, all = c->calls.taken.size;
     double *const row = pair->recorded.at + pair->rows * (n + c->others);
     copy(pair->loop.outputs.at, row, n);
     if (c->others) {
+        if (c->group) {
+            signals_of(&pair->loop, row, pair->loop.start.at);
+            TRY(set_inputs(c, pair->loop.start.at, reference));
+        }
         TRY(take(&c->calls, all));
         copy(c->calls.taken.at + all - c->others, row + n, c->others);
     }
@@ -125,7 +129,7 @@ static void end_co_run_step(Pair *pair, Course *course, const Clock *clock, doub
                     clock_done(clock))) {
         release_both(&pair->loop, PROBE);
         pair->failed = t;
-    } else if (!clock->broken && !record_outputs(pair)) {
+    } else if (!clock->broken && !record_outputs(pair, course->before.at)) {
         pair->failed = t;
     }
 }
@@ -247,7 +251,7 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
             why = STEP_FAILED;
             break;
         }
-        if (!clock->broken && !record_outputs(main)) {
+        if (!clock->broken && !record_outputs(main, course->before.at)) {
             why = COMMAND_FAILED;
             break;
         }

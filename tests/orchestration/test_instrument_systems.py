@@ -36,5 +36,8 @@ def test_our_master_runs_a_sampled_loop_with_instruments_exactly(
     exact = exact_course(controller, [component(n) for n in instruments], stop)
     assert result.run.verdict.trusted
     assert (apart(course, exact) < 1e-9).all()
+    # what an encoder gives is recorded of the position of then, not of a step before
+    counted = result.run.others["position_encoder.x_measured"] - result.run.outputs["x"]
+    assert np.abs(counted).max() < 1e-6 < np.abs(np.diff(result.run.outputs["x"])).max()
     bare = exact_course(controller, [], stop)
     assert (apart(bare, exact) > 1e-8).all()  # the instruments do something
