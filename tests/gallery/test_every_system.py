@@ -95,10 +95,10 @@ def test_the_page_has_one_command_for_each_way_of_looking_and_they_run(
         assert main(words) in (0, 1), words
 
 
-def test_the_first_page_has_six_pictures_that_link_into_the_gallery():
-    page = (ROOT / "docs" / "index.md").read_text("utf-8")
+def test_the_gallery_begins_with_six_pictures_that_link_to_its_pages():
+    page = (ROOT / "docs" / "gallery" / "index.md").read_text("utf-8")
     shown = re.findall(
-        r"^\[!\[.+\]\((images/gallery/(\w+)\.png)\)\]\(gallery/(\w+)\.md\)$", page, re.M
+        r"^\[!\[.+\]\(\.\./(images/gallery/(\w+)\.png)\)\]\((\w+)\.md\)$", page, re.M
     )
     assert len({picture for picture, _, _ in shown}) == 6
     for picture, name, page in shown:
