@@ -582,10 +582,9 @@ def _unclosed(
     cycle = _cycle(model, more, True, LONGEST_OF_MANY)
     if cycle is not None:
         return cycle, more.end, False
-    amplitude = _ranges(model, more)
     if len(more.time) < MANY:
-        text = f"its returns end at t = {more.time[-1] if more.time.size else passes.end:.4g} s"
-        return Attractor(Kind.UNDECIDED, text, LONGER_RUN, amplitude=amplitude), more.end, True
+        return _no_more_returns(model, more, passes.end)
+    amplitude = _ranges(model, more)
     grid = more.end + between * (20.0 + MANY * np.arange(BLOCKS + 1) / BLOCKS)
     settle = follow_tangents(model, np.array([more.end, grid[0]]))
     run = follow_tangents(model, grid, frame=settle.frame)
@@ -598,6 +597,8 @@ def _unclosed(
     again = follow_returns(model, end, end + 2.0 * MANY * between, coordinate, level, MANY)
     if again.failure:
         return _ended(again, None), again.end, False
+    if len(again.time) < MANY:
+        return _no_more_returns(model, again, end)
     change, drifts = _change(more, again)
     limit, error, scatter = _limits(run)
     small = 1.0 / (run.time[-1] - run.time[0])  # one nat over the run
@@ -631,6 +632,15 @@ def _unclosed(
     else:
         would = LONGER_RUN
     return Attractor(Kind.UNDECIDED, text, would, **common), again.end, moving
+
+
+def _no_more_returns(
+    model: Model, passes: Returns, before: float
+) -> tuple[Attractor, float, bool]:
+    """What is said of a motion that stopped to return, see `_unclosed`; it may come to rest."""
+    text = f"its returns end at t = {passes.time[-1] if passes.time.size else before:.4g} s"
+    undecided = Attractor(Kind.UNDECIDED, text, LONGER_RUN, amplitude=_ranges(model, passes))
+    return undecided, passes.end, True
 
 
 def _alone(model: Model, time: float, period: float) -> int:

@@ -13,6 +13,7 @@ import pytest
 from dask_cluster import cluster
 from scipy.integrate import solve_ivp
 
+from ballscrew.orchestration.limits import TOLERANCE_OF_MOTIONS
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.workers import Processes
 from ballscrew.stability import budget, stability_map, store
@@ -223,6 +224,7 @@ import sys
 from pathlib import Path
 from ballscrew.orchestration.workers import Processes
 from ballscrew.stability import stability_map as m, store
+from ballscrew.orchestration.limits import TOLERANCE_OF_MOTIONS
 from ballscrew.orchestration.loop import Loop
 from ballscrew.stability.map_plan import read_axis
 store.CHUNK = 2
@@ -316,3 +318,9 @@ def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, mon
 def test_axes_that_make_no_sense_say_why(text, words):
     with pytest.raises(BadMap, match=words):
         read_axis(text, Loop("iol"))
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_motion_that_stops_to_return_after_hundreds_of_returns_is_followed_on_to_rest() -> None:
+    cell = run_cell(gamma(), 66968.80774193548, 362.1406451612903, TOLERANCE_OF_MOTIONS)
+    assert cell.verdict is not Kind.UNDECIDED
