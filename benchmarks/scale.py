@@ -4,8 +4,9 @@
 
 All runs here: a scheduler and workers as processes of this machine, one thread each. With more
 workers than cores only the overhead is seen. Wall time; memory is the largest resident size of the
-scheduler and of the process that asks. What 1e7 cells cost is the pace of one worker times their
-number: an upper bound, as no network is between them here.
+scheduler and of the process that asks. What 1e7 cells cost is the processor time that one process
+needs for a cell, from two sizes, times their number, times the overhead of one worker: no network
+is between them here.
 """
 
 from __future__ import annotations
@@ -42,6 +43,13 @@ def seconds(workers: Workers, side: int) -> float:
         return time.perf_counter() - began
 
 
+def processor_seconds(side: int) -> float:
+    """Of this process, for such a map [s]."""
+    began = time.process_time()
+    seconds(Processes(1), side)
+    return time.process_time() - began
+
+
 @contextmanager
 def largest(*processes: psutil.Process) -> Iterator[list[float]]:
     """Largest resident size of each process within the block [MiB]."""
@@ -74,14 +82,18 @@ def main() -> None:
     side = parser.parse_args().side
     cells = side * side
     seconds(Processes(1), 4)  # compiles the loop
+    used = [processor_seconds(s) for s in (side // 2, side)]
+    each = (used[1] - used[0]) / (cells - cells // 4)
     alone = seconds(Processes(1), side)
     print(f"{os.cpu_count()} cores, {cells} cells\n")
     print(f"{'workers':<22}{'s':>8}{'cells/s':>10}{'ratio to one process':>22}")
     print(f"{'one process, no Dask':<22}{alone:>8.1f}{cells / alone:>10.0f}{1.0:>22.2f}")
+    overhead = 1.0
     for workers in (1, 2, 3, 4):
         with cluster(workers) as (dask, _):
             seconds(dask, 4)
             took = seconds(dask, side)
+        overhead = took / alone if workers == 1 else overhead
         print(f"{workers:<22}{took:>8.1f}{cells / took:>10.0f}{alone / took:>22.2f}", flush=True)
     print(f"\n{'cells':<12}{'s':>8}{'scheduler MiB':>16}{'asking process MiB':>20}")
     with cluster(2) as (dask, scheduler):
@@ -92,7 +104,11 @@ def main() -> None:
             print(
                 f"{longer**2 * cells:<12}{took:>8.1f}{sizes[0]:>16.0f}{sizes[1]:>20.0f}", flush=True
             )
-    print(f"\n1e7 cells: {1e7 * alone / cells / 3600:.1f} core hours")
+    print(
+        f"\na cell: {1e3 * each:.1f} ms of a processor; "
+        f"one worker on Dask takes {overhead:.2f} times as long"
+    )
+    print(f"1e7 cells: {1e7 * each * max(overhead, 1.0) / 3600:.0f} core hours")
 
 
 if __name__ == "__main__":
