@@ -35,6 +35,8 @@ _PUBLIC = {
 __all__ = sorted(_PUBLIC)
 
 if TYPE_CHECKING:
+    # Every name once more: a name that is not here is an error in a type checker of a user.
+    __version__: str
     from .api import catalogue as catalogue
     from .api import compare as compare
     from .api import component as component
@@ -52,18 +54,35 @@ if TYPE_CHECKING:
     from .api import swap_study as swap_study
     from .api import tune as tune
     from .api import with_friction as with_friction
+    from .orchestration.couplings import Coupling as Coupling
+    from .orchestration.loop import Loop as Loop
+    from .orchestration.loop import SystemLoop as SystemLoop
+    from .orchestration.reference_signal import Reference as Reference
+    from .solver.component import TIME as TIME
+    from .solver.component import Component as Component
+    from .solver.component import Delay as Delay
+    from .solver.component import DiscreteState as DiscreteState
+    from .solver.component import Event as Event
+    from .solver.component import ForceBalance as ForceBalance
+    from .solver.component import ForceTerm as ForceTerm
+    from .solver.component import Input as Input
+    from .solver.component import Mode as Mode
+    from .solver.component import Output as Output
+    from .solver.component import Parameter as Parameter
+    from .solver.component import State as State
+    from .solver.component import symbol as symbol
     from .solver.connect import connect as connect
     from .solver.interconnect import interconnect as interconnect
+else:
 
+    def __getattr__(name: str) -> Any:
+        if name == "__version__":  # said once, in pyproject.toml
+            from importlib.metadata import version
 
-def __getattr__(name: str) -> Any:
-    if name == "__version__":  # said once, in pyproject.toml
-        from importlib.metadata import version
-
-        return version("ballscrew")
-    if name in _PUBLIC:
-        return getattr(import_module(_PUBLIC[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            return version("ballscrew")
+        if name in _PUBLIC:
+            return getattr(import_module(_PUBLIC[name]), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
