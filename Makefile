@@ -75,6 +75,8 @@ bench: $(VENV)/installed
 	$(BIN)/python benchmarks/map.py
 	$(BIN)/python benchmarks/native.py
 	$(BIN)/python benchmarks/study.py
+	$(BIN)/python benchmarks/peers.py
+	$(BIN)/python benchmarks/scale.py
 
 # One for each platform, compiled here by ziglang; `WHEELS=win64` makes one.
 WHEELS ?= linux64 win64 darwin64 aarch64-linux aarch64-windows aarch64-darwin
