@@ -288,8 +288,9 @@ def compiled(folder: Path, name: str) -> Path:
     code = folder / name / "sources"
     headers = Path(fmpy.__file__).parent / "c-code"
     subprocess.run(
-        ["gcc", "-O2", "-shared", "-fPIC", f"-I{code}", f"-I{headers}", str(code / "all.c"), "-lm"]
-        + f"-o {folder / name}.so".split(maxsplit=1),
+        [
+            *f"gcc -O2 -shared -fPIC -I{code} -I{headers} {code}/all.c -o {folder}/{name}.so -lm".split()
+        ],
         check=True,
     )
     with zipfile.ZipFile(path, "a") as archive:
