@@ -72,7 +72,7 @@ def compare_records(
     Raises
     ------
     BadRecord, BadParameters
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     told = file.diagnosis
     if told is None:

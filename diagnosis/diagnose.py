@@ -56,7 +56,7 @@ def diagnose(
     lead: float | None = None,
     take: str | None = None,
 ) -> Diagnosis:
-    """What a simulation of recorded runs gets wrong, why, and how much better it can be.
+    """Find the errors of a simulation of recorded runs, their causes, and the possible improvement.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def diagnose(
     params : path-like, optional
         The prior model, see `read_drive`; the nominal axis by default.
     law : str, optional
-        Friction law, in place of the file's.
+        Friction law, instead of the law in the file.
     mapping : mapping of str to str, optional
         ``theirs -> ours`` names of columns.
     progress : function of what is being done, optional
@@ -81,7 +81,7 @@ def diagnose(
     Raises
     ------
     BadRecord, BadParameters
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     told = (ParameterFile() if params is None else read_parameters(params)).with_lead(lead)
     records = read_drive_records(data, mapping, units, lead or told.lead)

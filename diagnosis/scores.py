@@ -234,7 +234,7 @@ class Catalogue:
         return [f for f in out if f is not None]
 
     def information(self, form: Form, variance: Vector) -> Vector:
-        """What records tell of each of a form's amplitudes, all values adjusted, shape (m,).
+        """What records tell of each of a form's amplitudes, all with adjusted values, shape (m,).
 
         One over the variance of its estimate, where each band has this much noise per number [N^2].
         """

@@ -105,7 +105,7 @@ def can_supervise() -> bool:
 
 
 def hold_interrupts() -> set[signal.Signals]:
-    """Let the signals that ask for an end wait until somebody can answer them, see `outcome`.
+    """Let the signals that ask for an end wait until a handler exists them, see `outcome`.
 
     Returns
     -------

@@ -61,7 +61,7 @@ def read_parameters(path: Path | str) -> ParameterFile:
     Raises
     ------
     BadParameters
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     path = Path(path)
     data = _toml(path)

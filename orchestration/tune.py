@@ -261,9 +261,9 @@ def tune_loop(
     limit : float, optional
         Largest command; default the plant's ``voltage_limit``, of an axis its 36 V.
     budget, seed : int
-        Candidates; as many again tell what more would gain.
+        Number of candidates; the same number again shows what more candidates would improve.
     progress : function of int and int, optional
-        Told how many candidates are done, and of how many.
+        Called with the number of finished candidates and the number of all.
 
     Raises
     ------

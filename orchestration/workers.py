@@ -203,7 +203,8 @@ class Dask:
         with contextlib.suppress(Exception):
             self.client.close(timeout=1)
         return WorkersLost(
-            f"the Dask scheduler at {self.address} {why}; what is done is kept, go on with --resume"
+            f"the Dask scheduler at {self.address} {why}; finished work is kept, continue with "
+            "--resume"
         )
 
     def close(self) -> None:

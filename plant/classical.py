@@ -67,7 +67,7 @@ def with_sticking(
     position : str
         The state that moves with `velocity`, and goes on as it does where that is zero.
     breakaway : expression, optional
-        Force up to which the body sticks [N]; by default that of sliding at no speed.
+        Force up to which the body sticks [N]; default: the sliding friction at zero velocity.
 
     Raises
     ------

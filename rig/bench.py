@@ -55,7 +55,7 @@ def run_trial(
         Values that are not nominal: ``plant.sigma0`` or plain ``sigma0`` for the plant and its
         friction law, ``load_cell.resolution`` and so on for the other parts.
     seed : int
-        Decides all noise.
+        Seed of all noise.
     noise : Noise, optional
     tolerance : float
         Of the solver, relative.

@@ -197,7 +197,7 @@ class Watching:
     Parameters
     ----------
     progress : function of a text, optional
-        Told what is being done.
+        Called with the current step of the work.
     budget : float, optional
         Processor time [s]; no limit if left out.
     """

@@ -92,7 +92,7 @@ class StudyResult:
     sensitivities : dict of str to Sensitivity
         Of the rms error, by controller.
     checks : dict of Run to FmuCheck
-        Runs that were done again over FMUs.
+        Runs that were repeated over FMUs.
     sobol : dict
         Sobol indices of the rms error by controller, duty and what was varied; empty where not
         asked, and at a duty where a run failed.

@@ -130,7 +130,7 @@ def tuned_and_judged(
 
 
 def runs_again(plan: Plan) -> list[Run]:
-    """A random twentieth of the runs, at least one: those that are done again over FMUs."""
+    """A random twentieth of the runs, at least one: finished runs to repeat over FMUs."""
     entrants, duties = plan.entrants, plan.judged_duties
     shape = len(entrants), plan.tuning.seeds, len(duties), plan.plants
     runs = math.prod(shape)

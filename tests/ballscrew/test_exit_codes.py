@@ -60,7 +60,9 @@ def test_an_error_of_our_own_is_70_with_one_line_and_a_file_to_report(
     monkeypatch.setattr("ballscrew.orchestration.run.run_closed_loop", fails)
     assert main(RUN) == 70
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"ballscrew: an error in ballscrew itself, please report {cache}")
+    assert line.startswith(
+        f"ballscrew: this is an error in ballscrew itself; please report {cache}"
+    )
     assert type(error).__name__ in line
     assert "test_exit_codes.py, line" in line
     text = (cache / "error.txt").read_text()

@@ -116,7 +116,7 @@ def test_structure_that_no_cause_has_gives_exit_code_one(tmp_path):
     code, printed, _ = run("diagnose", record, "--params", parameters, "--out", out)
     assert code == 1
     assert printed.startswith("unexplained: ")
-    assert "without a name: structure that lives with position" in printed
+    assert "no cause found: the remaining error varies with position" in printed
     assert "next experiment: " in printed
     assert "  ballscrew rig " in printed
     written = {p.name for p in out.glob("[!.]*")}

@@ -227,7 +227,7 @@ def test_an_interrupt_says_what_is_kept_and_before_the_first_part_nothing_blocks
         time.sleep(0.001)
     ending = interrupted(command, signal.SIGINT)
     assert ending.fault() == ""
-    assert "tasks that are done are kept, go on with --resume" in ending.said
+    assert "finished tasks are kept, continue with --resume" in ending.said
 
 
 def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, folder, result):
@@ -238,7 +238,7 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     assert main(given) == 0
     printed = capsys.readouterr().out
     assert "2 controllers, 1 duties, 12 runs" in printed
-    assert "again over FMUs" in printed
+    assert "repeated over FMUs" in printed
     assert {p.name for p in out.iterdir()} >= {
         "report.html",
         "study.json",
