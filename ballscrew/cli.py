@@ -96,7 +96,7 @@ def command_parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="ballscrew",
         description="Friction, co-simulation and stability of a ball-screw axis and its "
-        "controllers. Plant and"
+        "controllers. Plant and "
         "controllers are FMUs; each closed-loop run checks its own coupling error.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

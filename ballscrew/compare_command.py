@@ -40,8 +40,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "compare",
         help="compare a model with a record: its errors in force and in position",
-        description="Print the errors of the model of a parameter file on a record: of the"
-        "force, by part of the motion, and of the position predicted from the start of each second."
+        description="Print the errors of the model of a parameter file on a record: of the "
+        "force, by part of the motion, and of the position predicted from the start of each "
+        "second. "
         "Nothing is fitted. With --out: compare.json and a picture.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

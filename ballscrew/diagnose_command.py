@@ -64,12 +64,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "diagnose",
         help="find the errors of a model on measured data, and their causes",
-        description="Simulate your model on the recorded data, name the causes of its errors,"
+        description="Simulate your model on the recorded data, name the causes of its errors, "
         "and measure the improvement on held-out data. Writes diagnosis.json, report.html, "
-        "curves.parquet"
-        "(curves.csv without pyarrow), a picture, the corrected values as parameters.toml,"
-        "extended_plant.fmu if causes are found, and next_experiment.csv for the machine"
-        "unless everything is explained. Exit code 1: part of the residual is not noise and no"
+        "curves.parquet "
+        "(curves.csv without pyarrow), a picture, the corrected values as parameters.toml, "
+        "extended_plant.fmu if causes are found, and next_experiment.csv for the machine "
+        "unless everything is explained. Exit code 1: part of the residual is not noise and no "
         "cause explains it, or the result is not confirmed on held-out data.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -191,7 +191,7 @@ def _extended(result: Diagnosis) -> _Extension:
 
 
 _OWN_GAINS = (
-    "The gains of the built-in controllers are designed for the nominal axis and are not valid"
+    "The gains of the built-in controllers are designed for the nominal axis and are not valid "
     "here. With your own gains: ballscrew run --plant extended_plant.fmu --controller pid --set "
     "controller.Kp=VALUE"
 )

@@ -54,7 +54,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         nargs="+",
         metavar="PART",
         help=f"some of {', '.join([*PLANTS, *CONTROLLERS, *INSTRUMENTS])}; or mine.py:pi, a "
-        "function of a Python file that returns a Component; or CONTROLLER+feed_forward, which"
+        "function of a Python file that returns a Component; or CONTROLLER+feed_forward, which "
         "receives the derivatives of the set-point; or CONTROLLER+INSTRUMENT+..., a controller "
         "that measures "
         "through instruments",
@@ -62,9 +62,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser.add_argument(
         "--ssp",
         action="store_true",
-        help="instead, write one .ssp per closed loop: all FMUs, connected, with parameter"
+        help="instead, write one .ssp per closed loop: all FMUs, connected, with parameter "
         "sets; in CONTROLLER+INSTRUMENT each instrument is an FMU; with --native, the FMUs are "
-        "native;"
+        "native; "
         "with --fmi 3 an SSP 2.0",
     )
     parser.add_argument(
@@ -93,13 +93,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser.add_argument(
         "--modelica",
         action="store_true",
-        help="write Modelica source, NAME.mo, of parts or, with --loop, of a loop;"
+        help="write Modelica source, NAME.mo, of parts or, with --loop, of a loop; "
         "without events, samples and delays",
     )
     parser.add_argument(
         "--native",
         action="store_true",
-        help="write FMUs of compiled C, for hosts without Python; also with --variational,"
+        help="write FMUs of compiled C, for hosts without Python; also with --variational, "
         "--loop or --ssp",
     )
     parser.add_argument("--fmi", metavar="2|3", help="with --native: version of FMI (default 2)")

@@ -28,9 +28,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "gallery",
         help="well-known systems with friction, impacts and limit cycles",
-        description="Without NAME, list the systems. With NAME, compute its known"
-        "results: write components.py (its equations, to run and to change), page.md,"
-        "findings.json and picture.png. Exit code 1: a number differs from the literature,"
+        description="Without NAME, list the systems. With NAME, compute its known "
+        "results: write components.py (its equations, to run and to change), page.md, "
+        "findings.json and picture.png. Exit code 1: a number differs from the literature, "
         "and no reason is given.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -57,7 +57,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "identify",
         help="find friction parameters in recorded data",
         description="Write the parameters with their intervals, what cannot be identified and "
-        "why, a parameter file, and pictures. Exit code 1: a parameter is not identified,"
+        "why, a parameter file, and pictures. Exit code 1: a parameter is not identified, "
         "or the law does not describe the records.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -89,13 +89,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add(
         "--offset",
         action="store_true",
-        help="also fit a constant force: a load, or the zero error of the load cell; positive"
+        help="also fit a constant force: a load, or the zero error of the load cell; positive "
         "against motion in +x",
     )
     add(
         "--response",
         action="store_true",
-        help="instead of a law, compute the frequency response from force (or u, i) to position"
+        help="instead of a law, compute the frequency response from force (or u, i) to position "
         "from one record with a multisine, chirp or noise, with coherence and first resonance",
     )
     add_params(

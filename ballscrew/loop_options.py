@@ -44,8 +44,8 @@ def _add_loop(add: Any) -> None:
         action="append",
         default=[],
         metavar="SIDE.NAME=VALUE",
-        help="a parameter or initial state, such as plant.sigma0=6e4 or"
-        "controller.sigma0_hat=66966; with several controllers use the controller's name,"
+        help="a parameter or initial state, such as plant.sigma0=6e4 or "
+        "controller.sigma0_hat=66966; with several controllers use the controller's name, "
         "such as iol.sigma0_hat=66966, or hand.Kp=3 for hand.fmu",
     )
     add(
@@ -54,7 +54,7 @@ def _add_loop(add: Any) -> None:
         default=[],
         metavar="THEIRS=OURS",
         help="a port of a third-party FMU and the port it is connected to; with several "
-        "controllers use the"
+        "controllers use the "
         "controller's name, such as hand.pos=x",
     )
     add("--limit-voltage", metavar="V", help="amplifier voltage limit (nominal 36 V)")
@@ -73,7 +73,7 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
     goal.add_argument(
         "--reference",
         metavar="CSV|MOTION",
-        help="a file with the columns time [s] and x_d [m], and optionally v_d and a_d; or"
+        help="a file with the columns time [s] and x_d [m], and optionally v_d and a_d; or "
         "a motion, such as step:size=0.08, move:distance=0.08,speed=0.1,acceleration=1,jerk=50, "
         "sine:amplitude=1e-3,frequency=2 or triangle:amplitude=1e-3,period=1",
     )

@@ -41,9 +41,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "--budget",
         default=BUDGET,
         metavar="S",
-        help="processor time [s] for the exponents of equations; when it is used up, the"
+        help="processor time [s] for the exponents of equations; when it is used up, the "
         "exponents are given up to the time reached, and the verdict comes from the motion alone, "
-        "which"
+        "which "
         f"gets half as much time (default {BUDGET})",
     )
     parser.set_defaults(action=_lyapunov)

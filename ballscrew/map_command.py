@@ -33,7 +33,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         help="stability maps over two parameters of plant or controller",
         description="Write map.parquet (a row a cell: the two parameters, verdict, final_error, "
         "lambda1_bits_per_s, oscillation_amplitude, reason of an undecided one; map.csv without "
-        "pyarrow), map.json and a picture. Finished chunks are written at once; an interrupted run"
+        "pyarrow), map.json and a picture. Finished chunks are written at once; an interrupted run "
         "continues with --resume.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -49,7 +49,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
             side,
             required=True,
             metavar="NAME=LOW:HIGH:COUNT",
-            help="parameter or initial state (x_start) of controller or plant, setpoint, or"
+            help="parameter or initial state (x_start) of controller or plant, setpoint, or "
             "design.NAME: a parameter of the plant for which nctf is designed",
         )
     add(
@@ -91,7 +91,7 @@ def _map(options: argparse.Namespace) -> int:
     except OSError as error:
         where = f" {error.filename}" if error.filename else ""
         raise BadRequest(
-            f"cannot write{where}: {error.strerror or error}; finished work is kept,"
+            f"cannot write{where}: {error.strerror or error}; finished work is kept, "
             "continue with --resume"
         ) from error
     print_notes(summary.notes)

@@ -149,7 +149,7 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
     base, instruments = without_instruments(plain)
     if told and instruments and Part(name).label in told.controllers:
         raise BadRequest(
-            f"{told.path}: [controller.{Part(name).label}] is for one part, but in an .ssp its"
+            f"{told.path}: [controller.{Part(name).label}] is for one part, but in an .ssp its "
             "instruments are separate parts; export without --params, and run with --set "
             "ELEMENT.VARIABLE=VALUE"
         )

@@ -60,7 +60,7 @@ def add_record_options(add: Any) -> None:
         action="append",
         default=[],
         metavar="OURS=UNIT",
-        help="a column's unit, or its size: time=ms, x=mm, x=rad, x=2.5e-6*m,"
+        help="a column's unit, or its size: time=ms, x=mm, x=rad, x=2.5e-6*m, "
         "u=N*m (default: the unit in the file; SI if the column has one of our names)",
     )
     add(

@@ -55,6 +55,6 @@ def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
         own = Path(os.path.realpath(path))
         if own in results or any(own in result.parents for result in results):
             raise BadRequest(
-                f"{path} is a result in --out {folder}, and a new run replaces the"
+                f"{path} is a result in --out {folder}, and a new run replaces the "
                 "previous one; choose another folder"
             )

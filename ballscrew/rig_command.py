@@ -44,7 +44,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "rig",
         help="run trials on the virtual test rig, with the axis of the thesis or your own drive",
-        description="Write the record of the rig's instruments, and the true signals next"
+        description="Write the record of the rig's instruments, and the true signals next "
         "to it. Exit code 1: recorded, but an instrument or the travel was out of range.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -71,7 +71,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add(
         "--export",
         action="store_true",
-        help="instead, write the rig's parts as FMUs, their connections (wiring.json), and"
+        help="instead, write the rig's parts as FMUs, their connections (wiring.json), and "
         "all inputs of one trial (values.json, outside.csv)",
     )
     add(

@@ -43,7 +43,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser.add_argument(
         "--sampled",
         metavar="PERIOD",
-        help="sample every controller with this period [s]: it reads at sample"
+        help="sample every controller with this period [s]: it reads at sample "
         "instants and holds its commands",
     )
     parser.add_argument(

@@ -44,8 +44,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "tune",
         help="find the gains of one controller for one machine, and test them on another motion",
-        description="Write parameters.toml with the gains, for run, swap and export,"
-        "tuning.json, and pictures of motions and of the frequency response. Exit code 1: done,"
+        description="Write parameters.toml with the gains, for run, swap and export, "
+        "tuning.json, and pictures of motions and of the frequency response. Exit code 1: done, "
         "but a run failed or is not converged, or the linearized loop is unstable.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -68,13 +68,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     add(
         "--limit",
         metavar="U",
-        help="largest command, of either sign, in its unit: N if the command is a force, else"
+        help="largest command, of either sign, in its unit: N if the command is a force, else "
         "V (default: voltage_limit of the parameter file; for axes 36 V)",
     )
     add(
         "--reference",
         metavar="CSV|MOTION",
-        help="motion for the tuning, as in run (default: a step and a reversing move"
+        help="motion for the tuning, as in run (default: a step and a reversing move "
         "within the limit)",
     )
     add("--stop", metavar="SECONDS", help="length of --reference (default: its end plus 0.5 s)")

@@ -348,7 +348,7 @@ def _stop(why: int, t: float, main: RecordedLoop, bounds: Vector) -> Stop:
     if why == DIVERGES:
         worst = int(np.argmax(np.abs(main.loop.outputs) / bounds))
         name = list(main.loop.plant.outputs)[worst]
-        return Stop(f"the loop diverges: {name} leaves every bound at t = {t:.6g} s", diverged=True)
+        return Stop(f"the loop diverges: {name} exceeds its bound at t = {t:.6g} s", diverged=True)
     return Stop()
 
 

@@ -294,7 +294,7 @@ def follow(
             row = int(np.argmax(left.any(axis=1)))
             name, table = declared[int(np.argmax(share[row]))].name, table[: row + 1]
             when = f"t = {run.time[shown][row]:.6g} s"
-            stopped = f"the loop diverges: {name} leaves every bound at {when}"
+            stopped = f"the loop diverges: {name} exceeds its bound at {when}"
         pieces.append(table)
         if stopped:
             break

@@ -116,7 +116,7 @@ def classify_attractor(
     Parameters
     ----------
     model : Model
-        Its state and mode are moved on.
+        Its state and mode are changed.
     time : float
         The present [s].
     span : float

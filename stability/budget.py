@@ -24,7 +24,7 @@ def becomes(model: Model, time: float, stop: float) -> Attractor:
     Parameters
     ----------
     model : Model
-        Its state and mode are moved on.
+        Its state and mode are changed.
     time, stop : float
         The present, and the run's length, in which the budget is counted [s].
     """

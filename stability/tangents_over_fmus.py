@@ -317,6 +317,6 @@ class _Joint:
         elif why != GOES_ON:
             beyond = np.nan_to_num(np.abs(outputs[-1]) / bound, nan=np.inf)
             name = names[int(np.argmax(beyond))]
-            stopped = f"the loop diverges: {name} leaves every bound at t = {clock.now:.6g} s"
+            stopped = f"the loop diverges: {name} exceeds its bound at t = {clock.now:.6g} s"
         unmet = int(trail.record.unmet)
         return _Trail(times[:, 0], outputs, growth, trace[:, 0], stopped, why == DIVERGES, unmet)

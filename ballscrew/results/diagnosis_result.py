@@ -49,7 +49,7 @@ class DiagnosisResult(Result, Diagnosis):
             low, high = cause.gain_interval
             yield (
                 cause.name if cause.certain else f"{cause.name} (most probable, not certain)",
-                f"takes {100 * cause.gain_heldout:.3g} % of the mean square on"
+                f"takes {100 * cause.gain_heldout:.3g} % of the mean square on "
                 f"held-out data [{100 * low:.3g}, {100 * high:.3g}]",
             )
         for suspect in self.suspects:

@@ -2,7 +2,7 @@
  * does not want to go through Python at each call; made by `played.py`, after initialization. */
 #include <stdlib.h>
 
-#define SAME_TIME 1e-9 /* share of a sampling period within which two times are the same */
+#define SAME_TIME 1e-9 /* share of a sampling period within which two times are equal */
 #define MOST_STEPS 200000
 #define REFUSED 3 /* FMI status */
 

@@ -484,7 +484,7 @@ def test_instruments_that_fit_nowhere_are_refused_with_one_line(fmus, tmp_path):
     with pytest.raises(CannotConnect, match="an instrument is called 'plant'"):
         write("nctf", plant=fmus["position_encoder"])
     blind = without_outputs(fmus["nctf"], tmp_path / "blind.fmu", "i")
-    with pytest.raises(CannotConnect, match="nothing takes the outputs i_measured of "):
+    with pytest.raises(CannotConnect, match="nothing is connected to the outputs i_measured of "):
         export_system(
             fmus["plant"],
             blind,

@@ -543,7 +543,7 @@ def test_a_connector_that_contradicts_its_fmu_is_refused(tmp_path, connector, te
 @pytest.mark.parametrize(
     ("unit", "text"),
     [
-        ("N", "'N' cannot be converted to 'm': they measure different things"),
+        ("N", "'N' cannot be converted to 'm': they are units of different quantities"),
         ("ell", "the unit 'ell' is not defined, so 'ell' cannot be converted to 'm'"),
     ],
 )

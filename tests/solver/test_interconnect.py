@@ -398,10 +398,10 @@ def test_an_output_that_follows_at_once_is_a_loop_only_where_it_comes_back():
     [
         ({"connections": {"one.a": "u", "two.a": "on.y"}}, "two.a takes 'on.y', which no part"),
         ({"connections": {"one.a": "u", "two.b": "one.y"}}, "no part has an input 'two.b'; there"),
-        ({"connections": {"one.a": "u"}}, "two.a takes nothing; it needs a connection"),
-        ({"inputs": ["u", "w"]}, "no input takes the outer input 'w'"),
-        ({"inputs": []}, "one.a takes 'u', which no part gives"),
-        ({"outputs": {"y": "u"}}, "y takes 'u', which no part gives"),
+        ({"connections": {"one.a": "u"}}, "two.a is not connected; it needs a connection"),
+        ({"inputs": ["u", "w"]}, "no input is connected to the outer input 'w'"),
+        ({"inputs": []}, "one.a takes 'u', which is not an output of any part"),
+        ({"outputs": {"y": "u"}}, "y takes 'u', which is not an output of any part"),
         (
             {
                 "parts": {

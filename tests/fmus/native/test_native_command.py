@@ -67,7 +67,7 @@ def test_without_a_compiler_there_are_sources_only_and_a_line_says_so(
     assert export("--only", "pid", "--platforms", platforms, "--out", tmp_path) == 0
     heard = capsys.readouterr().err.strip()
     assert heard.count("\n") == 0
-    assert "no C compiler for linux64, win64, so it holds sources only" in heard
+    assert "no C compiler for linux64, win64, so it contains sources only" in heard
     assert "ziglang" in heard
     with zipfile.ZipFile(tmp_path / "pid.fmu") as archive:
         assert "sources/fmi2.c" in archive.namelist()
