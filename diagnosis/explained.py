@@ -1,4 +1,4 @@
-"""What is built into a model, and the sets of what else is possible."""
+"""Causes included in a model, and the sets of other possible causes."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Explained:
 
     @property
     def variance(self) -> Vector:
-        """Of what is left, in each band that is used, per number [N^2]."""
+        """Of the residual, in each band that is used, per number [N^2]."""
         bands = self.study.bands
         counts = bands.counts[:, bands.used].sum(axis=0)
         return np.asarray(self.fit.squares[0].sum(axis=0) / counts + self.study.exact**2)
@@ -74,7 +74,7 @@ class Explained:
 
 
 def outside(found: Explained) -> Suspect | None:
-    """The free curve that follows what is left, where that is the likeliest; None elsewhere."""
+    """The free curve that follows the residual, where that is the likeliest; None elsewhere."""
     first = found.sets[-1][0]
     return first.suspect if first.name == OUTSIDE else None
 

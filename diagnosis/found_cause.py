@@ -1,4 +1,4 @@
-"""A suspect for an answer: its numbers, their intervals and units, and its size in newtons."""
+"""A suspect for the result: its numbers, their intervals and units, and its size in newtons."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ Ends = dict[str, tuple[float, float]]
 
 _EXACT = 0.04  # relative, to which no size is known: laws and shapes are not exact
 _OUTSIDE_SAYS = (
-    "something that no cause of the catalogue is: friction or force that only a free curve follows"
+    "an unknown cause, not in the catalogue: friction or force that only a free curve describes"
 )
-_AGAIN = "the same motion again: does it repeat?"
+_AGAIN = "repeat the same motion: does the error repeat?"
 
 
 def level(found: Residual) -> Level:

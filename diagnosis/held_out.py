@@ -1,4 +1,4 @@
-"""What is left of blocks of a study on which neither values nor causes were fitted."""
+"""Residuals on held-out blocks of a study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One record on its way through a diagnosis: signals, motion, and the law along it."""
+"""One record in a diagnosis: signals, motion, and the law along it."""
 
 from __future__ import annotations
 

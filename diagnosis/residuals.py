@@ -1,4 +1,4 @@
-"""What a model leaves unexplained, in force and in position, against what instruments can show."""
+"""Residuals of a model in force and in position, compared with the errors of the instruments."""
 
 from __future__ import annotations
 
@@ -78,8 +78,9 @@ def check_motion(courses: Sequence[ModelledRecord], model: Drive) -> None:
     if count < _FEWEST:
         names = ", ".join(c.record.name for c in courses)
         raise BadRecord(
-            f"{names}: only {count} of {all_there} parts of {courses[0].width} samples show a "
-            f"motion, expected {_FEWEST} at least: x rests, jumps from sample to sample or is noise"
+            f"{names}: only {count} of {all_there} parts of {courses[0].width} samples are "
+            f"in motion; expected {_FEWEST} at least: x is constant, jumps from sample to sample "
+            "or is noise"
         )
 
 

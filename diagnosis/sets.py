@@ -1,4 +1,4 @@
-"""From scores to the smallest set of suspects that holds the truth with a known coverage.
+"""From scores to the smallest set of suspects that contains the true cause with a known coverage.
 
 Each suspect, nothing at all and something outside the catalogue get a utility that is linear in a
 few statistics of their scores, and so a probability (conditional logit; D. McFadden, "Conditional
@@ -50,7 +50,7 @@ class Likely:
     name : str
         Of a cause, of a signal, `OUTSIDE` or `NOTHING`.
     probability : float
-        Among all that was looked at.
+        Among all hypotheses.
     suspect : Suspect or None
         With its size; None of `NOTHING`.
     certain : bool

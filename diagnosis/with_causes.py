@@ -1,4 +1,4 @@
-"""The plant with what a diagnosis found in it, as a component like any other."""
+"""The plant with the causes of a diagnosis, as an ordinary component."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .causes.presliding_hysteresis import NAME as BRISTLES
 from .causes.presliding_hysteresis import bristled
 from .drive import Drive, curve_of
 
-PRIOR = "prior, adjusted to measured data"
+PRIOR = "prior value, adjusted to measured data"
 FOUND = "found in measured data"
 
 _Number = TypeVar("_Number")

@@ -147,7 +147,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         return values
 
     def _place(self, vr: int, wrong: str) -> int | None:
-        """Place of a Real; None, and a failure with the text `wrong`, if there is no number."""
+        """Place of a Real; None, and a failure with the text `wrong`, if there is none."""
         places = self.layout["places"]
         if 0 < vr < len(places) - 1:
             return int(places[vr])

@@ -181,7 +181,8 @@ def _signals(
         for n in side.names("input"):
             if n not in signals:
                 raise CannotConnect(
-                    f"nothing drives the input {n!r} of {side.path}: {plant.path} has the outputs "
+                    f"nothing is connected to the input {n!r} of {side.path}: {plant.path} has "
+                    "the outputs "
                     f"{', '.join(plant.names('output')) or 'none'}"
                 )
             connections.append((signals[n], (side.name, n)))
@@ -236,7 +237,8 @@ def _connections(
     for name in plant.names("input"):
         if name not in law and name not in commands:
             raise CannotConnect(
-                f"nothing drives the input {name!r} of {plant.path.name}: {controller.path.name} "
+                f"nothing is connected to the input {name!r} of {plant.path.name}: "
+                f"{controller.path.name} "
                 f"has the outputs {', '.join(controller.names('output')) or 'none'}"
             )
     return connections + [((CONTROLLER, n), (PLANT, n)) for n in commands]

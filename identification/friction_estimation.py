@@ -345,9 +345,10 @@ def estimate_friction(record: Record) -> FrictionEstimate:
         f"velocity and acceleration from {name}: smoothing spline, no lag, half gain at "
         f"{motion.bandwidth:.3g} Hz",
         f"{name} lags by {1e3 * lag_position:.3g} ms and force by {1e3 * lag_force:.3g} ms "
-        + ("as recorded with the trial" if record.lags else "(nothing is said of filters)")
+        + ("as recorded with the trial" if record.lags else "(no filters stated)")
         + (
-            f"; {name} was shifted by {1e3 * (lag_position - lag_force):.3g} ms to the force's lag"
+            f"; {name} was shifted by {1e3 * (lag_position - lag_force):.3g} ms to match the "
+            "delay of the force"
             if lag_position != lag_force
             else "; nothing to shift"
         ),

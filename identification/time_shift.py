@@ -1,4 +1,4 @@
-"""How much later than the motion a force is recorded, by the records alone.
+"""Delay of a recorded force relative to the motion, from the records alone.
 
 Filters, buses and loggers delay one signal more than another. The force is told by the
 acceleration, a curve over the speed in either direction, and steps over the way since a reversal:

@@ -1,4 +1,4 @@
-"""Parameters that records do not show: no sliding, no break-away, elements that blur."""
+"""Parameters that records do not identify: no sliding, no break-away, similar elements."""
 
 from __future__ import annotations
 

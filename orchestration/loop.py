@@ -184,7 +184,7 @@ class Loop(HowCoupled):
     def set_point(self) -> float:
         """The constant set-point [m]; raises `BadParameter` where it moves."""
         if len(self.reference.values) > 1:
-            raise BadParameter("the set-point moves, expected a constant one")
+            raise BadParameter("the set-point is not constant; expected a constant one")
         return float(self.reference.values[0])
 
     def check_values(self) -> None:

@@ -187,7 +187,7 @@ class RunLog:
     m : int
         Number of commands.
     keeps_commands : bool
-        Whether the commands at the end of each step are asked for and kept.
+        Whether the commands at the end of each step are requested and kept.
     """
 
     def __init__(

@@ -119,8 +119,8 @@ class Machine:
                 return float(speed)
         needed = abs(self.sliding(speed)["u"])
         raise BadParameter(
-            f"the limit of the command is {self.limit:g}, and friction alone takes {needed:.3g} at "
-            f"{speed:.2g} m/s; expected a limit of at least twice as much"
+            f"the limit of the command is {self.limit:g}, but friction alone needs {needed:.3g} at "
+            f"{speed:.2g} m/s; expected a limit of at least twice this"
         )
 
     def command_per_metre(self, frequency: float) -> complex:
@@ -244,7 +244,7 @@ def model_values(controller: Part, machine: Machine) -> dict[str, float]:
     motor = [p.name for p in MOTOR if p.name in known and p.name not in own]
     if motor:
         raise BadParameter(
-            f"{controller.label} is derived from an axis with a motor, and {machine.plant.label} "
+            f"{controller.label} is designed for an axis with a motor, but {machine.plant.label} "
             f"has no {', '.join(motor)}"
         )
     of_plant = {n: machine.values.get(n, p.default) for n, p in own.items()}

@@ -34,7 +34,7 @@ class Metrics:
     iae : float
         Integral of the absolute error [m*s], trapezoidal.
     rms_error, largest_error : float or None
-        Root mean square over the run and largest magnitude of set-point less position [m]; None if
+        Root mean square over the run and largest magnitude of set-point minus position [m]; None if
         the set-point is constant.
     """
 

@@ -60,7 +60,7 @@ class _Cvode(CVodeSolver):  # type: ignore[misc]
         if flag < 0:
             if self.error is not None:
                 raise self.error
-            raise Refused(f"CVODE gives up: {(self.error_info or [f'code {flag}'])[-1]}")
+            raise Refused(f"CVODE failed: {(self.error_info or [f'code {flag}'])[-1]}")
         if not self.discrete:
             self.set_x(self.px, self.nx)
         self.set_time(reached.value)

@@ -126,8 +126,8 @@ def _settle(folder: Path) -> list[str]:
     if not moved:
         return []
     return [
-        f"{', '.join(moved)} in {folder} {'is' if len(moved) == 1 else 'are'} not as ballscrew "
-        f"wrote {'it' if len(moved) == 1 else 'them'}; kept, with {KEPT} after the name"
+        f"{', '.join(moved)} in {folder} {'is' if len(moved) == 1 else 'are'} changed since "
+        f"ballscrew wrote {'it' if len(moved) == 1 else 'them'}; kept, with {KEPT} after the name"
     ]
 
 

@@ -320,4 +320,4 @@ def _verdict(tight: _Course, loose: _Course, names: list[str]) -> Verdict:
     )
     if share <= ACCURACY:
         return Verdict(True, text, "", estimate)
-    return Verdict(False, text, "the motion hangs on round-off; shorten the run", estimate)
+    return Verdict(False, text, "the motion depends on round-off; shorten the run", estimate)

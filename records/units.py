@@ -137,8 +137,8 @@ class Conversion:
         if self.quantity in ROTARY:
             if lead is None:
                 raise BadRecord(
-                    f"--unit {column}={text}: what this is along the screw depends on its lead; "
-                    "say --lead METRES, or give p (turns per metre) in --params"
+                    f"--unit {column}={text}: the conversion along the screw depends on "
+                    "its lead; use --lead METRES, or give p (turns per metre) in --params"
                 )
             per_metre = 2 * math.pi / lead
             self.factor *= per_metre if self.quantity == "torque" else 1.0 / per_metre

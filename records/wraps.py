@@ -37,5 +37,7 @@ def unwrapped(name: str, values: Vector, turn: float | None) -> tuple[Vector, li
         out = values.copy()
         out[known] -= period * np.concatenate([[0.0], np.cumsum(turns)])
         size = _COUNTERS.get(period, "a turn")
-        return out, [f"{name} jumps by {size} {int(far.sum())} times: it wraps and was unwrapped"]
+        return out, [
+            f"{name} jumps by {size} {int(far.sum())} times: it wraps around and was unwrapped"
+        ]
     return values, []

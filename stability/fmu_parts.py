@@ -166,7 +166,7 @@ def over_fmus(loop: Loop, exponents: bool) -> OverFmus:
     Raises
     ------
     UnsupportedComponent
-        If exponents are asked for, and there are no tangents of a part by name.
+        If exponents are requested, and a part of the catalogue has no tangents.
     FmuError, OSError
     """
     parts = {"plant": loop.plant, "controller": loop.controller}

@@ -50,8 +50,8 @@ def loop_lyapunov_over_fmus(
     if loop.plant.has_equations and loop.controller.has_equations:
         if held_loop_kernel(loop.plant.name, loop.controller.name).sample_time:
             raise NoExponents(
-                f"{loop.controller.own_name} is sampled, and no FMU has tangents of a sampled "
-                "part; use the equations, --via model"
+                f"{loop.controller.own_name} is sampled, and FMUs of sampled parts "
+                "have no tangents; use the equations, --via model"
             )
         known = loop_lyapunov(loop, watching=Watching(progress))
     try:
@@ -65,7 +65,7 @@ def loop_lyapunov_over_fmus(
                     known, spectrum=_spectrum(run), tighter=known.spectrum, method=method
                 )
             if progress:
-                progress(f"the FMUs over {stop:g} s, once more and finer")
+                progress(f"the FMUs over {stop:g} s, again with finer steps")
             return LyapunovRun(
                 list(run.states),
                 _spectrum(run),
@@ -73,7 +73,8 @@ def loop_lyapunov_over_fmus(
                 signal_motion(run, parts.nominal(loop.mapping), run.growth[:, 0]),
                 math.nan,
                 loop.title,
-                f"{method}; finite-time only: without equations nothing is known beyond {stop:g} s",
+                f"{method}; finite-time only: without equations the motion is not known beyond "
+                f"{stop:g} s",
             )
     except (TangentsImpossible, UnsupportedComponent) as error:
         raise NoExponents(str(error)) from error

@@ -56,7 +56,7 @@ def signal_motion(
     if run.diverged:
         return Attractor(Kind.DIVERGES, run.stopped, since=float(run.time[-1]))
     if run.stopped:
-        return Attractor(Kind.UNDECIDED, run.stopped, "a run that gets beyond that point")
+        return Attractor(Kind.UNDECIDED, run.stopped, "a run that continues beyond this point")
     names, table = list(run.outputs), np.column_stack(list(run.outputs.values()))
     least = LEAST * np.array([nominal[n] for n in names])
     scale = np.maximum(np.ptp(table, axis=0), least)
@@ -75,8 +75,9 @@ def signal_motion(
     if rests and earlier >= present > 0.0:
         return Attractor(
             Kind.UNDECIDED,
-            f"all outputs have stood still for {present:.4g} s, and they have before, for "
-            f"{earlier:.4g} s, and moved again",
+            f"all outputs have been constant for {present:.4g} s; before this they were constant "
+            "for "
+            f"{earlier:.4g} s and then moved again",
             "a longer run",
         )
     if rests:
@@ -87,7 +88,7 @@ def signal_motion(
     cycle = _cycle(run, names, table, widest)
     return cycle or Attractor(
         Kind.UNDECIDED,
-        "neither rest nor returns that close: over the last tenth of the run "
+        "no rest and no periodic returns: over the last tenth of the run "
         f"{names[widest]} moves by {last:.2g} of its range",
         "a longer run, or the equations (--via model)",
     )
@@ -115,7 +116,7 @@ def _rest(run: Signals, moves: str, growth: Vector | None) -> Attractor:
     if grown < -DECAYED:
         return Attractor(Kind.FIXED_POINT, f"{text}: no direction is neutral")
     if grown > 0.0:
-        return Attractor(Kind.UNDECIDED, f"{text}: a disturbance may leave", "a longer run")
+        return Attractor(Kind.UNDECIDED, f"{text}: a disturbance may grow", "a longer run")
     return Attractor(Kind.REST, text)
 
 

@@ -68,7 +68,8 @@ CAUSE = Cause(
             LOAD_STIFFNESS.name,
         ),
     ),
-    confirm="a sensor on the block beside the encoder: the two part when the force reverses",
+    confirm="a sensor on the block in addition to the encoder: their readings differ when the "
+    "force reverses",
     mistaken_for=("parameter_error", "backlash"),
     trial="presliding",
 )

@@ -116,7 +116,7 @@ CAUSE = Cause(
             _behind([_WINDOW / 2, _WINDOW**2 / 12]),
         ),
     ),
-    confirm="a step of the command with the current recorded: the current begins late",
+    confirm="record the current during a step of the command: the current starts late",
     mistaken_for=("unmodelled_inertia",),
     trial="2.10/1",
 )

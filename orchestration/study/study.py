@@ -63,8 +63,8 @@ def do_study(
     """
     if sys.flags.optimize > 1:
         raise BadPlan(
-            "the package cma, which tunes, needs docstrings; leave out -OO, or set "
-            "PYTHONOPTIMIZE to less than 2"
+            "the package cma, which is used for tuning, needs docstrings; remove "
+            "-OO, or set PYTHONOPTIMIZE to less than 2"
         )
     loops = loops_of(plan)
     parts = _parts(plan, loops, folder / PARTS)

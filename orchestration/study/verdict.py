@@ -22,7 +22,7 @@ def sentence(study: StudyResult) -> str:
     """
     judged = [a for a in study.answers if a.order]
     if not judged:
-        return "No controller came through any duty"
+        return "No controller completed any duty"
     firsts = [a.order[0] for a in judged]
     # the most duties; of two with as many the one that is named first in the study
     winner = max((e.name for e in study.plan.entrants), key=firsts.count)
@@ -30,7 +30,7 @@ def sentence(study: StudyResult) -> str:
     text = f"{winner} wins {len(won)} of {len(study.answers)} duties"
     shared = [a.duty for a in won if len(a.best) > 1]
     if shared:
-        text += f", {len(shared)} of them together with others that cannot be told from it"
+        text += f", {len(shared)} of them together with others that are not significantly different"
     lost = [a for a in study.answers if a not in won]
     if lost:
         text += f"; it does not win {_listed(_by_winner(lost))}"
@@ -42,7 +42,7 @@ def _by_winner(answers: Iterable[DutyAnswer]) -> list[str]:
     for a in answers:
         by.setdefault(a.order[0] if a.order else "", []).append(a.duty)
     return [
-        f"{_listed(duties)} ({name} does)" if name else f"{_listed(duties)} (nobody does)"
+        f"{_listed(duties)} ({name} does)" if name else f"{_listed(duties)} (no controller does)"
         for name, duties in by.items()
     ]
 
@@ -61,10 +61,10 @@ def weaknesses(study: StudyResult) -> list[str]:
         tried = len(study.tunings[name])
         found.append(
             f"tuning of {name} FAILED in {len(costs)} of {tried} tries: it ended at a cost of "
-            f"{max(costs):.3g}, and {least:.3g} was found with more budget or another seed"
+            f"{max(costs):.3g}, but {least:.3g} was found with more budget or another seed"
         )
     for name in untuned(study):
-        found.append(f"tuning of {name} found nothing better than its published values")
+        found.append(f"tuning of {name} found no better values than the published ones")
     changed = overtaken(study)
     for name in dict.fromkeys(n for names in changed.values() for n in names):
         duties = [d for d, names in changed.items() if name in names]

@@ -402,4 +402,4 @@ def test_a_body_that_turns_has_no_lead(tmp_path):
     given = ("--map", "angle=x", "--map", "torque=u", "--params", tmp_path / "joint.toml")
     code, _, said = run("diagnose", record, *given, "--lead", "0.005", "--out", tmp_path / "a")
     assert code == 2
-    assert "describes a body that turns without one; leave it out" in said
+    assert "describes a rotating body without one; remove --lead" in said

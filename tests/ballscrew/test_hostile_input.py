@@ -65,7 +65,7 @@ def folder(tmp_path, monkeypatch):
         ([*RUN, "--set", "plant.m=1", "--set", "plant.m=2"], "plant.m is given as 1 and as 2"),
         ([*RUN, "--set", "plant.voltage_limit=9", "--limit-voltage", "8"], "expected one of them"),
         ([*RUN, "--reference", "long.csv"], "values that are not finite"),
-        ([*RUN, "--reference", "twice.csv"], "the column 'x_d' is there twice"),
+        ([*RUN, "--reference", "twice.csv"], "the column 'x_d' occurs twice"),
         ([*RUN, "--reference", LONG], "cannot be read"),
         ([*RUN, "--plant", LONG], "neither one of plant"),
         ([*RUN, "--plant", f"{LONG}.fmu"], "File name too long"),

@@ -432,13 +432,13 @@ def test_the_next_experiments_command_file_stands_beside_the_diagnosis(tmp_path)
 def test_noise_is_told_in_words_with_its_units():
     said = text_of(report(found(), NO_LOOP))
     assert "balance of force, rms 0.1 N" in said
-    assert "balance of voltage as the force that it holds, rms 0.02 N" in said
+    assert "balance of voltage, converted to a force, rms 0.02 N" in said
 
 
 def test_before_and_after_stand_against_the_floor():
     said = text_of(report(found(), NO_LOOP))
     assert "prior model 1 N 10 2 µm 20" in said
-    assert "with everything that was found * 0.75 N 7.5 1 µm 10" in said
+    assert "with all causes found * 0.75 N 7.5 1 µm 10" in said
     assert "noise alone (floor) 0.1 N 1 0.1 µm 1" in said
 
 
@@ -475,7 +475,7 @@ def test_each_verdict_is_a_sentence(verdict, changes, words):
 def test_suspects_are_told_with_size_force_and_what_would_confirm_them():
     scale = SuspectFound(
         name="scale_of_u",
-        says="the recorded command has another scale",
+        says="the recorded command has a wrong scale",
         probability=0.75,
         parameters={"scale_of_u": 0.577},
         intervals={"scale_of_u": (0.57, 0.59)},
@@ -488,7 +488,7 @@ def test_suspects_are_told_with_size_force_and_what_would_confirm_them():
     changes = {"causes": (), "suspects": (scale, other)}
     said = text_of(report(found(verdict="unexplained", **changes), NO_LOOP))
     assert "It is one of scale of u or outside the catalogue." in said
-    assert "The command fits with a factor of 0.577: look at its unit." in said
+    assert "The command fits with a factor of 0.577: check its unit." in said
     for words in (
         "scale_of_u = 0.577",
         "0.57 to 0.59",
@@ -506,13 +506,13 @@ def test_suspects_are_told_with_size_force_and_what_would_confirm_them():
 def test_what_is_built_in_and_not_certain_is_no_name():
     said = text_of(report(found(verdict="unexplained", certain=False), NO_LOOP))
     assert "no cause is certain" in said
-    assert "The likeliest, backlash, is built in" in said
+    assert "The most probable one, backlash, is built in" in said
     assert "backlash explains" not in said
 
 
 def test_structure_without_a_name_has_its_shape_shown():
     page = report(found(verdict="partly", unnamed=("at reversals",), shape=np.ones(3000)), NO_LOOP)
-    assert "without a name" in page
+    assert "no known cause" in page
     assert '"meta": "shape"' in page
     assert '"meta": "shape"' not in report(found(), NO_LOOP)
 

@@ -87,7 +87,7 @@ def test_another_law_takes_what_it_knows_of_the_file(written):
         ("found = 3", r"found is 3, expected a table \[found\]"),
         ("[parameters]\nm = 1", r"older versions did; the table .* is called \[plant\]"),
         ('plant = "drive"', 'as in kind = "drive"'),
-        ("[tolerance]\nKv = 0.1", "Kv, which is never adjusted; leave it out"),
+        ("[tolerance]\nKv = 0.1", "Kv, which is never adjusted; remove it"),
         ("[tolerance]\nm = 3", "the tolerance of m is 3, expected a share of its value"),
         ('kind = "drive"\n[plant]\nR = 2', r"\[plant\] there is no 'R'"),
         ("m = = 3", "is no TOML file"),

@@ -129,7 +129,7 @@ def test_records_of_which_each_has_a_phase_of_its_own_are_asked_for_one_more():
     assert found.verdict == "unexplained"
     assert "torque_ripple" in {c.name for c in found.causes} | {s.name for s in found.suspects}
     asked = found.next_experiment
-    assert "these records cannot tell" in asked.says
+    assert "these records cannot distinguish" in asked.says
     assert np.abs(asked.motion.values).max() <= 0.012
 
 

@@ -94,7 +94,7 @@ def test_what_weakens_a_result_is_said(tuned):
         return replace(tuned, **changes)
 
     beyond = weak(motions=(replace(step, peak_command=1.1 * LIMIT), *others))
-    assert "the step asks for more than the limit" in beyond.weaknesses
+    assert "the step demands more than the limit" in beyond.weaknesses
     rough = weak(motions=(replace(step, converged=False), *others))
     assert "the run of the step is not converged" in rough.weaknesses
     assert not rough.trusted

@@ -204,7 +204,9 @@ def test_of_two_tables_with_the_columns_one_is_to_be_chosen(tmp_path):
         for t, x, u in zip(TIME, X, U, strict=True):
             sheet.append([float(t), size * float(x), float(u)])
     book.save(tmp_path / "a.xlsx")
-    words = "has 2 tables with these columns: first, second; choose one, as --map first/time=time"
+    words = (
+        "has 2 tables with these columns: first, second; choose one, such as --map first/time=time"
+    )
     with pytest.raises(BadRecord, match=words):
         read(tmp_path / "a.xlsx")
     record = read(tmp_path / "a.xlsx", {"second/time": "time"})
@@ -214,7 +216,10 @@ def test_of_two_tables_with_the_columns_one_is_to_be_chosen(tmp_path):
 @pytest.mark.parametrize(
     ("first", "words"),
     [
-        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an Excel workbook of before 2007; save it as .xlsx"),
+        (
+            b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1",
+            "an Excel workbook from before 2007; save it as .xlsx",
+        ),
         (b"TDSh\0\0", "the index of a TDMS file; give the .tdms file"),
         (b"SQLite format 3\0", "a database"),
         (b"ULog\x01\x12\x35\0", "a PX4 log"),

@@ -201,7 +201,7 @@ def test_slower_instruments_values_stay_where_they_were_when_samples_are_missing
     ("keep", "words"),
     [
         (np.r_[0:500, 550:2000], "a gap of 0.051 s after 0.499 s"),
-        (np.r_[0:500, 499:100:-1, 500:2000], "time goes backwards in row 502"),
+        (np.r_[0:500, 499:100:-1, 500:2000], "time decreases in row 502"),
         (np.repeat(np.arange(2000), 2), "its stamps are coarser than the sampling"),
         (np.flatnonzero(np.arange(2000) % 4 < 2), "uneven sampling"),
     ],
@@ -278,7 +278,7 @@ def test_a_column_of_another_name_without_a_unit_is_asked_for_it(tmp_path, unit)
     table[f"q [{unit}]" if unit else "q"] = table.pop("x")
     path = write(tmp_path / "a.csv", table)
     said = complaint(path, mapping={"q": "x"})
-    assert "tells no unit of 'q', which is x by --map; say --unit x= with one of m, cm, mm" in said
+    assert "gives no unit of 'q', which is x by --map; say --unit x= with one of m, cm, mm" in said
     assert read_force_records([path], {"q": "x"}, {"x": "m"})
 
 
@@ -302,10 +302,10 @@ def test_a_mapped_column_that_is_not_there_is_named(tmp_path):
         ("short", "too short: 5 samples"),
         ("constant position", "x is constant"),
         ("constant force", "force is constant"),
-        ("backwards", "time goes backwards in row 52"),
+        ("backwards", "time decreases in row 52"),
         ("slow column", "lower rate"),
-        ("text", "'abc' is no number"),
-        ("twice", "is there twice"),
+        ("text", "'abc' is not a number"),
+        ("twice", "occurs twice"),
         ("empty", "is empty"),
         ("ragged", "row 3: 2 cells, expected 3"),
     ],

@@ -50,7 +50,7 @@ def test_stamps_with_decimal_commas_and_columns_without_a_name(tmp_path):
 
 def test_days_and_months_that_may_be_either_are_refused(tmp_path):
     stamps = ["3/4/2024 23:59", "3/4/2024 23:59", "4/4/2024 00:00", "4/4/2024 00:01"]
-    with pytest.raises(BadRecord, match=r"'3/4/2024 23:59' may be of two days; write dates as"):
+    with pytest.raises(BadRecord, match=r"'3/4/2024 23:59' may be from two days; write dates as"):
         read(tmp_path, stamps)
 
 

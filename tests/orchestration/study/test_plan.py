@@ -76,7 +76,7 @@ def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
         ("move:distance=0.01", "move:speed=-1", "speed of a move is -1"),
         ("tune = true", "tune = false", "no duty to tune on"),
         ("step:size=-1e-3", "move:distance=0.01", "judged by a motion that is tuned on"),
-        ('name = "b"', 'name = "a"', "two duties have one name"),
+        ('name = "b"', 'name = "a"', "two duties have the same name"),
         ("stop = 1.0", "stop = 0", "stop is 0 s"),
         ("[controllers.pid]", "[controler.pid]", "has no .controllers.NAME."),
         ("stop = 1.0", "stop = 1.0 s", "is no TOML"),
@@ -114,7 +114,7 @@ def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
         ('"Fc", "Fs"', '"Fc", "Fc"', "expected a list of names"),
         ("stop = 1.0", "stop = 1.0\nplant = 3", "duty b: plant is 3, expected a table"),
         ("stop = 1.0", "stop = 1.0\nplant = {m = nan}", "duty b: plant: m is nan, expected a fin"),
-        ("move:distance=0.01", "step:size=0", "does not move, and gives nothing to tune on"),
+        ("move:distance=0.01", "step:size=0", "has no motion and cannot be used for tuning"),
     ],
 )
 def test_bad_studies_are_refused_in_one_line(tmp_path, old, new, message):
