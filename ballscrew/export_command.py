@@ -134,7 +134,7 @@ def export(options: argparse.Namespace) -> int:
     if options.variational and options.ssp:
         raise BadRequest("--variational and --ssp: expected one of them")
     if options.tangents is not None and not options.variational:
-        raise BadRequest("--tangents makes no sense without --variational")
+        raise BadRequest("--tangents needs --variational")
     for other in ("native", "ssp", "variational"):
         if options.modelica and getattr(options, other):
             raise BadRequest(f"--modelica and --{other}: expected one of them")
@@ -186,7 +186,7 @@ def _read_native(options: argparse.Namespace) -> list[str] | None:
 
     for option in ("fmi", "platforms"):
         if getattr(options, option) is not None and not options.native:
-            raise BadRequest(f"--{option} makes no sense without --native")
+            raise BadRequest(f"--{option} needs --native")
     if options.fmi not in (None, "2", "3"):
         raise BadRequest(f"--fmi is {options.fmi!r}, expected one of 2, 3")
     platforms = None if options.platforms is None else options.platforms.split(",")

@@ -31,7 +31,7 @@ class Export:
     def write(self, part: str, path: Path, folder: Path) -> tuple[NativeFmu, Kernel]:
         """Write a part, its loop or, with the suffix `SYSTEM`, a system; one plant per folder.
 
-        For a system, the progress is that of its controller's FMU.
+        For a system, this is the progress of its controller's FMU.
         """
         from .fmus.catalogue import in_units_of, name_of
         from .instruments import without_units

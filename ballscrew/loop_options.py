@@ -230,8 +230,8 @@ def read_system_loop(options: argparse.Namespace) -> SystemLoop:
     for name in ("plant", "map", "params", "limit_voltage", "limit_current"):
         if getattr(options, name):
             raise BadRequest(
-                f"--{name.replace('_', '-')} makes no sense with --system, whose file says what is "
-                "connected; use --set ELEMENT.VARIABLE=VALUE"
+                f"--{name.replace('_', '-')} cannot be used with --system, whose file "
+                "defines the connections; use --set ELEMENT.VARIABLE=VALUE"
             )
     stop = None if options.stop is None else read_length("--stop", options.stop)
     how = read_coupling_options(options, stop)

@@ -82,7 +82,7 @@ def feed_forward_parameters() -> tuple[Parameter, ...]:
             _nominal("Vs"),
             "m/s",
             "desired speed at which the feed-forward of friction is 0.71 of Kfff",
-            "the Stribeck velocity Vs: below, friction is that of bristles",
+            "the Stribeck velocity Vs: below this speed the bristles determine friction",
             minimum=1e-9,
         ),
     )
@@ -99,8 +99,8 @@ def with_feed_forward(law: Component) -> Component:
     Returns
     -------
     Component
-        With the inputs v_d and a_d, and the parameters of `feed_forward_parameters` but for a
-        linearizing law.
+        With the inputs v_d and a_d, and the parameters of `feed_forward_parameters`, except
+        for a linearizing law.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Cascade of a position P and a velocity PI with feed-forward: the usual controller in drives.
 
 The velocity loop is tuned by the SIMC rule for a lag with a delay (S. Skogestad, Journal of Process
-Control 13, 291 (2003)): it becomes a lag of the time `VELOCITY_TIME`. The position gain is that of
-critical damping of this lag behind an integrator, ``1/(4 VELOCITY_TIME)``. The feed-forward inverts
+Control 13, 291 (2003)): it becomes a lag of the time `VELOCITY_TIME`. The position gain gives
+critical damping of this lag with an integrator, ``1/(4 VELOCITY_TIME)``. The feed-forward inverts
 the axis without Coulomb friction: at the velocity ``v_d`` and the acceleration ``a_d`` it needs
 ``v_d/b + (m R + sigma2 L)/(2 pi p kt) a_d`` volts, plus a neglected ``L m/(2 pi p kt)`` per unit of
 jerk.

@@ -86,7 +86,7 @@ def _taken(looked: Scored, members: Sequence[Likely], study: Study, name: str) -
 
 
 def _repeats(found: Explained) -> bool:
-    """Whether more is left on data held out than laps of one motion differ by."""
+    """Whether the residual on held-out data is larger than the differences between laps."""
     if not laps_of(found.study.courses):
         return False
     left = residual(*built(found.study, found.forms, found.fit.amplitude[0]))

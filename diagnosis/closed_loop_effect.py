@@ -105,7 +105,7 @@ def closed_loop_effect(prior_model: Component, extended: Component) -> ClosedLoo
     Raises
     ------
     NoClosedLoop
-        If a plant does not go with the controller, or the solver gets no further.
+        If a plant does not fit the controller, or the solver cannot continue.
     """
     time = np.linspace(0.0, STOP, round(STOP / STEP) + 1)
     try:

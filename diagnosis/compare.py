@@ -297,7 +297,7 @@ def _end_to_end(courses: Sequence[ModelledRecord]) -> Vector:
 
 
 def _models(file: ParameterFile, told: Diagnosed) -> dict[str, Drive]:
-    """The three models, by name; causes that are forces stand beside the corrected one."""
+    """The three models, by name; forces of causes are added to the corrected one."""
 
     def model(where: str, values: Mapping[str, Value]) -> Drive:
         missing = [n for n in told.prior if n not in values]

@@ -94,7 +94,7 @@ def _largest(errors: dict[str, Vector]) -> float:
 
 
 def _broken(values: Vector, starts: npt.NDArray[np.bool_]) -> Vector:
-    """The line with a gap before each second, where the prediction begins anew."""
+    """The line with a gap before each second, where the prediction starts again."""
     return np.where(np.append(starts[1:], False), np.nan, values)
 
 

@@ -75,8 +75,8 @@ def diagnose(
     lead : float, optional
         Way of the screw per turn [m], where the parameter file has no `p`.
     take : str, optional
-        A cause of the catalogue to be built in, whatever the data say for it; what it gains on
-        data held out is measured as of any other.
+        A cause of the catalogue to include in the model in any case; its gain on held-out
+        data is measured like that of any other.
 
     Raises
     ------

@@ -46,7 +46,7 @@ def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bo
     gain_interval : tuple of float
         95 % interval of the share of the mean square in force that is removed.
     before, after : Level
-        The residual on those data without and with what was found.
+        The residual on those data without and with the causes found.
     """
     return gain_interval[0] > 0.0 and after.position <= before.position
 

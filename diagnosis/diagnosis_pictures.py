@@ -1,7 +1,7 @@
 """Pictures of a diagnosis: for its page, drawn so that a browser can zoom them, and for papers.
 
 In the page a picture is a frame with ticks around a drawing of 1000 by 1000 units, whose view is
-what zooming changes; lines keep their width, and the ticks are drawn anew.
+what zooming changes; lines keep their width, and the ticks are drawn again.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ from ..solver.component import Component, symbol
 Vector = npt.NDArray[np.float64]
 
 TOLERANCE = 0.03
-"""Relative tolerance of a value of which nothing is said."""
+"""Relative tolerance of a value without a given tolerance."""
 BEND = ("dF_low", "V_mismatch")  # of friction at low speed, N and m/s; see stribeck_mismatch
 _PLANTS = {BALL_SCREW: bare_ball_screw, DRIVE: bare_direct_drive}
 _NEVER_ADJUSTED = ("L", "p", "Kv", "offset")

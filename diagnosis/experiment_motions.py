@@ -51,7 +51,8 @@ class Motion:
     amplitude : float
         Half of what is between the smallest and the largest value.
     speeds : tuple of float
-        Largest speeds of going over the travel and of swinging, both ways [m/s].
+        Largest speeds of the motion over the travel and of the oscillation, in both directions
+        [m/s].
     record : tuple of str
         Columns, with our names.
     sampling : float
@@ -104,7 +105,7 @@ class Motion:
 
 
 def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
-    """Over the travel and, swinging, to and fro at all places.
+    """Over the travel, with an oscillation at all positions.
 
     Parameters
     ----------

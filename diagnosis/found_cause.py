@@ -56,7 +56,7 @@ def suspect_found(found: Explained, member: Likely, friction: float) -> SuspectF
 
 
 def found_cause(found: Explained, held: HeldOut, member: Likely, friction: float) -> FoundCause:
-    """What is built in, and what it gains on data held out."""
+    """An included cause, and its gain on held-out data."""
     before = held.without[member.name]
     gain, interval = held.gain(before, held.all)
     return FoundCause(
@@ -71,7 +71,7 @@ def found_cause(found: Explained, held: HeldOut, member: Likely, friction: float
 
 
 def _as_fitted(found: Explained, member: Likely) -> Likely:
-    """The member with the amplitudes that it has beside all that is named."""
+    """The member with its amplitudes when all named causes are included."""
     suspect, forms = member.suspect, found.forms
     assert suspect is not None
     form = suspect.form

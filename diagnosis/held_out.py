@@ -34,7 +34,7 @@ class HeldOut:
     squares : Blocks
         From which intervals are drawn: seconds, or eighths of short records.
     prior, none, all : Residual
-        Of the prior model, with values fitted, and with all that is named.
+        Of the prior model, with values fitted, and with all named causes.
     without, alone : dict of str to Residual
         With all names but one, and with one only.
     """

@@ -134,7 +134,7 @@ def of_friction(share: float) -> str:
 
 
 def does_not_hold(diagnosis: Diagnosis) -> bool:
-    """Whether, on data held out, what was found may be worse than the model without it."""
+    """Whether the corrected model may be worse on held-out data than the model without it."""
     found = bool(diagnosis.causes or diagnosis.unnamed)
     levels = diagnosis.adjusted_residual, diagnosis.final_residual
     return found and not holds(diagnosis.gain_interval, *levels)

@@ -118,7 +118,7 @@ def _telling(course: ModelledRecord, model: Drive) -> Vector:
 
 
 def floor(courses: Sequence[ModelledRecord], model: Drive) -> Residual:
-    """What rounding and noise of the instruments leave by themselves: what reading anew changes.
+    """What rounding and noise of the instruments leave alone: the change by a repeated reading.
 
     The law's error along a motion that is not known better, see `force_variance`, is not in it.
     """
@@ -157,7 +157,7 @@ def at_samples(course: ModelledRecord, values: Vector) -> Vector:
 def _ahead(model: Drive, force: Vector, course: ModelledRecord) -> Vector:
     """Error of the position that comes of not knowing a force, from nothing at every second.
 
-    Where the drive rests, friction holds whatever acts, and no error grows. `compare` tells what
+    At rest, friction balances all forces, and no error grows. `compare` tells what
     the model itself does there.
     """
     step = course.step

@@ -130,13 +130,13 @@ def probabilities(
 
 
 def likely(scored: Scored, something: bool = False) -> tuple[list[Likely], bool]:
-    """The set, the likeliest first, and whether there is something at all.
+    """The set, the most probable first, and whether there is an error at all.
 
     `something` is what is known of that already.
 
     The first is certain where it is so likely that of calibration records 2 % at most got a wrong
-    name (conformal risk control; A. Angelopoulos and others, 2022). That there is something is said
-    where nothing is less likely than of all but 3 % of faultless records.
+    name (conformal risk control; A. Angelopoulos and others, 2022). An error is reported if its
+    absence is less probable than for 97 % of faultless records.
     """
     table = _table()
     least = table["thresholds"]

@@ -100,7 +100,7 @@ class Study:
         return np.append(values, ends)
 
     def at_ends(self, amplitude: Vector) -> list[str]:
-        """Those of `values` that a fit leaves at the end of what they can be."""
+        """Those of `values` that are at their limit after a fit."""
         mean, spread = self.prior()
         off = np.abs(amplitude[: len(mean)] - mean)
         return [

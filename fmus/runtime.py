@@ -262,7 +262,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             self._log_failure()
             return False
         if not step_size > 0.0 or not math.isfinite(current_time + step_size):
-            self._fail(f"a step from t = {current_time} s by {step_size} s makes no sense")
+            self._fail(f"a step from t = {current_time} s by {step_size} s is invalid")
             return False
         at = self.layout
         self._take_frame()

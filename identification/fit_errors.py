@@ -264,7 +264,7 @@ def intervals_of(
 def profile_bounds(
     climb: Climb, fit: Fit, j: int, stretch: float
 ) -> tuple[float | None, float | None]:
-    """Where twice the loss of log-likelihood, all else fitted anew, first exceeds `stretch`."""
+    """Where twice the loss of log-likelihood, all else fitted again, first exceeds `stretch`."""
     centre = float(fit.coordinates[j])
     bounds: list[float | None] = []
     for sign in (-1.0, 1.0):

@@ -334,7 +334,7 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
 
 
 def _fall_unseen(course: StackedRecords, speed: Vector, way: str, scale: float) -> str:
-    """The reason why `Vs`, near `scale` [m/s], is not told."""
+    """The reason why `Vs`, near `scale` [m/s], is not identified."""
     begin = course.x[course.starts[:-1]][course.of_record()]
     sliding = (np.abs(course.x - begin) > 1e-4) & (speed > 0)
     if not np.any(sliding):

@@ -112,8 +112,8 @@ class Identification:
     def parameter_file(self) -> ParameterFile:
         """The law's values with their intervals; of `told`, what these records do not tell.
 
-        What is not identified has no value, unless `told` has one, and stands in a table with
-        the reason.
+        A parameter that is not identified has no value, unless `told` has one, and is in a
+        table with the reason.
         """
         given = self.told or ParameterFile()
         names = ", ".join(r.name for r in self.records)

@@ -72,8 +72,8 @@ class LeftOver:
 def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
     """What a law leaves of the force of the records, by parts of the motion.
 
-    A sample counts by how well it is known: its variance is that of the noise, of what may happen
-    between samples, and of how well the motion is rebuilt.
+    A sample counts by how well it is known: its variance has parts from the noise, from the motion
+    between samples, and from the reconstruction of the motion.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """The amplifier between controller and motor: voltage and current limits.
 
-The current limit is that of a servo amplifier with a fast inner loop: near the limit it lowers the
-voltage so that the current approaches the limit with the time constant ``current_limit_time`` and
-never exceeds it if the supply voltage is sufficient.
+The current limit is modelled as in a servo amplifier with a fast inner loop: near the limit it
+lowers the voltage so that the current approaches the limit with the time constant
+``current_limit_time`` and never exceeds it if the supply voltage is sufficient.
 """
 
 from __future__ import annotations

@@ -103,8 +103,8 @@ class Group:
     They are stepped one after the other, each with the newest values of those before it: in the
     order of the signals, and in every other step the other way round. Values that are held are too
     early for a member in one of the two steps and too late in the other, so that the first order of
-    that error goes. What answers at once, or samples, comes before what it feeds both ways: it
-    may jump at the start of a step. Outputs are named ``member.port``.
+    that error goes. A part with direct feedthrough or with samples is before the parts that it
+    feeds in both orders: it may jump at the start of a step. Outputs are named ``member.port``.
 
     Parameters
     ----------

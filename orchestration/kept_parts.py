@@ -1,7 +1,7 @@
 """What is done of long work, a file for each task, kept in a folder until all of it is done.
 
-Each file carries the digest of what it is a part of: another work in the same folder never takes
-it, whatever was killed, or went on at once with another, before.
+Each file carries the digest of what it is a part of: another work in the same folder never
+uses it, even after interrupted or parallel runs.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class KeptParts:
         self.digest = digest
 
     def claim(self, work: str, resume: bool, refused: type[ValueError]) -> None:
-        """Refuse a folder that holds other parts than is said.
+        """Reject a folder that contains other parts than the given ones.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """What a machine lets a controller do: motions that fit it, and gains that fit it.
 
 All is read off the plant's own equations, linearized about sliding at a constant speed. The ranges
-in which gains are tuned stand in the laws' files for the nominal axis. Another machine gets those
+of tuned gains are in the laws' files, for the nominal axis. Another machine gets those
 that do the same there: a gain in volts per metre is multiplied by how much more command the machine
 needs for a metre at the same frequency.
 """
@@ -178,7 +178,7 @@ def limit_of(plant: Part, values: Mapping[str, float], asked: float | None) -> f
     Raises
     ------
     BadParameter
-        If nobody says it.
+        If it is not given.
     """
     given = values.get(LIMIT, UNLIMITED) if asked is None else asked
     if not given > 0:

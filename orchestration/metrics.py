@@ -52,7 +52,7 @@ class Metrics:
 
 
 def units_of_figures(units: Mapping[str, str]) -> dict[str, str]:
-    """The unit of each figure of a run, from those of its signals, or the axis' where none is said.
+    """The unit of each figure of a run, from its signals, or those of the axis if not given.
 
     Parameters
     ----------

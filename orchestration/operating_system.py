@@ -100,7 +100,7 @@ def lock_if_left(folder: Path) -> int:
 
 
 def can_supervise() -> bool:
-    """Whether the command can run in a child process that is ended at once, whatever it does."""
+    """Whether the command can run in a child process that can always be ended at once."""
     return sys.platform.startswith("linux")
 
 
@@ -347,7 +347,7 @@ def host_connection(descriptors: list[int]) -> socket.socket:
 
 
 def end_host(process: Popen[bytes]) -> None:
-    """End a process of `start_host`, with whatever it may have started itself."""
+    """End a process of `start_host`, and its child processes."""
     import subprocess
 
     if process.poll() is None:

@@ -34,7 +34,7 @@ TURNS = "rotating body: here N means N*m, m means rad, and kg means kg*m^2"
 
 
 class BadParameters(ValueError):
-    """The parameter file makes no sense; the message says where, why and what to do."""
+    """The parameter file is invalid; the message says where, why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -316,7 +316,7 @@ def list_used(
     values : mapping of str to float
         Those that were given.
     told : mapping of str to Value
-        What a parameter file said; whatever still has its value keeps its interval and source.
+        Values of a parameter file; those that are not changed keep their interval and source.
     source : str
         Of values that no file told.
     """

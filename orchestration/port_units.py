@@ -1,7 +1,7 @@
 """Units between a plant and a controller: one conversion for each port of the controller.
 
 What both sides declare by base units is converted; what both declare and cannot be converted is
-refused; where one side declares nothing, values pass as they are. The law's gains and rates, and
+rejected; if one side declares nothing, values are not converted. The law's gains and rates, and
 tangents, follow from the conversions of the signals and commands that they belong to.
 """
 

@@ -132,7 +132,7 @@ def _settle(folder: Path) -> list[str]:
 
 
 def _make_way(folder: Path, name: str, ours: set[str]) -> list[str]:
-    """Rename what stands in a result's place, or in that of its folders, and is not ours."""
+    """Rename foreign files that have the name of a result or of its folders."""
     moved = []
     for place in (*Path(name).parents, Path(name)):
         there = folder / place

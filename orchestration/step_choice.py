@@ -177,8 +177,8 @@ def _first_near(
         worst = max(shares, key=lambda name: shares[name])
         if shares[worst] <= ACCURACY and not _jumps(run):
             text = (
-                f"runs with steps down to {step:g} s converge; the largest "
-                f"estimated error is that of {worst} by {estimate[worst]:.2g}, "
+                f"runs with steps down to {step:g} s converge; the "
+                f"largest estimated error is in {worst} by {estimate[worst]:.2g}, "
                 f"{100 * shares[worst]:.2g} % of its range"
             )
             verdict = Verdict(True, text, "", estimate, run.verdict.contraction)

@@ -51,7 +51,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
     Raises
     ------
     BadSystem, FmuError, CouplingError, WiringError, BadParameter
-        If the file or what is asked makes no sense; the message says why.
+        If the file or the request is invalid; the message says why.
     StepFailed
         If a part refuses its initial values.
     """

@@ -76,7 +76,7 @@ class Gain:
     ----------
     name : str
     value, start : float
-        What was found, and from where the search began.
+        The value found, and the start of the search.
     unit : str
     low, high : float
         The range that was searched.

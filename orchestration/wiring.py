@@ -116,7 +116,8 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     ------
     WiringError
         If every command of the plant or every measurement of the controller stays unmatched, a
-        name of the mapping is no port, two ports would have one name, or the set-point is not told.
+        name of the mapping is no port, two ports would have one name, or the set-point is not
+        given.
     """
     mapping = dict(mapping or {})
     _check_mapping(plant, controller, mapping)

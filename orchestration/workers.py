@@ -28,7 +28,7 @@ class WorkersLost(RuntimeError):
 
 
 class Workers(Protocol):
-    """Computes many tasks, in whatever order they finish."""
+    """Computes many tasks, in the order in which they finish."""
 
     def map(
         self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
@@ -220,7 +220,7 @@ def _listens(address: str, timeout: float) -> None:
 
 
 async def _identity(address: str) -> Any:
-    """What a server of Dask says of itself; raises whatever another program's answer leads to."""
+    """Information from a Dask server; raises any exception caused by another program's answer."""
     from distributed import rpc
     from distributed.security import Security
 

@@ -99,7 +99,7 @@ def bare_direct_drive(
 def with_command_limit(plant: Component) -> Component:
     """The plant with its command limited to ``voltage_limit``; without a limit, the same.
 
-    The parameter is that of the amplifier, so that the limit has one name for every plant.
+    The parameter has the name of the amplifier's limit, so that all plants have the same name.
     """
     u, limit = symbol("u"), symbol("voltage_limit")
     (parameter,) = (p for p in AMPLIFIER if p.name == limit.name)

@@ -51,7 +51,7 @@ class Table:
     units : dict of str to str
         What the file says of its columns' units, in its own words.
     lines : ndarray of int, shape (n,), or None
-        Where the rows stand in a text file, from 1 on.
+        Line numbers of the rows in a text file, starting at 1.
     group : str
         What the file calls this table, where it has several.
     numbers : dict of str to str
@@ -280,7 +280,7 @@ def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
 
 
 def _said(numbered: Sequence[tuple[int, str]]) -> dict[str, list[str]]:
-    """Lines of a name and what is said of it."""
+    """Lines of a name and its text."""
     cells = [re.split(r"[\t;]|,(?=\D)", text.strip()) for _, text in numbered]
     return {first: rest for first, *rest in cells if first}
 

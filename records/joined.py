@@ -18,7 +18,7 @@ Vector = npt.NDArray[np.float64]
 def joined(
     path: Path, parts: Mapping[str, Table], times: Mapping[str, Table], needed: Collection[str]
 ) -> Table:
-    """One table of columns that stand in several.
+    """One table from columns of several tables.
 
     Its stamps are those of the slowest table of which a column is needed: nothing is made up
     between samples. Other columns are linear between theirs; what is slower and not needed stays
@@ -100,7 +100,7 @@ def joined(
 
 
 def _step(time: Table, first: Collection[str], parts: Mapping[str, Table]) -> float:
-    """Sampling interval of a table that a needed column stands in; else less than any."""
+    """Sampling interval of a table with a needed column; else less than any."""
     if time.group not in {parts[n].group for n in first}:
         return -1.0
     stamps = time.columns["time"]

@@ -37,7 +37,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "force_ref": (FORCE, "torque"),
     "temperature": ("temperature",),
 }
-"""What each column may measure; the first is meant where nothing is said."""
+"""What each column may measure; the first is used if nothing is given."""
 
 
 @dataclass(frozen=True)

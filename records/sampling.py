@@ -134,7 +134,7 @@ def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[
 def _instants(time: Vector, step: float) -> npt.NDArray[np.int64]:
     """Numbers of the even instants that jittering stamps belong to, shape (n,).
 
-    Each stamp is told from where those before it were on average, so that jitter does not add up.
+    Each time stamp is estimated from the mean of the previous ones, so that jitter does not add up.
     """
     numbers = np.zeros(len(time), dtype=int)
     begun = time[:_BEGINNING]

@@ -232,7 +232,7 @@ def in_si(
 ) -> tuple[dict[str, Vector], dict[str, str], list[str]]:
     """A table's columns in SI units of a linear motion, what each measures, and notes.
 
-    Positions, and times, that begin anew after a turn or the counter's range go on.
+    Positions, and times, that restart after a turn or the counter's range are made continuous.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ UNITS = {
 ROTARY = {"angle": "length", "angular velocity": "velocity", "torque": "force"}
 """What a screw makes of the quantities of a rotation."""
 NO_UNIT = ("", "-", "1")
-"""What stands for no unit, or for one that nobody says."""
+"""Words for no unit, or for an unknown one."""
 _SPELLINGS = {
     "sec": "s",
     "m/s2": "m/s^2",
@@ -118,7 +118,7 @@ class Conversion:
         quantities : sequence of str
             What the column may measure.
         lead : float or None
-            Of the screw [m]; None where nobody told.
+            Of the screw [m]; None if not given.
 
         Raises
         ------

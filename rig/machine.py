@@ -105,7 +105,7 @@ class Machine:
         return {f"{PLANT}.{p.name}": p for p in plant} | {f"{TRIAL}.{p.name}": p for p in sizes}
 
     def unit(self, unit: str) -> str:
-        """What stands in this machine for a unit of the thesis' axis."""
+        """Unit of this machine that corresponds to a unit of the thesis' axis."""
         return unit_in(unit, self.words)
 
     @property
@@ -161,7 +161,7 @@ class Machine:
 
     @property
     def noise(self) -> Noise:
-        """Of its instruments, where nothing else is said."""
+        """Of its instruments, by default."""
         return Noise(load_cell=Noise.load_cell * self.sizes["force"] / BREAK_AWAY)
 
     @property

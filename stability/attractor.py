@@ -260,7 +260,7 @@ def _one_way(passes: Returns) -> bool:
     """Whether what differs most between the returns grows or falls from each to the next.
 
     So does a swing on its way to or from a cycle or rest, however slowly. On a torus or in chaos it
-    goes both ways, so that no exponents over a finite time are needed to tell the two apart.
+    goes in both directions, so that finite-time exponents are not needed to distinguish the two.
     """
     size = passes.high - passes.low
     size[size == 0.0] = np.inf
@@ -375,7 +375,7 @@ def _rest(
 
 
 def _listed(texts: list[str]) -> str:
-    """All of them, but for those of the nodes along delays, which are many."""
+    """All of them, except those of the nodes along delays, which are many."""
     rest = len(texts) - LISTED
     return ", ".join(texts[:LISTED]) + (f" and {rest} more" if rest > 0 else "")
 

@@ -1,4 +1,4 @@
-"""One cell of a map: a loop with these parameters is run, and what becomes of it is told."""
+"""One cell of a map: run a loop with these parameters, and classify its long-term motion."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def model_at(
 
 @dataclass(frozen=True)
 class Cell:
-    """What becomes of one loop.
+    """Long-term motion of one loop.
 
     Attributes
     ----------

@@ -161,7 +161,7 @@ def _has_tangents(part: Part) -> bool:
 
 
 def over_fmus(loop: Loop, exponents: bool) -> OverFmus:
-    """A map's `OverFmus`, with the digests of the FMUs as they are now.
+    """A map's `OverFmus`, with the digests of the present FMUs.
 
     Raises
     ------

@@ -255,13 +255,13 @@ def lyapunov(
         When its time is used up, the exponents are those of the time that was reached, and the
         verdict is drawn from the motion alone, as in maps, for which half as much time is given.
     average : Maker, optional
-        Of a quantized model: its dithered average. The exponents are the average's. What the motion
-        becomes, and what it does to finite perturbations, is that of the exact staircase.
+        Of a quantized model: its dithered average. The exponents are the average's. The long-term
+        motion, and the effect of finite perturbations, are computed with the exact quantizers.
 
     Raises
     ------
     ValueError
-        For a time or tolerance that makes no sense.
+        For an invalid time or tolerance.
     """
     if not (stop > 0.0 and math.isfinite(stop)):
         raise ValueError(f"the stop time is {stop} s, expected more than 0")

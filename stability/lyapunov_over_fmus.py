@@ -28,7 +28,7 @@ def loop_lyapunov_over_fmus(
     """Exponents of a closed loop from its FMUs and their master.
 
     Of two parts of the catalogue the errors of the exponents are their distances to those of one
-    solver, and the verdict is that of the equations, which follow the motion far beyond `stop`.
+    solver, and the verdict comes from the equations, whose motion is computed far beyond `stop`.
     Of a loop with a file there are no equations: the errors are what a finer run moves, the
     verdict is what the signals tell until its end, and no limits are known.
 

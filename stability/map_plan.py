@@ -31,7 +31,7 @@ SETPOINT, DESIGN = "setpoint", "design"
 
 
 class BadMap(ValueError):
-    """A map that makes no sense; the message says what was got and what was expected."""
+    """An invalid map; the message says what was got and what was expected."""
 
 
 @lru_cache(maxsize=8)

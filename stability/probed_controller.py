@@ -134,7 +134,7 @@ class ProbedController:
         Returns
         -------
         two ndarrays, shapes (n,) and (number of signals that add anything,)
-            Volts, or whatever the command is, per unit of the signal; shares that are left after
+            Volts, or the unit of the command, per unit of the signal; shares that are left after
             one more step.
         """
         state = self.instance.save()

@@ -40,10 +40,10 @@ def signal_motion(
 ) -> Attractor:
     """What the motion of a coupled run becomes.
 
-    Rest and cycles are told from the last three tenths of the run, nothing beyond. Whether rest is
+    Rest and cycles are judged from the last three tenths of the run only. Whether rest is
     one of a line of equilibria shows in the first tangent alone: at rest it neither grows nor falls
-    where a direction is neutral. What stood still before for as long, and moved again, is not at
-    rest: a mass that sticks until its force swings back.
+    where a direction is neutral. If it stopped before for as long and moved again, it is not
+    at rest: a mass that sticks until its force swings back.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def signal_motion(
 
 
 def _stands(time: Vector, rows: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """How long outputs stand still at the end, and at most before, but for the begin [s]."""
+    """Duration of rest of the outputs at the end, and the longest before, without the start [s]."""
     still = np.concatenate([[False], np.abs(np.diff(rows, axis=0)).max(axis=1) <= STILL, [False]])
     ends = np.flatnonzero(np.diff(still.astype(np.int8)))
     begins, ends = ends[::2], ends[1::2]

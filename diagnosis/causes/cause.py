@@ -85,7 +85,7 @@ def of_command(courses: Courses, shape: Shape, amplitudes: Vector) -> float:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """One way in which machines have a cause, told from others by the names of its values.
+    """One form of a cause, distinguished from other forms by the names of its values.
 
     Attributes
     ----------
@@ -251,7 +251,7 @@ def voltage(
     Parameters
     ----------
     changed : mapping of Symbol to expression
-        What stands in the winding's balance in place of ``u`` or ``R``.
+        Expressions that replace ``u`` or ``R`` in the winding's balance.
     parameters : tuple of Parameter
         The first is its amplitude. A plant that has them all has such an equation already.
     sure : float, optional

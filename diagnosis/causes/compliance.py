@@ -31,7 +31,7 @@ def _grid(courses: Courses, model: Drive) -> list[Values]:
 def _load_grid(courses: Courses, model: Drive) -> list[Values]:
     """Stiffnesses at which the load swings within what the samples show, half octaves.
 
-    None where nobody told which part of the mass is the load.
+    None if it is not known which part of the mass is the load.
     """
     if not model.values.get("Jm"):
         return []

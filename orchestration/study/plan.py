@@ -94,7 +94,7 @@ class Tuning:
     plants : int
         Drawn plants on which each candidate runs, beside the nominal one.
     seeds : int
-        Times that each is tuned anew, so that the luck of a tuning is known.
+        Number of repeated tunings of each, so that the scatter of a tuning is known.
     limits : dict of str to float
         Largest values of figures, see `Figures`, which a tuned controller is to keep.
     """

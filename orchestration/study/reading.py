@@ -10,7 +10,7 @@ from ...solver.nearest import nearest
 
 
 class BadPlan(ValueError):
-    """A study file that makes no sense; the message says what was got and what was expected."""
+    """An invalid study file; the message says what was got and what was expected."""
 
 
 def as_table(where: str, given: Any) -> dict[str, Any]:

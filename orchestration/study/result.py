@@ -64,7 +64,7 @@ class DutyAnswer:
     order : tuple of str
         Controllers by their geometric mean error, the best first; those that failed are left out.
     best : tuple of str
-        The first, and all that cannot be told from it.
+        The first, and all that are not significantly different from it.
     failed : dict of str to int
         Failed runs by controller.
     """

@@ -67,7 +67,7 @@ def limit_of(plan: Plan, kernel: Kernel) -> float:
 
 
 def check_controller(entrant: Entrant, kernel: Kernel) -> None:
-    """Make sure that all that is set or tuned is there, and stays in its range.
+    """Check that all parameters that are set or tuned exist and stay in their range.
 
     Raises
     ------

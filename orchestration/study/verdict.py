@@ -17,8 +17,8 @@ FAR = 2.0  # times the least cost that is known of a controller: a tuning that e
 def sentence(study: StudyResult) -> str:
     """Who wins how many duties, and where it does not.
 
-    A duty is won by the controller with the smallest error, also where others cannot be told from
-    it; how often that is so is said.
+    A duty is won by the controller with the smallest error, also if others are not significantly
+    different; the number of such duties is given.
     """
     judged = [a for a in study.answers if a.order]
     if not judged:
@@ -103,8 +103,8 @@ def gain(study: StudyResult, name: str) -> float:
 def overtaken(study: StudyResult) -> dict[str, tuple[str, ...]]:
     """By duty who would have the smallest error, if errors fell as costs do with twice the budget.
 
-    Without those that cannot be told from the first as it is. Duties where nothing changes are left
-    out.
+    Without those that are not significantly different from the first. Duties where nothing changes
+    are left out.
     """
     found = {}
     for answer in study.answers:

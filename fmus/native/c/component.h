@@ -664,7 +664,7 @@ static Status take_step(Instance *c, double t, double step)
     if (stopped(c))
         return ERROR;
     if (!(step > 0.0) || !isfinite(t + step))
-        return fail(c, "a step from t = %g s by %g s makes no sense", t, step);
+        return fail(c, "a step from t = %g s by %g s is invalid", t, step);
     take_frame(c);
     if (STEP_START >= 0)
         c->now.memory[STEP_START < 0 ? 0 : STEP_START] = t;
