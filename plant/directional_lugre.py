@@ -35,7 +35,7 @@ def _parameters() -> tuple[Parameter, ...]:
     for side, words in _SIDES.items():
         table = _COLUMNS[side]
         for p in LUGRE:
-            default, source = p.default, "Table 2.9, the same in both directions"
+            default, source = p.default, "Table 2.9, the same both ways"
             if p.name in table:
                 default, source = table[p.name], "Table 2.3"
             elif p.name == "sigma1":

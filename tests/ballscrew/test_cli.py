@@ -259,9 +259,9 @@ def in_description(old, new):
         (b"hello", "is not a zip file"),
         (b"", "is not a zip file"),
         (lambda name, data: None, "is an empty zip file"),
-        ("../../evil.py", "'../../evil.py', which climbs out of its folder"),
-        ("/tmp/evil.py", "'/tmp/evil.py', which climbs out of its folder"),
-        ("..\\evil.py", "which climbs out of its folder"),
+        ("../../evil.py", "'../../evil.py', which is outside its folder"),
+        ("/tmp/evil.py", "'/tmp/evil.py', which is outside its folder"),
+        ("..\\evil.py", "which is outside its folder"),
         (
             without_binaries,
             "no binary for this platform, expected binaries/linux64/pid.so; it has "

@@ -115,5 +115,5 @@ def test_without_docstrings_and_assertions_commands_work_or_say_why_not(tmp_path
     study = Path(__file__).parents[1] / "data" / "small_study.toml"
     done = shell(f"study {study} --workers 1 --out study", tmp_path, **optimized)
     assert done.returncode == 2
-    assert "leave out -OO" in done.stderr
+    assert "remove -OO" in done.stderr
     assert len(done.stderr.splitlines()) == 1

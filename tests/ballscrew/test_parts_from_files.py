@@ -166,7 +166,7 @@ def test_workers_of_a_map_take_the_equations_that_it_began_with(mine):
     [
         (["run", "--controller", "a/mine.py:mak"], "--controller: a/mine.py has no function 'mak'"),
         (["run", "--controller", "pid", "--plant", "c.py:f"], "--plant: there is no file c.py"),
-        (["run", "--controller", "a/mine.py"], "say which of its functions makes the component"),
+        (["run", "--controller", "a/mine.py"], "give the function that makes the component"),
         (["run", "--controller", "a/mine.py:odd", *SHORT], "'volt' is not known"),
         (
             ["run", "--controller", "a/mine.py:deaf", *SHORT],

@@ -139,7 +139,7 @@ def test_values_of_the_bare_controller_are_taken_and_those_that_were_used_come_b
             "--sampled 1e-3 and --set pid.sample_time=2e-3: expected one of them",
         ),
         (["pid_sampled+position_encoder", "--noise"], "already has instruments; expected pid_samp"),
-        (["hand.fmu", "--noise"], "hand.fmu is an FMU and gives no equations"),
+        (["hand.fmu", "--noise"], "hand.fmu is an FMU without equations"),
         (["none", "--sampled", "1e-3"], "'none' is neither one of"),
         (
             ["mine.py:blind", "--noise"],

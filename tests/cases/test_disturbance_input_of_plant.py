@@ -29,5 +29,5 @@ def test_an_input_that_the_loop_drives_takes_no_value(tmp_path):
     folder = case("disturbance_input_of_plant", tmp_path)
     answer = ballscrew(folder, f"{LOOP} --set plant.u=1")
     assert answer.returncode == 2
-    assert "plant.u is an input that the loop drives" in answer.stderr
+    assert "plant.u is an input that is connected in the loop" in answer.stderr
     assert len(answer.stderr.splitlines()) == 1

@@ -71,7 +71,7 @@ WRITES = [
     (f"slave.setReal([{NUMBER_OF_NONE}], [1.0])", f"value reference {NUMBER_OF_NONE}"),
     ("slave.setInteger([at['u']], [1])", "Integers were given, but there are none"),
     ("slave.setBoolean([at['u']], [True])", "Booleans were given, but there are none"),
-    ("slave.setString([at['message']], ['all is well'])", "Strings that can be set were named"),
+    ("slave.setString([at['message']], ['all is well'])", "Strings that can be set were given"),
 ]
 
 

@@ -49,7 +49,7 @@ def test_its_fmu_follows_the_exact_course_and_nothing_of_a_set_point_is_written(
     assert np.max(np.abs(x - exact(t))) < 1e-6
     figures = json.loads((tmp_path / "metrics.json").read_text())
     assert figures["controller"] == "pendulum"
-    assert "nothing is coupled" in figures["verdict_reason"]
+    assert "there is no coupling" in figures["verdict_reason"]
     assert "peak voltage" not in capsys.readouterr().out
 
 

@@ -102,7 +102,7 @@ def test_workers_without_the_package_are_told(tmp_path, impatient):
     )
     with cluster(tmp_path, PYTHONPATH=str(hidden)) as (workers, _):
         said, seconds = lost(workers)
-    assert "has lost all workers: install there the ballscrew" in said
+    assert "has lost all workers: install the same version of ballscrew" in said
     assert seconds < 30
 
 

@@ -56,5 +56,5 @@ def test_days_and_months_that_may_be_either_are_refused(tmp_path):
 
 def test_a_cell_that_is_no_stamp_among_stamps_is_named_with_its_line(tmp_path):
     stamps = ["12:00:00", "noon", "12:00:02", "12:00:03"]
-    with pytest.raises(BadRecord, match="row 3, column 'time': 'noon' is no time of day"):
+    with pytest.raises(BadRecord, match="row 3, column 'time': 'noon' is not a time of day"):
         read(tmp_path, stamps)
